@@ -83,7 +83,7 @@ class _Pool(Executor):
         self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
     ) -> Iterator[tuple[Job[Task], Result | Failure]]:
         """See `Executor.run`."""
-        versions, waiting, died = work.versions(), deque(groups), list[str]()
+        versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
         while waiting:
             running: dict[Future[list[Result | Failure]], Sequence[Job[Task]]] = {}
             try:
@@ -95,7 +95,7 @@ class _Pool(Executor):
                         waiting.popleft()
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
                         results = future.result()
-                        died = []
+                        failed_groups = []
                         yield from zip(running.pop(future), results)
             except BrokenProcessPool:
                 self._resources.close()
@@ -106,7 +106,7 @@ class _Pool(Executor):
                 )
                 for group in running.values():
                     repeated = _run_alone(work, versions, group)
-                    died = [] if repeated is not None else _with_death(died, group)
+                    failed_groups = [] if repeated is not None else _add_failed_group(failed_groups, group)
                     yield from zip(group, repeated or [_DIED] * len(group))
 
 
@@ -121,13 +121,13 @@ def _run_alone(
         return None
 
 
-def _with_death(died: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
+def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
     """The names of the groups in a row whose worker died, with one more.
 
     Raises:
         StrideTwinError: It is the third one.
     """
-    names = [*died, _name_of(group)]
+    names = [*failed_groups, _name_of(group)]
     if len(names) == _MAX_DEATHS:
         raise StrideTwinError(
             f"a single worker died {_MAX_DEATHS} times, on {', '.join(names)}; it may have run out of memory"
@@ -152,7 +152,7 @@ class _Cluster(Executor):
         """See `Executor.run`."""
         if not groups:
             return
-        client, versions, died = self._connect(), work.versions(), list[str]()
+        client, versions, failed_groups = self._connect(), work.versions(), list[str]()
         from distributed import KilledWorker, as_completed
 
         run = uuid4().hex  # another run on the same cluster may have a job of the same name
@@ -165,9 +165,9 @@ class _Cluster(Executor):
             group = by_key[future.key]
             try:
                 results: Sequence[Result | Failure] = future.result()
-                died = []
+                failed_groups = []
             except KilledWorker:
-                died, results = _with_death(died, group), [_DIED] * len(group)
+                failed_groups, results = _add_failed_group(failed_groups, group), [_DIED] * len(group)
             yield from zip(group, results)
             future.release()
 

@@ -46,7 +46,7 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
     return {
         "stridetwin": metadata.version("stridetwin"),
         "sources": digest(module, estimators=estimators),
-        **_installed(_NAMED),
+        **_distribution_versions(_NAMED),
     }
 
 
@@ -64,10 +64,10 @@ def digest(module: str, *, estimators: bool = True) -> str:
         module: Its name.
         estimators: False excludes the estimators, which do not affect a recorded walk.
     """
-    files = _data() | {
-        name: file for name, file in _imported(module).items() if estimators or not name.startswith(_ESTIMATORS)
+    files = _data_files() | {
+        name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)
     }
-    hashed = hashlib.sha256(_libraries().encode())
+    hashed = hashlib.sha256(_library_versions().encode())
     for name in sorted(files):
         text = files[name].read_bytes()
         hashed.update(f"{name} {len(text)}\n".encode() + text)
@@ -75,13 +75,13 @@ def digest(module: str, *, estimators: bool = True) -> str:
 
 
 @cache
-def _libraries() -> str:
+def _library_versions() -> str:
     """Versions of Python and of the installed libraries in `_COMPUTING`."""
     python = f"python {sys.version_info.major}.{sys.version_info.minor}"
-    return "\n".join([python, *(f"{name} {version}" for name, version in _installed(_COMPUTING).items())])
+    return "\n".join([python, *(f"{name} {version}" for name, version in _distribution_versions(_COMPUTING).items())])
 
 
-def _installed(names: Sequence[str]) -> dict[str, str]:
+def _distribution_versions(names: Sequence[str]) -> dict[str, str]:
     """Versions of those of some distributions that are installed."""
     versions = {}
     for name in names:
@@ -90,17 +90,17 @@ def _installed(names: Sequence[str]) -> dict[str, str]:
     return versions
 
 
-def _data() -> dict[str, Path]:
+def _data_files() -> dict[str, Path]:
     """All files that count entirely, by name."""
     return {
-        f"{package}/{file.relative_to(_root(package)).as_posix()}": file
+        f"{package}/{file.relative_to(_package_folder(package)).as_posix()}": file
         for package, folder in _WHOLE
-        for file in (_root(package) / folder).rglob("*")
+        for file in (_package_folder(package) / folder).rglob("*")
         if file.is_file() and "__pycache__" not in file.parts
     }
 
 
-def _imported(module: str) -> dict[str, Path]:
+def _find_imports(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from estimators and scenarios, by name.
 
     A package counts if something is imported from it, not if it is only part of the path to a module. What is loaded by
@@ -110,29 +110,29 @@ def _imported(module: str) -> dict[str, Path]:
     remaining = [module]
     while remaining:
         name = remaining.pop()
-        file = None if name in files else _file(name)
+        file = None if name in files else _source_file(name)
         if file is not None:
             files[name] = file
-            remaining += _imports(file.read_bytes())
+            remaining += _parse_imports(file.read_bytes())
     return files
 
 
-def _file(name: str) -> Path | None:
+def _source_file(name: str) -> Path | None:
     """The source of a module of estimators or scenarios; None for any other name."""
     package = ".".join(name.split(".")[:2])
     if package not in _FOLLOWED:
         return None
-    place = _root(package).joinpath(*name.split(".")[2:])
+    place = _package_folder(package).joinpath(*name.split(".")[2:])
     return next((f for f in (place.with_suffix(".py"), place / "__init__.py") if f.is_file()), None)
 
 
 @cache
-def _root(package: str) -> Path:
+def _package_folder(package: str) -> Path:
     return Path(str(resources.files(package)))
 
 
 @cache
-def _imports(source: bytes) -> list[str]:
+def _parse_imports(source: bytes) -> list[str]:
     """Names that a source imports anywhere: modules, and names that may be modules."""
     names = []
     for node in ast.walk(ast.parse(source)):

@@ -28,7 +28,7 @@ import numpy as np
 from benchmarks.command import answer, command, show_summary
 from benchmarks.kills import start
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
-from stridetwin.scenarios.campaign.generate import Options, generate
+from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
 
 SHORT = """
 description: a few steps
@@ -66,7 +66,7 @@ def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -
         home = Path(name)
         (home / "short.yaml").write_text(SHORT)
         (home / "small.yaml").write_text(CAMPAIGN.format(walks=walks))
-        generate(read_campaign(home / "small.yaml"), Options(folder=home / "whole"), lambda *_: None)
+        generate(read_campaign(home / "small.yaml"), CampaignOptions(folder=home / "whole"), lambda *_: None)
         whole, number = visible(home / "whole"), 0
         life_s = _life(home / "small.yaml", home / "timed", workers)
         folder = home / "killed"

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.command import answer, command, show_summary
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.outputs.path.scores import Comparison, Scores, compare, score
+from stridetwin.outputs.path.scores import PathComparison, Scores, compare, score
 from stridetwin.outputs.truth import TruePath
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.parts.library import load_part
@@ -67,7 +67,7 @@ def scores_of_walk(scenario: str, seed: int, lag_s: float | None = None, imu_par
 
 
 def swing_error(
-    comparison: Comparison, swing_mps: float = 0.3, stance_mps: float = 0.05, stance_s: float = 0.08
+    comparison: PathComparison, swing_mps: float = 0.3, stance_mps: float = 0.05, stance_s: float = 0.08
 ) -> float:
     """Error added by the swings: RMS over them minus the straight line between the errors of the stances, m."""
     t, error = comparison.truth.t_ns * 1e-9, comparison.error_m

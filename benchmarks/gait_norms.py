@@ -20,7 +20,7 @@ from markupsafe import Markup
 
 from stridetwin.pages.html import multiples, page, section
 from stridetwin.pages.plot import Plot, data_range
-from stridetwin.reference.norms import level_norm, reference, speed_group
+from stridetwin.reference.norms import level_norm, read_reference, speed_group
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat
@@ -261,7 +261,7 @@ def slope_bands(terrain: str) -> dict[str, tuple[float, float]]:
     """Bands of `slope_case`'s figures; ramps have none."""
     bands: dict[str, tuple[float, float]] = {}
     if terrain == "stairs":
-        norms = reference("gait_norms")["stairs"]
+        norms = read_reference("gait_norms")["stairs"]
         for way in _MODES[terrain]:
             bands |= {f"{way}_{name}_deg": tuple(band) for name, band in norms[f"{way}_peak_deg"].items()}
             bands[f"{way}_force_max_bw"] = (1.0, 1.6)

@@ -32,11 +32,11 @@ from stridetwin.outputs.gait_phase.scores import (
     LONGEST_STRIDE_SHARE,
     PhaseSeries,
     Stride,
-    as_series,
-    detected_touch_downs,
+    find_touch_downs,
     match_touch_downs,
     phase_errors,
     phase_scores,
+    to_phase_series,
     true_strides,
 )
 from stridetwin.scenarios.scenario_file import scenario_of
@@ -180,7 +180,7 @@ def estimate(walk: FootWalk, parameters: GaitPhaseParameters | None = None) -> l
 
 def to_series(estimates: Sequence[PhaseEstimate]) -> PhaseSeries:
     """The estimates as columns; scores do not depend on the foot."""
-    return as_series(list(estimates), "l")
+    return to_phase_series(list(estimates), "l")
 
 
 def errors_by_group(series: PhaseSeries, strides: Sequence[Stride]) -> Iterator[tuple[str, Array]]:
@@ -256,7 +256,7 @@ def real_foot(imu: Block[Imu]) -> FootWalk:
 
 def detected_strides(series: PhaseSeries) -> list[Stride]:
     """Strides between detected touch-downs, which stand for the true ones of a recorded walk."""
-    touch_downs_ns = detected_touch_downs(series)
+    touch_downs_ns = find_touch_downs(series)
     durations = np.diff(touch_downs_ns)
     longest_ns = min(1e9 * LONGEST_STRIDE_S, LONGEST_STRIDE_SHARE * float(np.median(durations)))
     return [
@@ -289,7 +289,7 @@ def measure_real(folder: Path) -> dict[str, Any]:
     summary = {}
     for name, imu in walks.items():
         series = to_series(estimate(real_foot(imu)))
-        touch_downs_ns = detected_touch_downs(series)
+        touch_downs_ns = find_touch_downs(series)
         if len(touch_downs_ns) < _MIN_TOUCH_DOWNS:
             summary[name] = {"touch_downs": float(len(touch_downs_ns))}
             continue
@@ -303,7 +303,7 @@ def measure_real(folder: Path) -> dict[str, Any]:
     for walk in markers:
         row = summary[f"dual_foot_walk {walk.name}"]
         strikes = heel_strikes(walk)
-        touch_downs_ns = detected_touch_downs(to_series(estimate(real_foot(walk.imu))))
+        touch_downs_ns = find_touch_downs(to_series(estimate(real_foot(walk.imu))))
         pairs = match_touch_downs(touch_downs_ns, 1e9 * strikes)
         errors = np.array([1e-6 * touch_downs_ns[i] - 1e3 * strikes[j] for i, j in pairs])
         row |= {"strikes": float(len(strikes)), "matched": float(len(pairs))}

@@ -40,8 +40,7 @@ from stridetwin.gate.score_table import ScoreTable, document_of, mean_scores, ta
 from stridetwin.outputs.feeding import instance_for
 from stridetwin.outputs.path.evaluate import evaluate
 from stridetwin.outputs.steps.kind import Steps
-from stridetwin.scenarios.campaign.generate import Options as Campaign
-from stridetwin.scenarios.campaign.generate import generate
+from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
 from stridetwin.scenarios.campaign.walk import ACCEPTED
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Ahrs, Block, Encoder, Sample
@@ -296,7 +295,7 @@ def as_table(rows: Sequence[dict[str, Any]], names: Iterable[str] | None = None)
 def walks(folder: Path, seed: int, count: int) -> list[Path]:
     """Recordings of the given number of accepted walks of a campaign with a seed; existing ones are reused."""
     (folder / "campaign").mkdir(parents=True, exist_ok=True)
-    options = Campaign(folder=folder / f"walks_{seed}", subset=count, seed=seed)
+    options = CampaignOptions(folder=folder / f"walks_{seed}", subset=count, seed=seed)
     done = generate(write_campaign(folder / "campaign"), options, lambda *_: None)
     return [options.folder / w["recording"] for w in done.manifest["walks"] if w["status"] == ACCEPTED]
 

@@ -25,7 +25,7 @@ from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
+from stridetwin.studies.jao2020.two_feet import FEET, score_paths, true_start
 from stridetwin.studies.walks import endless_gyro
 
 GRID: dict[str, tuple[float, ...]] = {
@@ -60,7 +60,7 @@ def measured(arguments: Namespace) -> dict[str, Any]:
                 pair = FootToFoot(
                     walk.rig, options=Options(method="zupt"), start=true_start(truth), parameters=parameters
                 )
-                ends = figures(pair.run(imus, []), truth)["end_error_m"]
+                ends = score_paths(pair.run(imus, []), truth)["end_error_m"]
                 found[name][f"{value:g}"] += [float(np.hypot(*end[:2])) for end in ends]
             file.unlink()
     used = PublishedParameters()

@@ -34,14 +34,14 @@ from benchmarks.command import answer, command
 from stridetwin.estimators.base import OPEN3D, Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
-from stridetwin.outputs.chosen_poses import given_poses
+from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.terrain.scores import (
     FAR_M,
     NEAR_M,
     cells_ahead,
     distance_to,
     mesh_of,
-    on_the_way_ahead,
+    points_ahead,
     true_heights,
 )
 from stridetwin.scenarios.record import record
@@ -85,7 +85,7 @@ class Ours:
     """`TerrainMap`."""
 
     def __init__(self, recording: Recording, camera: CameraCalibration, backend: str = "") -> None:
-        options = Options(poses_of=given_poses(recording, camera)[1], backend=backend)
+        options = Options(poses_of=find_pose_topic(recording, camera)[1], backend=backend)
         self._map = TerrainMap(recording.rig, options=options)
 
     def take(self, sample: Odometry | Depth) -> None:
@@ -109,7 +109,7 @@ class Open3d:
     """Open3D's `VoxelBlockGrid`, and `detect_planar_patches` on its points."""
 
     def __init__(self, recording: Recording, camera: CameraCalibration) -> None:
-        self._T_frame_camera = camera_in_frame(recording.rig, camera, given_poses(recording, camera)[1])
+        self._T_frame_camera = camera_in_frame(recording.rig, camera, find_pose_topic(recording, camera)[1])
         fx, fy, cx, cy = camera.intrinsics
         self._K = o3d.core.Tensor([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]], o3d.core.float64)
         p = TerrainMapParameters()
@@ -193,7 +193,7 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
     camera, layout = depth_calibration(recording.rig), terrain_layout(recording.metadata)
     assert layout is not None
     ground, tally, due_ns, here = make(recording, camera), Tally(), 0, 0.0
-    for sample in recording.samples([given_poses(recording, camera)[0], camera.depth_topic]):
+    for sample in recording.samples([find_pose_topic(recording, camera)[0], camera.depth_topic]):
         if isinstance(sample, Odometry):
             here = float(layout.way.project(sample.p_frame_in_world[None, :2], begin=here)[0])
         assert isinstance(sample, Odometry | Depth)
@@ -209,7 +209,7 @@ def walked(recording: Recording, make: Callable[[Recording, CameraCalibration], 
         began = time.process_time()
         points, piece_at = ground.look()
         tally.looks_s.append(time.process_time() - began)
-        ahead = on_the_way_ahead(points, here, layout)
+        ahead = points_ahead(points, here, layout)
         tally.points.append(ahead)
         tally.known.append(_known(ahead, here, layout))
         tally.surfaces += _surfaces(piece_at, here, layout)

@@ -23,7 +23,7 @@ from stridetwin.estimators.dvio import Dvio, DvioMethod, DvioParameters
 from stridetwin.sim.config import Gait
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Imu, Sample
-from stridetwin.studies.zhao2023.odometry_walks import figures, follow, odometry_samples, true_path
+from stridetwin.studies.zhao2023.odometry_walks import odometry_samples, run_odometry, score_odometry, true_path
 
 FIGURES = ("ape_rmse_m", "rpe_5m_pct", "nees_within_95_pct", "found_rate", "found_force")
 NOISE_FROM = {"images": True, "data_sheet": False}
@@ -79,7 +79,7 @@ def one_walk(seed: int, parts: list[str]) -> dict[str, Any]:
             for origin, from_images in NOISE_FROM.items():
                 method = DvioMethod(imu_noise_from_images=from_images)
                 odometry = Dvio(recording.rig, options=Options(mount="head"), parameters=DvioParameters(method=method))
-                own = figures(follow(odometry, worse(recording, PARTS[part], seed)), truth)
+                own = score_odometry(run_odometry(odometry, worse(recording, PARTS[part], seed)), truth)
                 rate, force = odometry.imu_noise_factors
                 found[part][origin] = own | {"found_rate": rate, "found_force": force}
     return found

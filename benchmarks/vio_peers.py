@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from benchmarks.command import answer, command
 from benchmarks.peers.vocabulary import write_vocabulary
-from stridetwin.outputs.path.scores import Odometry, drift_figures
+from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
@@ -39,7 +39,14 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Image
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.zhao2023.odometry_walks import figures, follow, odometer, odometry_samples, time_of, true_path
+from stridetwin.studies.zhao2023.odometry_walks import (
+    make_odometer,
+    odometry_samples,
+    run_odometry,
+    score_odometry,
+    time_statistics,
+    true_path,
+)
 
 WALKS = ("dvio_walk", "dvio_stairs", "dvio_white")
 VOCABULARY_WALKS, VOCABULARY_SEED, VOCABULARY_EVERY = ("stroll", "room"), 900, 15
@@ -117,8 +124,8 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     T_start[:3, 3] = start.p_frame_in_world[0]
     T = T_start @ np.linalg.inv(T_world_camera[first] @ T_camera_imu) @ T_world_camera @ T_camera_imu
     path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=quat_from_matrix(T[:, :3, :3]))
-    return drift_figures(Odometry(path=path, healthy=sure), truth) | {
-        "time_ms": time_of(np.array([w[2] for w in words], float))
+    return drift_figures(OdometryPath(path=path, healthy=sure), truth) | {
+        "time_ms": time_statistics(np.array([w[2] for w in words], float))
     }
 
 
@@ -170,8 +177,8 @@ def one_walk(
     mount = "head" if "/head/color" in recording.topics else "chest"
     found: dict[str, Any] = {}
     if "proposed" in methods:
-        ride = follow(odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
-        found["proposed"] = figures(ride, true_path(recording, mount))
+        ride = run_odometry(make_odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
+        found["proposed"] = score_odometry(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"
         folder.mkdir()

@@ -33,11 +33,11 @@ from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.zhao2023.odometry_walks import (
     METHODS,
     OdometryRun,
-    figures,
-    follow,
+    make_odometer,
     mean,
-    odometer,
     odometry_samples,
+    run_odometry,
+    score_odometry,
     true_path,
 )
 
@@ -74,10 +74,10 @@ def samples_from(recording: Recording, from_s: float, *, depth: bool = True) -> 
 def run_of(method: str, recording: Recording, from_s: float) -> OdometryRun:
     """One of `METHODS`, or `WITHOUT_DEPTH`, on a recording from a time on."""
     if method != WITHOUT_DEPTH:
-        return follow(odometer(method, recording.rig, "head"), samples_from(recording, from_s))
+        return run_odometry(make_odometer(method, recording.rig, "head"), samples_from(recording, from_s))
     rig = recording.rig
     rig = replace(rig, cameras={n: replace(camera, depth_topic="") for n, camera in rig.cameras.items()})
-    return follow(odometer("proposed", rig, "head"), samples_from(recording, from_s, depth=False))
+    return run_odometry(make_odometer("proposed", rig, "head"), samples_from(recording, from_s, depth=False))
 
 
 def scale_of(run: OdometryRun, truth: TruePath) -> float:
@@ -104,7 +104,7 @@ def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
         truth, found = true_path(recording, "head"), {}
         for method in methods:
             run = run_of(method, recording, start.from_s)
-            own = figures(run, truth)
+            own = score_odometry(run, truth)
             if own["failure"] not in ("silent", "not finite"):
                 first = float(run.odometry.path.t_ns[run.odometry.healthy.argmax()]) * 1e-9
                 own |= {"first_pose_s": first - start.from_s, "scale": scale_of(run, truth)}

@@ -12,7 +12,7 @@ from stridetwin.cli.commands import CheckOptions, ExportOptions, ImportCommandOp
 from stridetwin.cli.options import ImportableOptions, Outcome, Progress
 from stridetwin.outputs.truth import true_frames, true_path
 from stridetwin.scenarios.check import check_recording, check_table
-from stridetwin.scenarios.files import staged
+from stridetwin.scenarios.files import stage_files
 from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
 from stridetwin.streams.files import whole_file
 from stridetwin.streams.formats.euroc import write_euroc
@@ -71,7 +71,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     elif output.exists() and not (output.is_dir() and not any(output.iterdir())):
         raise ConfigError("export", "-o", str(output), "a folder that is new or empty")
     else:
-        with staged(output) as folder:
+        with stage_files(output) as folder:
             rows = _write_folder(recording, folder, arguments)
     data = {"file": str(output), "format": arguments.format, "rows": sum(rows.values()), "parts": rows}
     return Outcome(data=data, lines=[f"{output}: {n} rows of {name}" for name, n in rows.items()])

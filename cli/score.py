@@ -12,7 +12,17 @@ from stridetwin.cli.commands import SCORED_FRAME, ScoreOptions
 from stridetwin.cli.console import table
 from stridetwin.cli.options import Outcome, Progress, check_executor
 from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
-from stridetwin.gate.formatting import HEAD, Failure, cells, changed, failed_lines, failures, junit, markdown, verdict
+from stridetwin.gate.formatting import (
+    HEAD,
+    ScoringFailure,
+    collect_failures,
+    find_changes,
+    format_failures,
+    to_cells,
+    to_junit,
+    to_markdown,
+    verdict_line,
+)
 from stridetwin.gate.history_file import append_history, history_line
 from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
@@ -34,8 +44,13 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         check_level(baseline, rules)
     own_estimators = _load_own_estimators(arguments)
     only = estimators_of(arguments.only, "--only") if arguments.only else None
-    settings = {"lenient": arguments.lenient, "alignment": arguments.align, "own": own_estimators, "only": only}
-    jobs = jobs_of(arguments.recordings, **settings)
+    settings = {
+        "lenient": arguments.lenient,
+        "alignment": arguments.align,
+        "user_estimators": own_estimators,
+        "only": only,
+    }
+    jobs = jobs_of(arguments.recordings, user_estimators=own_estimators, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
     options = BatchOptions(
@@ -44,14 +59,14 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     rows = score_walks(jobs, options, progress, is_kept=arguments.resume is not None)
     means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means)
-    failed = failures(rows)
+    failed = collect_failures(rows)
     code, comparison = int(bool(failed)), None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
         code = 1 if comparison.regressions else code
-        for path, form in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        for path, form in ((arguments.junit, to_junit), (arguments.markdown, to_markdown)):
             if path is not None:
                 with whole_file(path) as file:
                     file.write_text(form(comparison, failed), encoding="utf-8")
@@ -61,13 +76,13 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
 
 
 def format_scores(
-    means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[Failure]
+    means: dict[str, Scores], walks: int, comparison: Comparison | None, failed: Sequence[ScoringFailure]
 ) -> list[str | Table]:
     """What `score` prints: means over some walks, failures, and the changes from the baseline."""
     lines = score_tables(means)
     if walks > 1:
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
-    lines += failed_lines(failed)
+    lines += format_failures(failed)
     return lines + ([] if comparison is None else _changes(comparison, failed))
 
 
@@ -115,7 +130,7 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     for text in arguments.program:
         name, command_line = _split_assignment(text, "--program", '"COMMAND {recording} {output}"')
         program = Program(name=name, command=command_line, frame=frame, timeout_s=arguments.timeout)
-        program.words()
+        program.arguments()
         own_estimators.append(program)
     frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own_estimators}
     if own_estimators and arguments.frame is not None and arguments.frame not in frames:
@@ -142,11 +157,11 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
     return table(rows, ["estimator", *columns.values()])
 
 
-def _changes(comparison: Comparison, failed: Sequence[Failure]) -> list[str | Table]:
+def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
     """The scores that differ from the baseline, regressions first."""
-    rows = [cells(line) for line in changed(comparison)]
+    rows = [to_cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.words}"
-    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict(comparison, failed)]
+    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:

@@ -27,7 +27,7 @@ from stridetwin.streams.errors import StrideTwinError, Where, install_hint, need
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stridetwin.studies.placement.problem_file import Problem
+    from stridetwin.studies.placement.problem_file import PlacementProblem
 
 _SUFFIXES = (".yaml", ".yml")
 _CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
@@ -80,7 +80,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         return _study_command(arguments, progress)
     try:
         from stridetwin.studies.experiment import experiment
-        from stridetwin.studies.registry import Options as StudyOptions
+        from stridetwin.studies.registry import ExperimentOptions as RunOptions
         from stridetwin.studies.registry import run_experiment
 
         study = experiment(arguments.experiment)
@@ -89,7 +89,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: {install_hint(extra)}"
         ) from error
-    options = StudyOptions(
+    options = RunOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,
@@ -112,8 +112,7 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
             raise here.key(name).error(value, "none, as a study file lists its methods and keeps no walks")
     with needing("studies need the simulator", "twin"):
         from stridetwin.studies.study_file.results import table_head, table_rows
-        from stridetwin.studies.study_file.run import REPORT, run_study
-        from stridetwin.studies.study_file.run import Options as StudyOptions
+        from stridetwin.studies.study_file.run import REPORT, StudyOptions, run_study
         from stridetwin.studies.study_file.study import read_study
     path = Path(arguments.experiment)
     options = StudyOptions(
@@ -160,8 +159,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
     with needing("placements need the simulator", "twin"):
-        from stridetwin.studies.placement.run import Options as PlacementOptions
-        from stridetwin.studies.placement.run import run_placement
+        from stridetwin.studies.placement.run import PlacementOptions, run_placement
     path = find_problem(arguments.problem)
     problem = _problem(read_problem(path), arguments)
     options = PlacementOptions(
@@ -177,7 +175,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     return Outcome(data=result, lines=[*placement_lines(result), f"page  {page}"])
 
 
-def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
+def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementProblem:
     """The problem, with the settings of the command line in place of the file's."""
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.studies.placement.problem_file import check_budget
@@ -187,10 +185,10 @@ def _problem(problem: Problem, arguments: PlaceOptions) -> Problem:
         at = here.key("--scenario")
         files = NamedFiles(Path.cwd() / "command line", "the working folder")
         base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
-        for name, file in files.own.items():
-            if problem.own.get(name, file) != file:
+        for name, file in files.user_files.items():
+            if problem.user_files.get(name, file) != file:
                 raise at.error(arguments.scenario, f"a scenario without another file {name} than the placement's")
-        problem = replace(problem, bases=(base,), own=problem.own | files.own)
+        problem = replace(problem, bases=(base,), user_files=problem.user_files | files.user_files)
     if arguments.budget is not None:
         if problem.search is None:
             raise here.key("--budget").error(arguments.budget, f"no --budget, as {problem.path.stem} only sweeps")
@@ -207,12 +205,12 @@ def _size(result: dict[str, Any]) -> str:
 
 def placement_lines(result: dict[str, Any]) -> list[str | Table]:
     """The table, and which differences in it are significant."""
-    from stridetwin.studies.placement.page import said_value
+    from stridetwin.studies.placement.page import value_text
     from stridetwin.studies.significance import interval_text
 
     scores = [score["name"] for score in result["scores"]]
     rows = [
-        [str(row["rank"]), *(said_value(row["values"], name) for name in result["free"]),
+        [str(row["rank"]), *(value_text(row["values"], name) for name in result["free"]),
          *(interval_text(row["scores"].get(name)) for name in scores)]
         for row in result["table"]
     ]  # fmt: skip

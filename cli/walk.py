@@ -15,10 +15,10 @@ from stridetwin.scenarios import record
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.campaign_file import Campaign, campaigns, find_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import base_scenarios, valid_scenarios
-from stridetwin.scenarios.campaign.generate import Options, generate
-from stridetwin.scenarios.campaign.plan import Extra, Walk
+from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk
 from stridetwin.scenarios.campaign.walk import ACCEPTED, FAILED
-from stridetwin.scenarios.cost import Cost, cost_of, scaled
+from stridetwin.scenarios.cost import Cost, cost_of, scale_cost
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario, catalogue, load_scenario
 from stridetwin.scenarios.score_needs import estimators_of, sensors_of, with_sensors_for
 from stridetwin.sim.parts.sensor_config import KIND
@@ -74,7 +74,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
     check_executor(arguments.workers, arguments.scheduler)
     folder, campaign = arguments.output, read_campaign(path)
-    options = Options(
+    options = CampaignOptions(
         folder=folder,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,
@@ -109,18 +109,18 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     return Outcome(data=data, lines=[*lines, f"card  {folder / manifest.CARD_NAME}"], code=code)
 
 
-def _announce_campaign(campaign: Campaign, options: Options, missing: Sequence[Walk]) -> None:
+def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Sequence[PlannedWalk]) -> None:
     """Says what the missing walks of a campaign take, if it is long, by a few of them with the values drawn."""
     few = missing[:: max(1, len(missing) // _PRICED_WALKS)]
     configs = [scenario.config for scenario in valid_scenarios(campaign, few)]
     if configs:
-        _announce(scaled(cost_of(configs), len(missing)), options.workers)
+        _announce(scale_cost(cost_of(configs), len(missing)), options.workers)
 
 
 def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
     """Says what walks take, if it is long."""
     if cost.is_long:
-        print(f"stridetwin: note: {cost.words(workers)}{more}", file=sys.stderr, flush=True)
+        print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:

@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 from stridetwin.streams.samples import Array
 
 DRAWS = 50_000
-_AT_ONCE = 2_000_000  # numbers drawn; each takes twice 8 bytes
-_HELD = 10_000_000  # means of all resamples, also held several times
+_MAX_DRAWN_AT_ONCE = 2_000_000  # numbers drawn; each takes twice 8 bytes
+_MAX_RESAMPLED_MEANS = 10_000_000  # means of all resamples, also held several times
 _SEED = 20_240_229
 _COVERAGE = 0.95
-_LEAST_SPREAD = 0.3
+_MIN_RELATIVE_ERROR = 0.3
 """Of the standard error in a resample, relative to that of all walks; for intervals only.
 
 A resample of few walks that leaves out their one outlier has hardly any spread, and its statistic no bound. Widths of
@@ -30,7 +30,7 @@ and 30 values, normal to lognormal and with outliers). Tests keep the plain stat
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tested:
+class BootstrapResult:
     """Bootstrap results for S means (or differences of means).
 
     Attributes:
@@ -50,57 +50,59 @@ class Tested:
     p_below: Array
 
 
-def paired(changes: ArrayLike, least_draws: int = 0) -> Tested:
+def compare_pairs(changes: ArrayLike, min_draws: int = 0) -> BootstrapResult:
     """Means of changes.
 
     Args:
         changes: (walks, S), NaN where a value is missing; two or more values in each column.
-        least_draws: Resamples, if `DRAWS` are too few.
+        min_draws: Resamples, if `DRAWS` are too few.
     """
-    return _tests([np.asarray(changes, float)], least_draws)
+    return _test_columns([np.asarray(changes, float)], min_draws)
 
 
-def unpaired(before: ArrayLike, now: ArrayLike, least_draws: int = 0) -> Tested:
+def compare_groups(before: ArrayLike, now: ArrayLike, min_draws: int = 0) -> BootstrapResult:
     """Differences of means, now minus before, of unrelated walks.
 
     Args:
         before: (walks, S), NaN where a value is missing; two or more values in each column.
         now: (other walks, S).
-        least_draws: As in `paired`.
+        min_draws: As in `compare_pairs`.
     """
-    return _tests([np.asarray(before, float), np.asarray(now, float)], least_draws)
+    return _test_columns([np.asarray(before, float), np.asarray(now, float)], min_draws)
 
 
-def _tests(sides: Sequence[Array], least_draws: int) -> Tested:
+def _test_columns(sides: Sequence[Array], min_draws: int) -> BootstrapResult:
     """Tests of slices of columns that are resampled together; every slice gets the same resamples."""
-    draws = max(DRAWS, least_draws)
-    step = max(1, _HELD // draws)
+    draws = max(DRAWS, min_draws)
+    step = max(1, _MAX_RESAMPLED_MEANS // draws)
     starts = range(0, sides[0].shape[1], step)
-    parts = [_test([side[:, start : start + step] for side in sides], draws) for start in starts]
-    return Tested(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Tested)})
+    parts = [_test_means([side[:, start : start + step] for side in sides], draws) for start in starts]
+    return BootstrapResult(
+        **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(BootstrapResult)}
+    )
 
 
-def _test(sides: Sequence[Array], draws: int) -> Tested:
+def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
     """Tests the mean of one group of walks, or the second group's mean minus the first's."""
     rng = np.random.default_rng(_SEED)
     means, variances, counts = zip(*map(_moments, sides))
-    drawn_means, drawn_variances = zip(*(_resampled(side, draws, rng) for side in sides))
-    mean, drawn_mean = _difference(means), _difference(drawn_means)
-    error, drawn_error = (np.sqrt(np.sum(v, axis=0)) for v in (variances, drawn_variances))
+    resampled_means, resampled_variances = zip(*(_resample(side, draws, rng) for side in sides))
+    mean, resampled_mean = _difference(means), _difference(resampled_means)
+    error, resampled_error = (np.sqrt(np.sum(v, axis=0)) for v in (variances, resampled_variances))
     tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
     error = np.maximum(error, tiny)
-    t, drawn = mean / error, drawn_mean / np.maximum(drawn_error, tiny)
+    t, resampled_t = mean / error, resampled_mean / np.maximum(resampled_error, tiny)
     tail = (1.0 - _COVERAGE) / 2.0
-    bounded = drawn_mean / np.maximum(drawn_error, np.maximum(_LEAST_SPREAD * error, tiny))
-    below, above = np.quantile(bounded, [tail, 1.0 - tail], axis=0)
+    bounded_t = resampled_mean / np.maximum(resampled_error, np.maximum(_MIN_RELATIVE_ERROR * error, tiny))
+    below, above = np.quantile(bounded_t, [tail, 1.0 - tail], axis=0)
     limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
-    return Tested(
+    return BootstrapResult(
         count=np.min(counts, axis=0),
         mean=mean,
         low=mean - above * error,
         high=mean - below * error,
-        p_above=(1.0 + (drawn >= t - limit).sum(axis=0)) / (1.0 + draws),
-        p_below=(1.0 + (drawn <= t + limit).sum(axis=0)) / (1.0 + draws),
+        p_above=(1.0 + (resampled_t >= t - limit).sum(axis=0)) / (1.0 + draws),
+        p_below=(1.0 + (resampled_t <= t + limit).sum(axis=0)) / (1.0 + draws),
     )
 
 
@@ -108,7 +110,7 @@ def _difference(values: Sequence[Array]) -> Array:
     return values[-1] - values[0] if len(values) > 1 else values[0]
 
 
-def holm(p: ArrayLike) -> Array:
+def holm_correct(p: ArrayLike) -> Array:
     """p-values corrected for multiple comparisons (Holm 1979), which controls the family-wise error rate."""
     p = np.asarray(p, float)
     order = np.argsort(p, kind="stable")
@@ -126,19 +128,19 @@ def _moments(x: Array) -> tuple[Array, Array, Array]:
     return mean, variance, count
 
 
-def _resampled(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _resample(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Mean and variance of the mean of each resample of centred columns, (draws, S) each."""
-    n, size = len(x), x.shape[1]
-    there = np.isfinite(x).astype(float)
-    centred = np.where(there > 0, x - np.nanmean(x, axis=0), 0.0)
-    terms = np.hstack([there, centred, centred**2])
-    mean, variance = np.empty((draws, size)), np.empty((draws, size))
-    step = max(1, _AT_ONCE // n)
+    n, columns = len(x), x.shape[1]
+    is_present = np.isfinite(x).astype(float)
+    centred = np.where(is_present > 0, x - np.nanmean(x, axis=0), 0.0)
+    terms = np.hstack([is_present, centred, centred**2])
+    mean, variance = np.empty((draws, columns)), np.empty((draws, columns))
+    step = max(1, _MAX_DRAWN_AT_ONCE // n)
     for start in range(0, draws, step):
         rows = min(step, draws - start)
         picked = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        times = np.bincount(picked.ravel(), minlength=rows * n).reshape(rows, n).astype(float)
-        count, total, squares = np.split(times @ terms, 3, axis=1)
+        multiplicity = np.bincount(picked.ravel(), minlength=rows * n).reshape(rows, n).astype(float)
+        count, total, squares = np.split(multiplicity @ terms, 3, axis=1)
         count = np.maximum(count, 1.0)
         part = slice(start, start + rows)
         mean[part] = total / count

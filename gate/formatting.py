@@ -17,7 +17,7 @@ _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Failure:
+class ScoringFailure:
     """An estimator (or `score_table.EVERY`) that could not be scored on a walk, and the reason; the gate fails."""
 
     walk: str
@@ -25,16 +25,16 @@ class Failure:
     why: str
 
 
-def failures(rows: Sequence[Mapping[str, Any]]) -> list[Failure]:
+def collect_failures(rows: Sequence[Mapping[str, Any]]) -> list[ScoringFailure]:
     """The failures in results of `score_walk`."""
     return [
-        Failure(walk=str(row["name"]), estimator=name, why=why)
+        ScoringFailure(walk=str(row["name"]), estimator=name, why=why)
         for row in rows
         for name, why in row.get("failed", {}).items()
     ]
 
 
-def failed_lines(failed: Sequence[Failure]) -> list[str]:
+def format_failures(failed: Sequence[ScoringFailure]) -> list[str]:
     """One line per reason, with the first of the walks that it concerns."""
     walks: dict[tuple[str, str], list[str]] = {}
     for x in failed:
@@ -45,7 +45,7 @@ def failed_lines(failed: Sequence[Failure]) -> list[str]:
     ]
 
 
-def cells(line: Line) -> list[str]:
+def to_cells(line: Line) -> list[str]:
     """A line's cells, by `HEAD`."""
     values = [f"{value:.4g}" if value is not None else "-" for value in (line.baseline, line.now)]
     unit = "pp" if line.in_points else "%"
@@ -67,31 +67,31 @@ def cells(line: Line) -> list[str]:
     ]
 
 
-def changed(comparison: Comparison) -> list[Line]:
+def find_changes(comparison: Comparison) -> list[Line]:
     """The lines with a change, regressions first."""
     return sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
 
 
-def verdict(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+def verdict_line(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """The result of a comparison in one line."""
-    count, tested = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
+    count, total = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
     missing = " or missing" if any(line.verdict == MISSING for line in comparison.regressions) else ""
-    words = (
-        f"{count} of {tested} scores worse than the baseline{missing}" if count else f"none of {tested} scores is worse"
+    text = (
+        f"{count} of {total} scores worse than the baseline{missing}" if count else f"none of {total} scores is worse"
     )
-    return words + (f"{' and' if count else ', but'} {len(failed)} failed" if failed else "")
+    return text + (f"{' and' if count else ', but'} {len(failed)} failed" if failed else "")
 
 
-def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """The comparison as a page of Markdown: changes are visible, the rest is folded."""
     count = len(comparison.regressions)
-    words = f"**{count} worse**" if count else "**nothing worse**"
-    words += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
-    out = ["### Estimators against the baseline", "", f"{words} ({comparison.words})", ""]
-    changes = changed(comparison)
+    result = f"**{count} worse**" if count else "**nothing worse**"
+    result += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
+    out = ["### Estimators against the baseline", "", f"{result} ({comparison.words})", ""]
+    changes = find_changes(comparison)
     same = [line for line in comparison.lines if line.verdict == SAME]
     if failed:
-        rows = [(_escaped(x.walk), _escaped(x.estimator), _escaped(x.why)) for x in failed]
+        rows = [(_escape(x.walk), _escape(x.estimator), _escape(x.why)) for x in failed]
         out += [_markdown_row(row) for row in (("walk", "estimator", "failed"), ("---",) * 3, *rows)] + [""]
     if changes:
         out += [*_markdown_table(changes), ""]
@@ -104,70 +104,72 @@ def markdown(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
 def _markdown_table(lines: Sequence[Line]) -> list[str]:
     rows = [_markdown_row(HEAD), _markdown_row(["---"] * 3 + ["---:"] * 5 + ["---"])]
     for line in lines:
-        words = [_escaped(cell) for cell in cells(line)]
-        words[-1] = f"**{words[-1]}**" if line.regressed else words[-1]
-        rows.append(_markdown_row(words))
+        row_cells = [_escape(cell) for cell in to_cells(line)]
+        row_cells[-1] = f"**{row_cells[-1]}**" if line.regressed else row_cells[-1]
+        rows.append(_markdown_row(row_cells))
     return rows
 
 
-def _markdown_row(words: Sequence[str]) -> str:
-    return "| " + " | ".join(word.replace("|", "\\|").replace("\n", " ") for word in words) + " |"
+def _markdown_row(row_cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row_cells) + " |"
 
 
-def _escaped(word: str) -> str:
-    return word.replace("_", "\\_")
+def _escape(text: str) -> str:
+    return text.replace("_", "\\_")
 
 
-def junit(comparison: Comparison, failed: Sequence[Failure] = ()) -> str:
+def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
     """JUnit XML: one suite per estimator, one test case per score, one error per walk on which it failed."""
     top = ElementTree.Element("testsuites", name="stridetwin score")
-    _count(top, comparison.lines, len(failed))
+    _set_counts(top, comparison.lines, len(failed))
     for name in dict.fromkeys([*(line.estimator for line in comparison.lines), *(x.estimator for x in failed)]):
-        own = [line for line in comparison.lines if line.estimator == name]
-        fell = [failure for failure in failed if failure.estimator == name]
-        suite = ElementTree.SubElement(top, "testsuite", name=_xml(name))
-        _count(suite, own, len(fell))
-        for failure in fell:
-            case = _case(suite, name, failure.walk)
-            ElementTree.SubElement(case, "error", type="failed", message=_xml(failure.why))
-        for line in own:
-            case = _case(suite, name, line.metric)
-            words = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], cells(line)[2:-1]) if cell != "-")
+        lines = [line for line in comparison.lines if line.estimator == name]
+        failures_of_name = [failure for failure in failed if failure.estimator == name]
+        suite = ElementTree.SubElement(top, "testsuite", name=_valid_xml(name))
+        _set_counts(suite, lines, len(failures_of_name))
+        for failure in failures_of_name:
+            case = _add_case(suite, name, failure.walk)
+            ElementTree.SubElement(case, "error", type="failed", message=_valid_xml(failure.why))
+        for line in lines:
+            case = _add_case(suite, name, line.metric)
+            details = ", ".join(f"{head} {cell}" for head, cell in zip(HEAD[2:-1], to_cells(line)[2:-1]) if cell != "-")
             if line.regressed:
-                worse = ElementTree.SubElement(case, "failure", type=line.verdict, message=_xml(sentence(line)))
-                worse.text = _xml(f"{words}\n{comparison.words}")
+                worse = ElementTree.SubElement(
+                    case, "failure", type=line.verdict, message=_valid_xml(to_sentence(line))
+                )
+                worse.text = _valid_xml(f"{details}\n{comparison.words}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
-            elif words:
-                ElementTree.SubElement(case, "system-out").text = _xml(words)
+            elif details:
+                ElementTree.SubElement(case, "system-out").text = _valid_xml(details)
     ElementTree.indent(top)
     return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _case(suite: Any, estimator: str, name: str) -> Any:
-    classname = _xml(f"stridetwin.{estimator}")
-    return ElementTree.SubElement(suite, "testcase", classname=classname, name=_xml(name), time="0")
+def _add_case(suite: Any, estimator: str, name: str) -> Any:
+    classname = _valid_xml(f"stridetwin.{estimator}")
+    return ElementTree.SubElement(suite, "testcase", classname=classname, name=_valid_xml(name), time="0")
 
 
-def _count(element: Any, lines: Sequence[Line], failed: int) -> None:
+def _set_counts(element: Any, lines: Sequence[Line], failed: int) -> None:
     regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
     counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}
     element.attrib.update({name: str(count) for name, count in counts.items()})
 
 
-def sentence(line: Line) -> str:
+def to_sentence(line: Line) -> str:
     """A verdict in one sentence."""
     name = f"{line.estimator} {line.metric}"
     if line.verdict == MISSING:
         if line.metric == WALKS:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
-    _, _, _, baseline, now, change, interval, *_ = cells(line)
-    words = {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
+    _, _, _, baseline, now, change, interval, *_ = to_cells(line)
+    result = {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
     mean = f" in the {line.mean} mean" if line.mean else ""
-    return f"{name}: {words}, {baseline} to {now}{mean} ({change}, {interval})"
+    return f"{name}: {result}, {baseline} to {now}{mean} ({change}, {interval})"
 
 
-def _xml(text: str) -> str:
+def _valid_xml(text: str) -> str:
     """The text without characters that are invalid in XML."""
     return _NOT_XML.sub("?", text)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.gate.compare import Comparison
-from stridetwin.gate.formatting import failures, sentence
-from stridetwin.gate.score_table import checked_scores, is_text
+from stridetwin.gate.formatting import collect_failures, to_sentence
+from stridetwin.gate.score_table import check_scores, is_text
 from stridetwin.outputs.base import Scores
 from stridetwin.streams.errors import StrideTwinError, Where
 
@@ -25,7 +25,7 @@ def history_line(
     """The history entry of a run: its version or commit, the walks' rows, and the mean scores by estimator."""
     if comparison is not None and comparison.regressions:
         verdict = WORSE
-    elif failures(rows):
+    elif collect_failures(rows):
         verdict = FAILED
     else:
         verdict = ALONE if comparison is None else PASSED
@@ -33,7 +33,7 @@ def history_line(
     return {
         "label": label,
         "verdict": verdict,
-        "regressions": [] if comparison is None else [sentence(line) for line in comparison.regressions],
+        "regressions": [] if comparison is None else [to_sentence(line) for line in comparison.regressions],
         "walks": len(rows),
         "walks_digest": sha256(digests.encode()).hexdigest()[:16],
         "failed": sum(bool(row.get("failed")) for row in rows),
@@ -92,4 +92,4 @@ def _check(line: object, where: Where) -> None:
         need(fits, name, f"a whole number, 0-{_MOST_WALKS}")
     worse = line.get("regressions")
     need(isinstance(worse, list) and all(map(is_text, worse)), "regressions", "a list of texts in UTF-8")
-    checked_scores(line.get("estimators"), where.key("estimators"))
+    check_scores(line.get("estimators"), where.key("estimators"))

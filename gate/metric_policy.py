@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from stridetwin.outputs.base import BAD_SHARE, CLAIM, DESCRIPTIVE, ERROR, LEAD, SHARE
-from stridetwin.outputs.registry import declared_scores
+from stridetwin.outputs.registry import all_scores
 
 ARITHMETIC, GEOMETRIC = "arithmetic", "geometric"
 OVERALL = "overall"
@@ -84,7 +84,7 @@ class Scale:
 
 def scale_of(metric: str) -> Scale | None:
     """The scale of a score, as a kind of output declares it, else that of an error; None if it describes the walk."""
-    declared = declared_scores().get(metric)
+    declared = all_scores().get(metric)
     kind = CLAIM if metric.startswith(_CLAIMS) else ERROR if declared is None else declared.scale
     if kind == DESCRIPTIVE:
         return None

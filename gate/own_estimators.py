@@ -85,11 +85,11 @@ class PythonClass(OwnEstimator):
         Raises:
             StrideTwinError: There is no such class, or it has no `update`.
         """
-        found = load_class(self.place, f"--estimator {self.name}")
-        frame = getattr(found, "frame", None)
+        estimator_class = load_class(self.place, f"--estimator {self.name}")
+        frame = getattr(estimator_class, "frame", None)
         if not (frame is None or isinstance(frame, str)):
             raise ConfigError(f"--estimator {self.name}: {self.place}", "frame", frame, "text, such as foot_l/imu")
-        return found
+        return estimator_class
 
     @property
     def own_frame(self) -> str:
@@ -100,12 +100,12 @@ class PythonClass(OwnEstimator):
         """The path that the class estimates from a recording.
 
         Raises:
-            StrideTwinError: As `load` and `estimated_path`, and for any exception of the class or a call of `sys.exit`.
+            StrideTwinError: As `load` and `estimate_path`, and for any exception of the class or a call of `sys.exit`.
         """
-        kind = self.load()
-        with _code_of_others(self.place):
+        estimator_class = self.load()
+        with _catch_user_errors(self.place):
             return PathEstimate(
-                name=self.name, frame=self.own_frame, path=estimated_path(kind(recording.rig), recording)
+                name=self.name, frame=self.own_frame, path=estimate_path(estimator_class(recording.rig), recording)
             )
 
 
@@ -121,23 +121,23 @@ class Program(OwnEstimator):
     command: str
     timeout_s: float
 
-    def words(self) -> list[str]:
+    def arguments(self) -> list[str]:
         """Program and arguments.
 
         Raises:
             StrideTwinError: There is no such program, or a place for recording or output is missing.
         """
         try:
-            words = shlex.split(self.command)
+            arguments = shlex.split(self.command)
         except ValueError as error:
             raise StrideTwinError(f"--program {self.name}: {self.command!r}: {error}") from None
-        if not all(any(place in word for word in words) for place in ("{recording}", "{output}")):
+        if not all(any(place in word for word in arguments) for place in ("{recording}", "{output}")):
             raise StrideTwinError(
                 f"--program {self.name}: invalid {self.command!r}: expected COMMAND {{recording}} {{output}}"
             )
-        if shutil.which(words[0]) is None:
-            raise StrideTwinError(f"--program {self.name}: invalid {words[0]!r}: expected an installed program")
-        return words
+        if shutil.which(arguments[0]) is None:
+            raise StrideTwinError(f"--program {self.name}: invalid {arguments[0]!r}: expected an installed program")
+        return arguments
 
     def path(self, recording: Recording) -> PathEstimate:
         """The path that the program writes.
@@ -147,20 +147,20 @@ class Program(OwnEstimator):
         """
         with tempfile.TemporaryDirectory(prefix="stridetwin-") as folder:
             output, log = Path(folder) / "estimate.txt", Path(folder) / "stderr.txt"
-            places = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
-            words = self.words()
-            for place, file_name in places.items():
-                words = [word.replace(place, file_name) for word in words]
+            placeholders = {"{recording}": str(recording.path.absolute()), "{output}": str(output)}
+            arguments = self.arguments()
+            for placeholder, file_name in placeholders.items():
+                arguments = [argument.replace(placeholder, file_name) for argument in arguments]
             with log.open("wb") as file:
-                code = _finished(words, self.timeout_s, file.fileno(), Path(folder))
+                code = _run_program(arguments, self.timeout_s, file.fileno(), Path(folder))
             last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             printed = f"; stderr: {last}" if last else "; nothing on stderr"
             if code is None:
-                raise StrideTwinError(f"{words[0]}: stopped after {self.timeout_s:g} s{printed}")
+                raise StrideTwinError(f"{arguments[0]}: stopped after {self.timeout_s:g} s{printed}")
             if code != 0:
-                raise StrideTwinError(f"{words[0]}: exit code {code}{printed}")
+                raise StrideTwinError(f"{arguments[0]}: exit code {code}{printed}")
             if not output.is_file():
-                raise StrideTwinError(f"{words[0]}: has not written {{output}}{printed}")
+                raise StrideTwinError(f"{arguments[0]}: has not written {{output}}{printed}")
             try:
                 path = read_tum(output)
             except StrideTwinError as error:
@@ -184,17 +184,17 @@ def load_class(place: str, option: str) -> type[Any]:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)  # installed modules take precedence over the working folder
-    with _code_of_others(f"{option}: {place}: cannot be imported"):
-        found: Any = importlib.import_module(module)
+    with _catch_user_errors(f"{option}: {place}: cannot be imported"):
+        loaded: Any = importlib.import_module(module)
         for part in attribute.split("."):
-            found = getattr(found, part)
-        fits = isinstance(found, type) and callable(getattr(found, "update", None))
+            loaded = getattr(loaded, part)
+        fits = isinstance(loaded, type) and callable(getattr(loaded, "update", None))
     if not fits:
         raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
-    return found
+    return loaded
 
 
-def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
+def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
     Args:
@@ -210,15 +210,15 @@ def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
     name = type(estimator).__name__
     poses: list[Pose] = []
     sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
-    wanted = getattr(estimator, "topics", None)
-    if wanted is None:
-        wanted = sensors
-    for topic in wanted:
+    topics = getattr(estimator, "topics", None)
+    if topics is None:
+        topics = sensors
+    for topic in topics:
         if topic.startswith(TRUTH):
             raise StrideTwinError(f"{name}.topics: invalid {topic}: expected topics of sensors")
         if topic not in sensors:
             raise StrideTwinError(f"{name}.topics: invalid {topic!r}: expected {suggest(topic, sensors)}")
-    for sample in recording.samples(wanted):
+    for sample in recording.samples(topics):
         if (pose := pose_of(estimator.update(sample), name)) is None:
             continue
         if poses and pose.t_ns <= poses[-1].t_ns:
@@ -231,7 +231,7 @@ def estimated_path(estimator: Any, recording: Recording) -> Trajectory:
 
 
 @contextmanager
-def _code_of_others(where: str) -> Iterator[None]:
+def _catch_user_errors(where: str) -> Iterator[None]:
     """Redirects printed output to stderr, as stdout is for scores; any exit but Ctrl-C raises an error."""
     try:
         with redirect_stdout(sys.stderr):
@@ -239,46 +239,46 @@ def _code_of_others(where: str) -> Iterator[None]:
     except KeyboardInterrupt:
         raise
     except StrideTwinError as error:
-        if not (place := _place(error)):
+        if not (location := _error_location(error)):
             raise
-        raise StrideTwinError(f"{where}: {error}{place}") from error
+        raise StrideTwinError(f"{where}: {error}{location}") from error
     except BaseException as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from error
-        words = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
-        text = f"{where}: {words}{_place(error)}"
+        exception_text = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
+        text = f"{where}: {exception_text}{_error_location(error)}"
         raise StrideTwinError(text.encode("utf-8", "backslashreplace").decode()) from error
 
 
-def _place(error: BaseException) -> str:
+def _error_location(error: BaseException) -> str:
     """File, line and function of the user's code in which an exception arose, such as ` (mine.py:12, in update)`.
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    own = [
+    user_frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith(("<", _STANDARD_LIBRARY))
         and "site-packages" not in frame.filename
         and not Path(frame.filename).resolve().is_relative_to(_HOME)
     ]
-    if not own:
+    if not user_frames:
         return ""
-    file, here = Path(own[-1].filename), Path.cwd()
-    shown = file.relative_to(here) if file.is_relative_to(here) else file
-    return f" ({shown}:{own[-1].lineno}, in {own[-1].name})"
+    file, working_folder = Path(user_frames[-1].filename), Path.cwd()
+    shown_path = file.relative_to(working_folder) if file.is_relative_to(working_folder) else file
+    return f" ({shown_path}:{user_frames[-1].lineno}, in {user_frames[-1].name})"
 
 
-def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:
+def _run_program(arguments: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:
     """Exit code of a program; None if it was stopped, with all its child processes.
 
     If this process is killed, the program ends as well and its folder is removed.
     """
     process = subprocess.Popen(
-        words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
+        arguments, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
     )
     try:
-        with _watched(process, folder):
+        with _watch_process(process, folder):
             return process.wait(timeout_s)
     except subprocess.TimeoutExpired:
         return None
@@ -289,11 +289,11 @@ def _finished(words: list[str], timeout_s: float, stderr: int, folder: Path) -> 
 
 
 @contextmanager
-def _watched(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
+def _watch_process(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
     """A shell in its own session watches a program; signals to this process group do not reach it."""
-    words = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
+    command = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
     watch = subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     try:
         yield

@@ -35,7 +35,7 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
     `TwinConfig`. File names in a mapping are relative to the working folder. Cameras, which take most of the time to
     render, are off by default.
     """
-    made: dict[tuple[str, int, bool], Recording] = {}
+    recordings: dict[tuple[str, int, bool], Recording] = {}
     folder = tmp_path_factory.mktemp("stridetwin")
 
     def walk(
@@ -44,14 +44,14 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
         from stridetwin.scenarios.record import make_twin, record, without_cameras
         from stridetwin.streams.recording.reader import Recording
 
-        walked = _scenario(scenario)
-        walked = walked if cameras else without_cameras(walked)
-        key = (repr(walked.config), seed, cameras)
-        if key not in made:
-            path = folder / f"walk_{len(made)}.mcap"
-            record(make_twin(walked, seed), path, lambda *_: None)
-            made[key] = Recording(path, lenient=bool(walked.config.faults))
-        return made[key]
+        walk_scenario = _load_scenario(scenario)
+        walk_scenario = walk_scenario if cameras else without_cameras(walk_scenario)
+        key = (repr(walk_scenario.config), seed, cameras)
+        if key not in recordings:
+            path = folder / f"walk_{len(recordings)}.mcap"
+            record(make_twin(walk_scenario, seed), path, lambda *_: None)
+            recordings[key] = Recording(path, lenient=bool(walk_scenario.config.faults))
+        return recordings[key]
 
     return walk
 
@@ -68,29 +68,29 @@ def stridetwin_score() -> Callable[..., Scores]:
         from stridetwin.estimators.base import PathEstimate
         from stridetwin.outputs.path.evaluate import evaluate
 
-        estimate = PathEstimate(name="tested", frame=frame, path=_path(recording, estimator))
+        estimate = PathEstimate(name="tested", frame=frame, path=_path_of(recording, estimator))
         return evaluate(recording, [estimate], align)[0].scores
 
     return score
 
 
-def _path(recording: Recording, estimator: Any) -> Trajectory:
-    from stridetwin.gate.own_estimators import estimated_path
+def _path_of(recording: Recording, estimator: Any) -> Trajectory:
+    from stridetwin.gate.own_estimators import estimate_path
     from stridetwin.streams.formats.tum import read_tum
     from stridetwin.streams.trajectory import Trajectory
 
     if isinstance(estimator, Trajectory):
         return estimator
-    return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimated_path(estimator, recording)
+    return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimate_path(estimator, recording)
 
 
-def _scenario(given: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+def _load_scenario(source: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
     from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
     from stridetwin.sim.config import TwinConfig
 
-    if isinstance(given, TwinConfig):
-        return Scenario(description="", config=given)
-    if not isinstance(given, Mapping):
-        return load_scenario(str(given))
-    plain = json.loads(json.dumps({"description": "of a test", **given}))  # JSON turns tuples into lists
+    if isinstance(source, TwinConfig):
+        return Scenario(description="", config=source)
+    if not isinstance(source, Mapping):
+        return load_scenario(str(source))
+    plain = json.loads(json.dumps({"description": "of a test", **source}))  # JSON turns tuples into lists
     return scenario_of(plain, Path.cwd() / "scenario.yaml")

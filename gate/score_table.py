@@ -13,11 +13,11 @@ from stridetwin.outputs.base import Scores
 from stridetwin.outputs.path.evaluate import LARGEST_SCORE
 from stridetwin.streams.errors import StrideTwinError, Where
 
-EVERY = "every estimator"
+EVERY_ESTIMATOR = "every estimator"
 """Name in the failures if the built-in estimators failed together."""
-_SMALLEST = 1e-100  # except 0; a value divided by it stays finite
-_LONGEST_NAME = 400
-_WRITTEN = "what `stridetwin score --json` prints"
+_MIN_SIZE = 1e-100  # except 0; a value divided by it stays finite
+_MAX_NAME_LENGTH = 400
+_EXPECTED_FORM = "what `stridetwin score --json` prints"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,24 +43,24 @@ def table_of(document: object, source: str) -> ScoreTable:
     """
     top = Where(source=source)
     if not isinstance(document, dict):
-        raise top.error(document, _WRITTEN)
-    means = checked_scores(document.get("estimators"), top.key("estimators"))
+        raise top.error(document, _EXPECTED_FORM)
+    means = check_scores(document.get("estimators"), top.key("estimators"))
     entries = document.get("recordings", [])
     if not isinstance(entries, list):
-        raise top.key("recordings").error(entries, f"a list, {_WRITTEN}")
+        raise top.key("recordings").error(entries, f"a list, {_EXPECTED_FORM}")
     walks, failed = {}, {}
     for i, entry in enumerate(entries):
         where = top.key("recordings").item(i)
         if not isinstance(entry, dict):
-            raise where.error(entry, f"a walk, {_WRITTEN}")
+            raise where.error(entry, f"a walk, {_EXPECTED_FORM}")
         if "estimators" not in entry:
             continue  # from `run`: describes the walk; all scores are in the means
         digest = entry.get("sha256")
         if not (digest is None or is_text(digest)):
             raise where.key("sha256").error(digest, "text in UTF-8")
         key = digest or f"recording {i}"
-        walks[key] = checked_scores(entry["estimators"], where.key("estimators"))
-        failed[key] = _named(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
+        walks[key] = check_scores(entry["estimators"], where.key("estimators"))
+        failed[key] = _check_names(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
         for name, why in failed[key].items():
             if not isinstance(why, str):
                 raise where.key("failed").key(name).error(why, "text")
@@ -78,7 +78,7 @@ def read_table(path: Path) -> ScoreTable:
         document = json.loads(path.read_text(encoding="utf-8"))
         table = table_of(document, str(path))
     except (ValueError, RecursionError) as error:
-        raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_WRITTEN}") from error
+        raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_EXPECTED_FORM}") from error
     walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
     for field, tables in (("estimators", [table.means]), ("recordings", walks)):
         names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
@@ -87,18 +87,18 @@ def read_table(path: Path) -> ScoreTable:
     return table
 
 
-def checked_scores(node: object, where: Where) -> dict[str, Scores]:
+def check_scores(node: object, where: Where) -> dict[str, Scores]:
     """Checks a node of a file as a mapping of estimators to scores.
 
     Raises:
         ConfigError: It is not one; the message has the path of the field.
     """
-    estimators = _named(node, where, f"estimators, each with its scores: {_WRITTEN}")
+    estimators = _check_names(node, where, f"estimators, each with its scores: {_EXPECTED_FORM}")
     for name, scores in estimators.items():
-        for metric, value in _named(scores, where.key(name), "scores by name").items():
+        for metric, value in _check_names(scores, where.key(name), "scores by name").items():
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (number and (value == 0 or _SMALLEST <= abs(value) <= LARGEST_SCORE)):
-                valid = f"a number, 0 or of {_SMALLEST:g} to {LARGEST_SCORE:g} in size"
+            if not (number and (value == 0 or _MIN_SIZE <= abs(value) <= LARGEST_SCORE)):
+                valid = f"a number, 0 or of {_MIN_SIZE:g} to {LARGEST_SCORE:g} in size"
                 raise where.key(name).key(metric).error(value, valid)
     return estimators
 
@@ -113,23 +113,23 @@ def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores
     return {"recordings": list(entries), "estimators": dict(means)}
 
 
-def _named(value: object, where: Where, valid: str) -> dict[str, Any]:
+def _check_names(value: object, where: Where, valid: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise where.error(value, valid)
     for name in value:
-        if not is_text(name) or len(name) > _LONGEST_NAME:
-            raise where.error(name, f"names in UTF-8, of up to {_LONGEST_NAME} characters")
+        if not is_text(name) or len(name) > _MAX_NAME_LENGTH:
+            raise where.error(name, f"names in UTF-8, of up to {_MAX_NAME_LENGTH} characters")
     return value
 
 
 def mean_scores(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:
     """Mean of each score over recordings (the largest of the `_max_` ones), per estimator."""
-    gathered: dict[str, dict[str, list[float]]] = {}
+    values: dict[str, dict[str, list[float]]] = {}
     for recording in all_scores:
         for name, scores in recording.items():
             for metric, value in scores.items():
-                gathered.setdefault(name, {}).setdefault(metric, []).append(value)
+                values.setdefault(name, {}).setdefault(metric, []).append(value)
     return {
         name: {m: max(v) if "_max_" in m else sum(v) / len(v) for m, v in metrics.items()}
-        for name, metrics in gathered.items()
+        for name, metrics in values.items()
     }

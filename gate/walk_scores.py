@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.batch.executors import BatchOptions
-from stridetwin.batch.jobs import Failure, Work, content_key, one_by_one
-from stridetwin.batch.jobs import Job as BatchJob
+from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.run import Batch, run_batch
 from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
 from stridetwin.gate.own_estimators import OwnEstimator
-from stridetwin.gate.score_table import EVERY
+from stridetwin.gate.score_table import EVERY_ESTIMATOR
 from stridetwin.outputs.base import Scores, scores_by_output
 from stridetwin.outputs.path.evaluate import evaluate
 from stridetwin.outputs.registry import estimators, kind_of
@@ -33,7 +32,7 @@ from stridetwin.streams.recording.reader import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class ScoringJob:
     """A recording to be scored.
 
     Attributes:
@@ -42,7 +41,7 @@ class Job:
         sha256: Digest of the recording, if known.
         lenient: Reads a damaged recording up to the damage.
         alignment: See `alignment.align`.
-        own: Estimators that replace the built-in ones.
+        user_estimators: Estimators that replace the built-in ones.
         only: Names of the built-in estimators to run, see `score_needs.estimators_of`; None runs all.
         strict: A failing estimator aborts the job; else the others continue, and the table gives the reason.
     """
@@ -52,31 +51,33 @@ class Job:
     sha256: str | None = None
     lenient: bool = False
     alignment: str = "start"
-    own: Sequence[OwnEstimator] = ()
+    user_estimators: Sequence[OwnEstimator] = ()
     only: frozenset[str] | None = None
     strict: bool = False
 
 
-def jobs_of(sources: Sequence[Path], **settings: Any) -> list[Job]:
+def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
     """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
     Raises:
         StrideTwinError: A campaign's folder has no accepted walk, its recordings differ from its list, or a folder
             holds campaigns instead of being one.
     """
-    jobs: list[Job] = []
+    jobs: list[ScoringJob] = []
     for source in sources:
         if (source / manifest.NAME).is_file():
-            jobs += _of_campaign(source, settings)
-        elif inside := sorted(source.glob(f"*/{manifest.NAME}")):
-            here = inside[0].parent
-            raise StrideTwinError(f"{source}: no campaign: expected a folder that generate has written, such as {here}")
+            jobs += _jobs_of_campaign(source, settings)
+        elif manifests := sorted(source.glob(f"*/{manifest.NAME}")):
+            folder = manifests[0].parent
+            raise StrideTwinError(
+                f"{source}: no campaign: expected a folder that generate has written, such as {folder}"
+            )
         else:
-            jobs.append(Job(name=source.stem, path=source, **settings))
+            jobs.append(ScoringJob(name=source.stem, path=source, **settings))
     return [replace(jobs[0], strict=True)] if len(jobs) == 1 else jobs
 
 
-def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
+def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob]:
     path = folder / manifest.NAME
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -85,9 +86,11 @@ def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
         rows = [w for w in document["walks"] if w["status"] == ACCEPTED]
         jobs = []
         for row in rows:
-            faulty = bool(row["findings"] or row["expected_findings"])
-            own = {**settings, "lenient": settings["lenient"] or faulty}
-            jobs.append(Job(name=row["walk"], path=folder / row["recording"], sha256=row["sha256"], **own))
+            is_faulty = bool(row["findings"] or row["expected_findings"])
+            job_settings = {**settings, "lenient": settings["lenient"] or is_faulty}
+            jobs.append(
+                ScoringJob(name=row["walk"], path=folder / row["recording"], sha256=row["sha256"], **job_settings)
+            )
             size = jobs[-1].path.stat().st_size if jobs[-1].path.is_file() else 0
             if size != row["bytes"]:
                 raise StrideTwinError(f"{jobs[-1].path}: {size} bytes, but {row['bytes']} in {path}; generate it again")
@@ -99,12 +102,12 @@ def _of_campaign(folder: Path, settings: dict[str, Any]) -> list[Job]:
         raise StrideTwinError(f"{folder}: contains no accepted walk")
     unlisted = {file.name for file in (folder / RECORDINGS).glob("*.mcap")} - {job.path.name for job in jobs}
     if unlisted:
-        words = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
-        print(f"stridetwin: warning: {folder / RECORDINGS}: {words}", file=sys.stderr)
+        text = f"{len(unlisted)} recordings, such as {min(unlisted)}, are not in {path}; they are not scored"
+        print(f"stridetwin: warning: {folder / RECORDINGS}: {text}", file=sys.stderr)
     return jobs
 
 
-def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
+def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, Any]:
     """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` if an estimator failed.
 
     Raises:
@@ -119,38 +122,40 @@ def score_walk(job: Job, progress: Progress | None = None) -> dict[str, Any]:
         "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
         "estimators": scores,
     }
-    if job.own:
-        for own in job.own:
+    if job.user_estimators:
+        for estimator in job.user_estimators:
             try:
-                scores |= {own.name: evaluate(recording, [own.path(recording)], job.alignment)[0].scores}
+                scores |= {estimator.name: evaluate(recording, [estimator.path(recording)], job.alignment)[0].scores}
             except StrideTwinError as error:
-                _record_failure(job, failed, own.name, error)
+                _record_failure(job, failed, estimator.name, error)
     else:
         try:
             _score_installed(recording, job, scores, progress)
         except Exception as error:
             if was_interrupted(error):
                 raise KeyboardInterrupt from error
-            _record_failure(job, failed, EVERY, error)
+            _record_failure(job, failed, EVERY_ESTIMATOR, error)
     return {**row, "failed": failed} if failed else row
 
 
-def _score_installed(recording: Recording, job: Job, scores: dict[str, Scores], progress: Progress | None) -> None:
+def _score_installed(
+    recording: Recording, job: ScoringJob, scores: dict[str, Scores], progress: Progress | None
+) -> None:
     """Runs the estimators that the recording feeds; `scores` keeps those that finished before a failure."""
     selection = Selection(only=job.only)
-    for of_kind in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
-        scores |= scores_by_output([of_kind])
+    for kind_results in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
+        scores |= scores_by_output([kind_results])
     if not scores:
         declarations = [e.declaration for name, e in estimators().items() if job.only is None or name in job.only]
         needs = ", or ".join(declaration.needs for declaration in declarations if declaration.needs)
         raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {needs}")
 
 
-def _record_failure(job: Job, failed: dict[str, str], name: str, error: Exception) -> None:
+def _record_failure(job: ScoringJob, failed: dict[str, str], name: str, error: Exception) -> None:
     if job.strict:
         raise error
-    words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
-    failed[name] = " ".join(words.replace(f"{job.path}: ", "").split())
+    text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
+    failed[name] = " ".join(text.replace(f"{job.path}: ", "").split())
 
 
 def _digest(path: Path) -> str:
@@ -164,7 +169,7 @@ def _digest(path: Path) -> str:
 
 
 def score_walks(
-    jobs: Sequence[Job], options: BatchOptions, progress: Progress, *, is_kept: bool = False
+    jobs: Sequence[ScoringJob], options: BatchOptions, progress: Progress, *, is_kept: bool = False
 ) -> list[dict[str, Any]]:
     """Rows of `score_walk`, in the order of the jobs.
 
@@ -182,17 +187,18 @@ def score_walks(
         return [score_walk(jobs[0], progress)]
     if options.scheduler is not None:
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
-    estimators = () if jobs[0].own else tuple(sorted(jobs[0].only or registry.names()))
+    estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))
     versions = partial(scoring_versions, __name__, estimators)
     work = Work(run=one_by_one(score_walk), versions=versions)
     keys = [_key(job, versions()) if is_kept else str(i) for i, job in enumerate(jobs)]
-    keyed = [BatchJob(name=job.name, key=key, task=job) for job, key in zip(jobs, keys)]
+    keyed = [Job(name=job.name, key=key, task=job) for job, key in zip(jobs, keys)]
     if is_kept:
         results = run_batch(keyed, work, options, "score", progress)
     else:
         results = Batch(keyed, None).run_with(options, work, "score", progress, "")
     return [
-        _failed_row(job, result.reason) if isinstance(result, Failure) else result for job, result in zip(jobs, results)
+        _row_of_failure(job, result.reason) if isinstance(result, Failure) else result
+        for job, result in zip(jobs, results)
     ]
 
 
@@ -204,12 +210,12 @@ def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
     return code_versions(module) | of_kinds | {name: class_version(c) for name, c in classes.items()}
 
 
-def _key(job: Job, versions: Mapping[str, str]) -> str:
+def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
     only = None if job.only is None else sorted(job.only)
     return content_key(job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions))
 
 
-def _failed_row(job: Job, reason: str) -> dict[str, Any]:
+def _row_of_failure(job: ScoringJob, reason: str) -> dict[str, Any]:
     """The row of a recording whose worker died."""
     digest = job.sha256 or _digest(job.path)
-    return {"name": job.name, "sha256": digest, "metadata": {}, "estimators": {}, "failed": {EVERY: reason}}
+    return {"name": job.name, "sha256": digest, "metadata": {}, "estimators": {}, "failed": {EVERY_ESTIMATOR: reason}}

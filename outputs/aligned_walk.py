@@ -13,7 +13,7 @@ import numpy as np
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.truth import FOOTPRINTS, along_way, true_footprints, true_path
+from stridetwin.outputs.truth import FOOTPRINTS, project_on_way, true_footprints, true_path
 from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
@@ -93,6 +93,6 @@ def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
         place_m=layout.way.project(true_poses.p_frame_in_world[:, :2]),
         layout=layout,
         footprints=footprints,
-        foot_places_m=along_way([f.p_foot_in_world for f in footprints], layout),
+        foot_places_m=project_on_way([f.p_foot_in_world for f in footprints], layout),
         sole_m=float(recording.metadata.get("shoe_length_m", _SOLE_M)),
     )

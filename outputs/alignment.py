@@ -101,17 +101,17 @@ class YawAlignment:
 
     def to_true(self, points: Array) -> Array:
         """Points in the true world from points in the estimator's; both (..., 2 or 3) m."""
-        return self._moved(points, self.estimated, self.true, self.rotation)
+        return self._transform_points(points, self.estimated, self.true, self.rotation)
 
     def to_estimated(self, points: Array) -> Array:
         """Points in the estimator's world from points in the true one; both (..., 2 or 3) m."""
-        return self._moved(points, self.true, self.estimated, self.rotation.T)
+        return self._transform_points(points, self.true, self.estimated, self.rotation.T)
 
     @staticmethod
-    def _moved(points: Array, before: Array, after: Array, rotation: Array) -> Array:
-        offset = np.asarray(points, float) - before[: np.shape(points)[-1]]
+    def _transform_points(points: Array, origin: Array, target: Array, rotation: Array) -> Array:
+        offset = np.asarray(points, float) - origin[: np.shape(points)[-1]]
         offset[..., :2] = offset[..., :2] @ rotation.T
-        return np.asarray(offset + after[: offset.shape[-1]])
+        return np.asarray(offset + target[: offset.shape[-1]])
 
 
 class MovingAlignment:

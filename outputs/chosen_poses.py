@@ -16,7 +16,7 @@ from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_i
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
 from stridetwin.outputs.feeding import runnable_instances
-from stridetwin.outputs.path.files import reliable
+from stridetwin.outputs.path.files import is_reliable
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry
 from stridetwin.streams.errors import RecordingError
@@ -63,29 +63,29 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
         StrideTwinError: The recording has no such poses; the message names the alternatives.
     """
     if request is not None and request != TRUTH:
-        return _upright(recording, read_tum(Path(request)), "", f"poses of {request}")
+        return _choose_upright(recording, read_tum(Path(request)), "", f"poses of {request}")
     camera = depth_calibration(recording.rig)
     if request == TRUTH:
-        topic, frame = given_poses(recording, camera)
+        topic, frame = find_pose_topic(recording, camera)
         if not topic.startswith("/truth/"):
             raise RecordingError(f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUTH}")
-        return _upright(recording, _path(recording, topic), frame, f"true poses of {topic}")
+        return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
     for output in (o for i in runnable_instances(odometry, recording) for o in run_paths(i, recording)):
         estimate = output.estimates
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
-            path = restart_poses(estimate.path[reliable(estimate)], recording.metadata)
+            path = restart_poses(estimate.path[is_reliable(estimate)], recording.metadata)
             description = f"poses estimated by {estimate.name}"
             return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
-    if (recorded := _recorded(recording, body)) is not None:
-        return recorded
+    if (recorded_poses := _find_recorded_poses(recording, body)) is not None:
+        return recorded_poses
     advice = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
     name = odometry.declaration.name
     raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {advice}--poses FILE")
 
 
-def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
+def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
     """The poses in a recording, and the frame that they belong to.
 
     Returns:
@@ -109,23 +109,23 @@ def given_poses(recording: Recording, camera: CameraCalibration) -> tuple[str, s
     )
 
 
-def _recorded(recording: Recording, body: str) -> ChosenPoses | None:
+def _find_recorded_poses(recording: Recording, body: str) -> ChosenPoses | None:
     """Poses that a device estimated and recorded, of a camera or an IMU on a body: `/head/color/odometry`."""
     frames: list[CameraCalibration | ImuCalibration] = [*recording.rig.cameras.values(), *recording.rig.imus.values()]
     for frame in (f for f in frames if f.mount.body == body):
         if (topic := f"{frame.topic}/odometry") in recording.topics:
-            path = _path(recording, topic)
-            return _upright(recording, path, frame.topic.removeprefix("/"), f"recorded poses of {topic}")
+            path = _read_path(recording, topic)
+            return _choose_upright(recording, path, frame.topic.removeprefix("/"), f"recorded poses of {topic}")
     return None
 
 
-def _path(recording: Recording, topic: str) -> Trajectory:
+def _read_path(recording: Recording, topic: str) -> Trajectory:
     block = recording.block(topic)
     p, q = block.columns["p_frame_in_world"], block.columns["q_world_frame"]
     return Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 
-def _upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
+def _choose_upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
     path, angle = _set_upright(recording, path, frame)
     rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
     return ChosenPoses(path=path, frame=frame, description=description + rotation)
@@ -142,8 +142,8 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     calibration = depth_calibration(recording.rig)
     camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]
     stamps = recording.image_times(calibration.depth_topic)
-    known = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
-    chosen = known[np.linspace(0, len(known) - 1, min(_IMAGES, len(known))).astype(int)].tolist()
+    in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
+    chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
     views: list[tuple[Array, Array]] = []
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):
@@ -154,15 +154,15 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     up = upward(views)
     if up is None or (angle := math.acos(min(1.0, max(-1.0, float(up[2]))))) < _TILT_RAD:
         return path, 0.0
-    rotation = _onto_z(up)
-    turned = Trajectory(
+    rotation = _rotation_onto_z(up)
+    upright_path = Trajectory(
         t_ns=path.t_ns, p_frame_in_world=rotation.apply(path.p_frame_in_world),
         q_world_frame=(rotation * Rotation.from_quat(path.q_world_frame, scalar_first=True)).as_quat(scalar_first=True),
     )  # fmt: skip
-    return turned, angle
+    return upright_path, angle
 
 
-def _onto_z(up: Array) -> Rotation:
+def _rotation_onto_z(up: Array) -> Rotation:
     """The shortest rotation of a unit vector onto the z axis."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))

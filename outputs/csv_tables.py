@@ -20,10 +20,10 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pat
         writer.writerows(rows)
 
 
-def written_table(columns: Sequence[str], rows: Sequence[Sequence[str]], file: Path, words: str) -> Written:
+def write_output_table(columns: Sequence[str], rows: Sequence[Sequence[str]], file: Path, row_name: str) -> Written:
     """Writes a CSV file as the file of an output; `words` is what a message calls its rows."""
     write_table(columns, rows, file)
-    return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} {words}"])
+    return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} {row_name}"])
 
 
 def csv_row(cells: Sequence[str]) -> str:

@@ -31,7 +31,14 @@ def default_odometry() -> EstimatorClass:
     Raises:
         StrideTwinError: None is installed.
     """
-    odometry = next((found for found in registry.estimators(PATH).values() if found.declaration.supplies_poses), None)
+    odometry = next(
+        (
+            estimator_class
+            for estimator_class in registry.estimators(PATH).values()
+            if estimator_class.declaration.supplies_poses
+        ),
+        None,
+    )
     if odometry is None:
         raise StrideTwinError("no installed estimator gives poses of a camera that could lead terrain map and modes")
     return odometry
@@ -66,7 +73,7 @@ def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Replayed:
+class _RunningEstimator:
     """An estimator of a replay with its collector.
 
     Attributes:
@@ -109,17 +116,17 @@ def replay(
     Raises:
         StrideTwinError: The rig lacks a sensor or calibration.
     """
-    chosen = list(instances)
-    replayed: dict[int, _Replayed] = {}
+    numbered = list(instances)
+    running: dict[int, _RunningEstimator] = {}
     inner: dict[type[Any], Estimator] = {}
-    for i, (kind, instance) in reversed(list(enumerate(chosen))):  # kinds that use others come after these
+    for i, (kind, instance) in reversed(list(enumerate(numbered))):  # kinds that use others come after these
         shared = inner.get(instance.estimator_class)
         estimator = shared or instance.build(rig_of(recording))
         inner |= {type(e): e for e in getattr(estimator, "inner_estimators", ())}
         topics = () if shared else (POSES, CAMERA_POSES, *(s.topic for s in instance.streams))
         collector = kind.collector(estimator, instance, walk)
-        replayed[i] = _Replayed(kind=kind, estimator=estimator, collector=collector, topics=topics)
-    outermost_first = list(replayed.values())
+        running[i] = _RunningEstimator(kind=kind, estimator=estimator, collector=collector, topics=topics)
+    outermost_first = list(running.values())
     topics_of_all = dict.fromkeys(t for r in outermost_first for t in r.topics if t in recording.topics)
     reported_ns = -1
     for sample in merge_poses(poses, recording, list(topics_of_all), camera):
@@ -130,11 +137,11 @@ def replay(
                 r.collector.add(sample, r.estimator.update(sample))
         if progress is not None and sample.t_ns - reported_ns > _PROGRESS_NS:
             reported_ns = sample.t_ns
-            progress("terrain ahead", _share(poses, sample.t_ns))
-    return [(replayed[i].kind, replayed[i].collector.outputs()) for i in range(len(chosen))]
+            progress("terrain ahead", _progress_share(poses, sample.t_ns))
+    return [(running[i].kind, running[i].collector.outputs()) for i in range(len(numbered))]
 
 
-def _share(poses: Trajectory, t_ns: int) -> float:
+def _progress_share(poses: Trajectory, t_ns: int) -> float:
     first_ns, last_ns = int(poses.t_ns[0]), int(poses.t_ns[-1])
     return min(1.0, max(0.0, (t_ns - first_ns) / max(1, last_ns - first_ns)))
 

@@ -43,16 +43,20 @@ def estimators() -> dict[str, EstimatorClass]:
     Raises:
         StrideTwinError: As `kinds` and `estimators.registry.estimator`.
     """
-    return {name: found for kind in kinds() for name, found in estimator_registry.estimators(kind).items()}
+    return {
+        name: estimator_class
+        for kind in kinds()
+        for name, estimator_class in estimator_registry.estimators(kind).items()
+    }
 
 
-def declared_scores() -> dict[str, Score]:
+def all_scores() -> dict[str, Score]:
     """The scores of all kinds by name; where two kinds share a name, they agree on its scale."""
-    return _declared_scores(tuple(sys.path))
+    return _all_scores(tuple(sys.path))
 
 
 @cache
-def _declared_scores(path: tuple[str, ...]) -> dict[str, Score]:
+def _all_scores(path: tuple[str, ...]) -> dict[str, Score]:
     return {score.name: score for kind in kinds().values() for score in kind.scores}
 
 

@@ -91,7 +91,7 @@ class StraightenedRoute:
         count = max(1, min(_MAX_ROWS, math.ceil((span[1] - span[0]) / _ROW_M)))
         return list(pairwise(np.linspace(*span, count + 1).tolist()))
 
-    def within(self, span: Range) -> list[int]:
+    def footprints_within(self, span: Range) -> list[int]:
         """Numbers of the footprints whose middle lies within a span."""
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
@@ -106,15 +106,15 @@ class StraightenedRoute:
 
     def draw_footprints(self, plot: Plot, span: Range) -> None:
         """The true footprints within a span."""
-        outlines = [self.footprints[i] for i in self.within(span)]
+        outlines = [self.footprints[i] for i in self.footprints_within(span)]
         plot.areas(outlines, "#ffffff", stroke=_TRUE_STEP, label="true footprint")
 
     def draw_path(self, plot: Plot, span: Range) -> None:
         """The true path of the camera within a span."""
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
-        heading, off = way.heading(s), p - way.point(s)
-        left = off[:, 1] * np.cos(heading) - off[:, 0] * np.sin(heading)
+        heading, offset = way.heading(s), p - way.point(s)
+        left = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")
 

@@ -110,10 +110,10 @@ def true_path(recording: Recording, frame: str) -> TruePath:
     if frame in frames:
         return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
     mounts = _mounts(recording.rig) if recording.has_rig else {}
-    for other in mounts if frame in mounts else ():
-        if other in frames and mounts[other].body == mounts[frame].body:
-            T_other_frame = np.linalg.inv(mounts[other].T_body_sensor) @ mounts[frame].T_body_sensor
-            return _rigidly_mounted(recording.block(f"/truth/{other}/odometry"), T_other_frame)
+    for recorded_frame in mounts if frame in mounts else ():
+        if recorded_frame in frames and mounts[recorded_frame].body == mounts[frame].body:
+            T_recorded_frame = np.linalg.inv(mounts[recorded_frame].T_body_sensor) @ mounts[frame].T_body_sensor
+            return _derive_path(recording.block(f"/truth/{recorded_frame}/odometry"), T_recorded_frame)
     raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
 
 
@@ -124,7 +124,7 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
     return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
 
 
-def _rigidly_mounted(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
+def _derive_path(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
     """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
     path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
@@ -154,12 +154,12 @@ def true_footprints(recording: Recording) -> list[Footprint]:
     return list(recording.block(FOOTPRINTS))
 
 
-def along_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
+def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
     """(F,) m along the route, from (F, 3) m: all footprints of a walk in order."""
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
 
-def scored_at_ns(s: float, t_ns: Array, places: Array) -> float:
+def scoring_time_ns(s: float, t_ns: Array, places: Array) -> float:
     """When a terrain change is scored: `SCORED_AHEAD_S` before the first foot lands beyond it.
 
     Args:
@@ -193,22 +193,22 @@ class Flight:
     risers: int
 
 
-def edges(profile: Sequence[Strip], least_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
+def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
     """Height steps of the ground of at least `least_m`: arc length, m; height, m; and the strip that begins there."""
     jumps = [(after.s0, after.z0 - before.z1, after) for before, after in pairwise(profile)]
-    return [jump for jump in jumps if abs(jump[1]) >= least_m]
+    return [jump for jump in jumps if abs(jump[1]) >= min_m]
 
 
-def flights(profile: Sequence[Strip], least_m: float = 1e-6) -> list[Flight]:
+def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
     """The flights of a route, in order; risers below `least_m` are ignored."""
-    found: list[Flight] = []
+    route_flights: list[Flight] = []
     s, heights = [], []
-    for place, height, onto in edges(profile, least_m):
+    for place, height, onto in edges(profile, min_m):
         s.append(place)
         heights.append(height)
         if onto.terrain == "stair":
             continue
         tread = (s[-1] - s[0]) / (len(s) - 1) if len(s) > 1 else 0.0
-        found.append(Flight(s=s[0], end=s[-1], riser=float(np.mean(heights)), tread=tread, risers=len(s)))
+        route_flights.append(Flight(s=s[0], end=s[-1], riser=float(np.mean(heights)), tread=tread, risers=len(s)))
         s, heights = [], []
-    return found
+    return route_flights

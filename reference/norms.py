@@ -16,13 +16,13 @@ _LEG_M = 0.9
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 
-def reference(name: str) -> Any:
+def read_reference(name: str) -> Any:
     """One YAML file of the reference folder, such as `jao2020`."""
     file = resources.files("stridetwin.reference").joinpath(f"{name}.yaml")
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
 
-def reference_rows(name: str) -> list[dict[str, str]]:
+def read_reference_rows(name: str) -> list[dict[str, str]]:
     """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are skipped."""
     file = resources.files("stridetwin.reference").joinpath(f"{name}.csv")
     lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
@@ -31,8 +31,8 @@ def reference_rows(name: str) -> list[dict[str, str]]:
 
 def speed_group(speed_mps: float, leg_m: float = _LEG_M) -> str:
     """The speed group of Schwartz et al. 2008 that a walker belongs to, by speed / sqrt(g leg)."""
-    equal = speed_mps * float(np.sqrt(_LEG_M / leg_m))
-    return next(name for name, below in _GROUPS if equal < below)
+    scaled_speed_mps = speed_mps * float(np.sqrt(_LEG_M / leg_m))
+    return next(name for name, below in _GROUPS if scaled_speed_mps < below)
 
 
 @cache
@@ -46,6 +46,6 @@ def level_norm(group: str, quantity: str) -> tuple[Array, Array, Array]:
     Returns:
         Share of the gait cycle in % from heel contact, mean and SD, (51,) each.
     """
-    rows = [r for r in reference_rows("gait_norms_level") if r["speed"] == group and r["quantity"] == quantity]
+    rows = [r for r in read_reference_rows("gait_norms_level") if r["speed"] == group and r["quantity"] == quantity]
     table = np.array([[float(r["cycle_pct"]), float(r["mean"]), float(r["sd"])] for r in rows])
     return table[:, 0], table[:, 1], table[:, 2]

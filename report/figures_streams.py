@@ -10,7 +10,7 @@ from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
 from stridetwin.pages.plot import ERROR, PALETTE, Plot, data_range, faint
-from stridetwin.scenarios.metadata import InjectedFault, injected_faults
+from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import (
     Actuator,
@@ -75,7 +75,7 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:
     """One small figure for each curve of each topic, over the same window, s; injected faults are shaded."""
-    figures, faults = [], injected_faults(recording.metadata)
+    figures, faults = [], read_injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9

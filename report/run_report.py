@@ -14,7 +14,7 @@ from stridetwin.pages.html import boxes, code, data_uri, multiples, page, render
 from stridetwin.report.figures_gait import ground_reaction_figure, joint_figures, level_strides, pressure_figure
 from stridetwin.report.figures_streams import WINDOW_S, scalar_topics, stream_figures
 from stridetwin.report.images import Film, camera_views, jpeg_uri
-from stridetwin.scenarios.metadata import injected_faults
+from stridetwin.scenarios.metadata import read_injected_faults
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
@@ -144,7 +144,7 @@ def _streams(data: ReportData) -> str:
 
 def _faults(data: ReportData) -> str:
     times: dict[tuple[str, str], list[str]] = {}
-    for fault in injected_faults(data.recording.metadata):
+    for fault in read_injected_faults(data.recording.metadata):
         times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
     rows = []
     for (kind, topic), spans in times.items():

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from stridetwin.outputs.base import FileOptions, KindEvaluations, Scores, scores_by_output
 from stridetwin.run.recording import Selection, run_recording
-from stridetwin.scenarios.files import staged
-from stridetwin.scenarios.metadata import InjectedFault, injected_faults
+from stridetwin.scenarios.files import stage_files
+from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
@@ -74,7 +74,7 @@ def run_scenario(
     if estimators is not None:
         scenario = with_sensors_for(scenario, estimators)
     twin = make_twin(scenario, seed)
-    with staged(folder) as out:
+    with stage_files(folder) as out:
         record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
@@ -87,7 +87,7 @@ def run_scenario(
             if evaluations := kind.evaluate(outputs, recording):
                 of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
         scores = scores_by_output(of_kinds)
-        document = scores_document(scenario, seed, scores, twin.fell_at, injected_faults(recording.metadata))
+        document = scores_document(scenario, seed, scores, twin.fell_at, read_injected_faults(recording.metadata))
         (out / "scores.json").write_text(json_text(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None

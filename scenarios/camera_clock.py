@@ -31,13 +31,13 @@ CLOCK_OFFSET_S = 0.005
 shoes' estimator assumes of it."""
 _STEP_S = 0.0025  # between the shifts that are compared
 _PEAK_S = 0.02  # shifts farther from the best one have to be significantly worse
-_SURE = 0.7  # correlation from which a result counts
-_WIDEST_S = 0.01  # half width up to which a result counts
+_MIN_CORRELATION = 0.7  # correlation from which a result counts
+_MAX_HALF_WIDTH_S = 0.01  # half width up to which a result counts
 _MODEL_SD_S = 0.0008  # of exposure, low-pass and features: offsets of twelve catalogue walks (seeds below 1000)
 _BLOCK = 11  # pairs of images of a block
-_FEWEST_BLOCKS = 6
+_MIN_BLOCKS = 6
 _OUTLIER = 5.0  # times the median of the squared differences
-_MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
+_MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
@@ -100,54 +100,54 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
     R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ T_body_imu[:3, :3]
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
-    segments = _liveliest(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
-    found, seen = None, list[Rates]()
+    segments = _most_varied_segments(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
+    clock, visual_rates = None, list[Rates]()
     for start in range(0, len(segments), BATCH):
         batch = segments[start : start + BATCH]
-        seen += [r for first in batch if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
-        found = _clock(camera, gyro.t_ns, rate, seen)
-        if found is not None and abs(abs(found.unexplained_s) - CLOCK_OFFSET_S) > found.half_s:
+        visual_rates += [r for first in batch if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
+        clock = _estimate_clock(camera, gyro.t_ns, rate, visual_rates)
+        if clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s:
             break  # certainly above or below
-    return found
+    return clock
 
 
-def _liveliest(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
+def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
     """First images of all segments, those in which the camera's rotation rate varies most first."""
     starts = range(0, max(1, len(images) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
         first, last = images[start], images[min(start + IMAGES, len(images) - 1)]
-        here = rate[(t >= first) & (t <= last)]
-        spread.append(float(here.std(axis=0).sum()) if len(here) > 1 else 0.0)
+        segment_rate = rate[(t >= first) & (t <= last)]
+        spread.append(float(segment_rate.std(axis=0).sum()) if len(segment_rate) > 1 else 0.0)
     return [starts[int(i)] for i in np.argsort(spread, kind="stable")[::-1]]
 
 
-def _clock(
+def _estimate_clock(
     camera: CameraCalibration, t_ns: NDArray[np.int64], rate: Array, rates: Sequence[Rates]
 ) -> CameraClock | None:
     """The clock by the rates of some segments; None without a clear peak."""
     blocks = [
         half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
     ]
-    if len(blocks) < _FEWEST_BLOCKS:
+    if len(blocks) < _MIN_BLOCKS:
         return None
     block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
-    seen = np.concatenate([r.rate for r in rates])
+    visual = np.concatenate([r.rate for r in rates])
     shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
     measured = _gyro_rates(np.concatenate([r.t_ns for r in rates]), shifts, t_ns, rate)
-    fit, off_deg = _fit(shifts, measured, seen, block), 0.0
+    fit, off_deg = _fit_shift(shifts, measured, visual, block), 0.0
     # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
-    rotations, costs = _mounts(measured, seen)
-    if _degrees(rotations[int(np.argmin(costs)) if fit is None else fit.at]) > MOUNT_OFF_DEG:
-        rotated = _fit(shifts, measured @ rotations.transpose(0, 2, 1), seen, block)
-        off = 0.0 if rotated is None else _degrees(rotations[rotated.at])
+    rotations, costs = _align_mounts(measured, visual)
+    if _angle_deg(rotations[int(np.argmin(costs)) if fit is None else fit.at]) > MOUNT_OFF_DEG:
+        rotated = _fit_shift(shifts, measured @ rotations.transpose(0, 2, 1), visual, block)
+        off = 0.0 if rotated is None else _angle_deg(rotations[rotated.at])
         if rotated is not None and off > MOUNT_OFF_DEG and (fit is None or rotated.cost * _BETTER < fit.cost):
             fit, off_deg = rotated, off
     if fit is None:
         return None
     return CameraClock(
         imu=camera.imu_topic, shift_s=fit.shift_s, half_s=fit.half_s, calibrated_s=camera.timeshift_cam_imu_s,
-        correlation=fit.correlation, mount_off_deg=off_deg, pairs=len(seen),
+        correlation=fit.correlation, mount_off_deg=off_deg, pairs=len(visual),
     )  # fmt: skip
 
 
@@ -161,7 +161,7 @@ def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Fit:
+class _ShiftFit:
     """The shift that best aligns the rates, s, the half width of its 95 % interval, its number and its cost."""
 
     shift_s: float
@@ -171,9 +171,9 @@ class _Fit:
     correlation: float
 
 
-def _fit(shifts: Array, measured: Array, seen: Array, block: NDArray[np.intp]) -> _Fit | None:
+def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.intp]) -> _ShiftFit | None:
     """The best of S shifts for rates (S, N, 3) against (N, 3), with the block of each; None without a clear peak."""
-    squared, at, cost = _squared(measured, seen)
+    squared, at, cost = _robust_residuals(measured, visual)
     if at in (0, len(shifts) - 1):
         return None
     count = int(block[-1]) + 1
@@ -181,40 +181,40 @@ def _fit(shifts: Array, measured: Array, seen: Array, block: NDArray[np.intp]) -
     np.add.at(by_block, block, squared.T)
     total = by_block.sum(axis=0)
     at = int(np.argmin(total))
-    correlation = _correlation(measured[at], seen)
-    far = np.abs(shifts - shifts[at]) > _PEAK_S
-    if correlation < _SURE or not _are_worse(by_block - by_block[:, [at]])[far].all():
+    correlation = _correlation(measured[at], visual)
+    is_far = np.abs(shifts - shifts[at]) > _PEAK_S
+    if correlation < _MIN_CORRELATION or not _are_significantly_worse(by_block - by_block[:, [at]])[is_far].all():
         return None
-    left_out = np.array([_minimum(shifts, total - one) for one in by_block])
+    left_out = np.array([_parabola_minimum(shifts, total - one) for one in by_block])
     sd = math.hypot(math.sqrt((count - 1) * float(np.var(left_out))), _MODEL_SD_S)
-    half = _student(count - 1) * sd
-    if half > _WIDEST_S:
+    half = _student_quantile(count - 1) * sd
+    if half > _MAX_HALF_WIDTH_S:
         return None
-    return _Fit(shift_s=_minimum(shifts, total), half_s=half, at=at, cost=cost, correlation=correlation)
+    return _ShiftFit(shift_s=_parabola_minimum(shifts, total), half_s=half, at=at, cost=cost, correlation=correlation)
 
 
-def _squared(measured: Array, seen: Array) -> tuple[Array, int, float]:
+def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float]:
     """(S, N) squared differences without the gyro's bias; number of the shift with the least, and their mean there.
 
     Each axis is weighted by its spread (not in the mean); a difference counts at most `_OUTLIER` times the median.
     """
-    off = measured - seen
-    off = off - np.median(off, axis=1, keepdims=True)
-    squared = np.sum(off**2, axis=2)
+    residual = measured - visual
+    residual = residual - np.median(residual, axis=1, keepdims=True)
+    squared = np.sum(residual**2, axis=2)
     means = np.mean(np.minimum(squared, _OUTLIER * np.median(squared, axis=1, keepdims=True)), axis=1)
     at = int(np.argmin(means))
-    variance = np.median(off[at] ** 2, axis=0) / _MEDIAN_OF_SQUARE + 1e-12
-    squared = np.sum(off**2 / variance, axis=2)
+    variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
+    squared = np.sum(residual**2 / variance, axis=2)
     return np.minimum(squared, _OUTLIER * np.median(squared[at])), at, float(means[at])
 
 
-def _are_worse(more: Array) -> NDArray[np.bool_]:
+def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
     """(S,) whether the additional costs (B, S) of B blocks have a mean above 0, by Student's test."""
-    error = more.std(axis=0, ddof=1) / math.sqrt(len(more))
-    return np.asarray(more.mean(axis=0) > _student(len(more) - 1) * error)
+    error = additional.std(axis=0, ddof=1) / math.sqrt(len(additional))
+    return np.asarray(additional.mean(axis=0) > _student_quantile(len(additional) - 1) * error)
 
 
-def _student(freedom: int) -> float:
+def _student_quantile(freedom: int) -> float:
     """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), to 0.1 % from 5 on."""
     z, n = _NORMAL_975, float(freedom)
     return (
@@ -225,7 +225,7 @@ def _student(freedom: int) -> float:
     )
 
 
-def _minimum(shifts: Array, cost: Array) -> float:
+def _parabola_minimum(shifts: Array, cost: Array) -> float:
     """The minimum of a parabola through the least cost and its neighbours, s."""
     best = int(np.clip(np.argmin(cost), 1, len(shifts) - 2))
     before, here, after = cost[best - 1 : best + 2]
@@ -233,12 +233,12 @@ def _minimum(shifts: Array, cost: Array) -> float:
     return float(shifts[best] + (0.5 * _STEP_S * (before - after) / curvature if curvature > 0 else 0.0))
 
 
-def _mounts(measured: Array, seen: Array) -> tuple[Array, Array]:
+def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
     """Rotations (S, 3, 3) that best map gyro rates (S, N, 3) to visual ones (Kabsch), without bias; and their costs.
 
     A small weight keeps them at the nominal mount about axes that the rates do not observe.
     """
-    a, b = measured - np.median(measured, axis=1, keepdims=True), seen - np.median(seen, axis=0)
+    a, b = measured - np.median(measured, axis=1, keepdims=True), visual - np.median(visual, axis=0)
     weight = np.ones(a.shape[:2])
     for _ in range(_ROUNDS):
         size = np.sum(weight * np.linalg.norm(a, axis=2) * np.linalg.norm(b, axis=1), axis=1)
@@ -252,13 +252,15 @@ def _mounts(measured: Array, seen: Array) -> tuple[Array, Array]:
     return R, np.mean(np.minimum(squared, _OUTLIER * least), axis=1)
 
 
-def _degrees(R: Array) -> float:
+def _angle_deg(R: Array) -> float:
     """Angle of a rotation matrix (3, 3)."""
     return math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1, 1))))
 
 
-def _correlation(measured: Array, seen: Array) -> float:
-    a, b = measured - np.median(measured, axis=0), seen - np.median(seen, axis=0)
-    off = np.sum((a - b) ** 2, axis=1)
-    kept = off <= _OUTLIER * np.median(off)
-    return float(np.sum(a[kept] * b[kept]) / np.sqrt(np.sum(a[kept] ** 2) * np.sum(b[kept] ** 2) + 1e-30))
+def _correlation(measured: Array, visual: Array) -> float:
+    a, b = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)
+    squared = np.sum((a - b) ** 2, axis=1)
+    is_inlier = squared <= _OUTLIER * np.median(squared)
+    return float(
+        np.sum(a[is_inlier] * b[is_inlier]) / np.sqrt(np.sum(a[is_inlier] ** 2) * np.sum(b[is_inlier] ** 2) + 1e-30)
+    )

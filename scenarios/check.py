@@ -20,38 +20,38 @@ from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image
 
 _G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
 # Data sheets: full scales of parts of public recordings that are not in the library, rad/s and m/s².
-_FURTHER = {
+_FURTHER_FULL_SCALES = {
     "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
     "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
 }
-_NEAR = 0.999
-_PLATEAU = 5
+_SHARE_OF_RANGE = 0.999
+_MIN_PLATEAU = 5
 
 
-def range_hits(block: Block[Any], rig: Rig | None) -> float | None:
+def range_hits_pct(block: Block[Any], rig: Rig | None) -> float | None:
     """Share of an IMU's saturated samples, %, with an axis at the end of its range; None for other streams.
 
     Args:
         block: The stream.
         rig: Names the part, whose full scale comes from the library of parts. An unknown part counts as saturated
-            where at least `_PLATEAU` samples share the largest magnitude of an axis.
+            where at least `_MIN_PLATEAU` samples share the largest magnitude of an axis.
     """
     if block.kind is not Imu or not len(block):
         return None
     part = rig.imus[block.topic].part if rig is not None and block.topic in rig.imus else ""
-    limits = full_scales(part) or next((scales for name, scales in _FURTHER.items() if name in part), {})
-    hit = np.zeros(len(block), bool)
+    limits = full_scales(part) or next((scales for name, scales in _FURTHER_FULL_SCALES.items() if name in part), {})
+    is_at_limit = np.zeros(len(block), bool)
     for field in ("angular_rate", "specific_force"):
-        hit |= _at_limit(np.abs(block.columns[field]), limits.get(field))
-    return 100.0 * float(hit.mean())
+        is_at_limit |= _at_limit(np.abs(block.columns[field]), limits.get(field))
+    return 100.0 * float(is_at_limit.mean())
 
 
 def _at_limit(magnitude: Array, limit: float | None) -> Array:
     if limit is not None:
-        return np.asarray((magnitude >= _NEAR * limit).any(axis=1))
-    top = magnitude.max(axis=0)
-    same = magnitude >= top - 1e-9 * np.maximum(top, 1.0)
-    return np.asarray((same & (same.sum(axis=0) >= _PLATEAU) & (top > 0)).any(axis=1))
+        return np.asarray((magnitude >= _SHARE_OF_RANGE * limit).any(axis=1))
+    largest = magnitude.max(axis=0)
+    is_largest = magnitude >= largest - 1e-9 * np.maximum(largest, 1.0)
+    return np.asarray((is_largest & (is_largest.sum(axis=0) >= _MIN_PLATEAU) & (largest > 0)).any(axis=1))
 
 
 GAP_PERIODS = 5.0
@@ -59,7 +59,7 @@ CLIPPED_PCT, RANGE_HITS_PCT = 5.0, 20.0
 """Shares of saturated samples from which a warning and an error are due. On 14 real walks whose samples were clipped at
 smaller ranges, the foot's error stays within a factor of 1.2 up to the first (median), doubles by the second, and grows
 more than fivefold above it (`python -m benchmarks.foot_ins_clipping`)."""
-_FEWEST = 10
+_MIN_SAMPLES = 10
 _SHARE_OF_CLOCKS = 0.5  # of the progress
 
 
@@ -78,7 +78,7 @@ class Finding:
     is_error: bool = True
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """Its text with its stream."""
         return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
 
@@ -103,7 +103,7 @@ class Check:
 
 def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
     """Checks a recording that was opened leniently."""
-    _read_images(recording)
+    _decode_images(recording)
     findings = [Finding(topic=p.topic, what=str(p)) for p in recording.problems]
     findings += [Finding(topic="", what=w, is_error=False) for w in recording.warnings]
     if not recording.has_rig:
@@ -114,9 +114,9 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     topics: dict[str, dict[str, Any]] = {}
     for i, topic in enumerate(sorted(recording.topics)):
         progress(_SHARE_OF_CLOCKS * i / len(recording.topics))
-        topics[topic], found = _check_topic(recording, topic, inertial.get(topic))
-        findings += found
-    clocks, about_clocks = _clocks(recording, inertial, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
+        topics[topic], topic_findings = _check_topic(recording, topic, inertial.get(topic))
+        findings += topic_findings
+    clocks, about_clocks = _check_clocks(recording, inertial, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
     findings += about_clocks
     unread = {f: t for f, t in recording.unread.items() if not f.endswith("/camera_info")}
     findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
@@ -151,7 +151,7 @@ def check_table(check: Check) -> list[str]:
             f"{topic}: time of {clock['imu']} = its own {shift}, calibration {clock['calibrated_s'] * 1e3:+.1f} ms"
         )
     for finding in check.findings:
-        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.words}")
+        lines.append(f"{'ERROR' if finding.is_error else 'WARNING'}: {finding.text}")
     lines.append("valid" if check.is_valid else "invalid: see ERROR")
     return lines
 
@@ -164,20 +164,20 @@ def _remark(row: dict[str, Any]) -> str:
     return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
 
 
-def _read_images(recording: Recording) -> None:
+def _decode_images(recording: Recording) -> None:
     """Decodes the images so that damaged ones become problems; those of an MCAP file are protected by its CRCs."""
     if not recording.is_mcap:
         for _ in recording.samples([t for t, i in recording.topics.items() if i.kind in (Image, Depth)]):
             pass
 
 
-def _clocks(
+def _check_clocks(
     recording: Recording, inertial: Mapping[str, Block[Any]], progress: Callable[[float], None]
 ) -> tuple[dict[str, CameraClock], list[Finding]]:
     """Clock and mount of each camera with an IMU on its body, and the findings about them."""
     rig = recording.rig if recording.has_rig else Rig()
     cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in inertial]
-    known, findings = dict[str, CameraClock](), list[Finding]()
+    clocks, findings = dict[str, CameraClock](), list[Finding]()
     for i, camera in enumerate(cameras):
         progress(i / len(cameras))
         if (board := moving_board(rig, camera)) is not None:
@@ -189,9 +189,9 @@ def _clocks(
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
-        known[camera.topic] = clock
+        clocks[camera.topic] = clock
         findings += [Finding(topic=camera.topic, what=what) for what in _clock_errors(clock)]
-    return known, findings
+    return clocks, findings
 
 
 def _clock_errors(clock: CameraClock) -> Iterator[str]:
@@ -213,7 +213,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
     info, t_ns = recording.topics[topic], recording.times(topic)
     is_image = info.kind in (Image, Depth)
     row: dict[str, Any] = {"kind": info.kind.__name__, "samples": info.count, "rate_hz": info.rate_hz}
-    row["declared_hz"], row["calibrated"] = _declared(recording, topic)
+    row["declared_hz"], row["calibrated"] = _rate_from_rig(recording, topic)
     findings: list[Finding] = []
 
     row |= _timing(t_ns)
@@ -224,13 +224,13 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
         findings.append(Finding(topic=topic, what=gaps, is_error=not is_image))
     row["range_hits_pct"] = None
     if block is not None and not topic.startswith("/truth/"):
-        row["range_hits_pct"] = hits = range_hits(block, recording.rig if recording.has_rig else None)
+        row["range_hits_pct"] = hits = range_hits_pct(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > CLIPPED_PCT:
             is_error = hits > RANGE_HITS_PCT
             most = RANGE_HITS_PCT if is_error else CLIPPED_PCT
             what = f"{hits:.1f} % of the samples at the end of the range: expected up to {most:g} %"
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
-    if block is not None and info.count >= _FEWEST:
+    if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
         findings += [Finding(topic=topic, what=str(one)) for one in implausible_imu(block)]
     return row, [f for f in findings if not _is_known(recording, f)]
@@ -256,7 +256,7 @@ def _timing(t_ns: NDArray[np.int64]) -> dict[str, Any]:
     }
 
 
-def _declared(recording: Recording, topic: str) -> tuple[float, bool | None]:
+def _rate_from_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
     """Rate that the rig declares (0: none), and whether the rig has the sensor (None: not required)."""
     if topic.startswith("/truth/"):
         return 0.0, None

@@ -33,7 +33,7 @@ class Cost:
         """Whether it takes a minute or more, so that a user wants to know beforehand."""
         return _START_CPU_S + self.cpu_s > _LONG_CPU_S
 
-    def words(self, workers: int = 1) -> str:
+    def describe(self, workers: int = 1) -> str:
         """In words, such as `3 walks, about 1 minute of walking, 380 MB, 0:01:20 with 1 process`."""
         size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
         time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1 if self.is_long else 0))
@@ -44,18 +44,18 @@ class Cost:
 
 def cost_of(configs: Iterable[TwinConfig]) -> Cost:
     """The cost of the walks of some configurations."""
-    count, walked, size, cpu = 0, 0.0, 0.0, 0.0
+    count, walked_s, size_mb, cpu_s = 0, 0.0, 0.0, 0.0
     for config in configs:
         way_m = lay_out(config.route).way.segments[-1].s1
         seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
-        count, walked = count + 1, walked + seconds
-        size += seconds * _rate(_MB_PER_S, _REST_MB_PER_S, config.sensors)
-        rest = _REST_CPU_PER_S * (_DYNAMIC if config.physics == "dynamic" else 1.0)
-        cpu += seconds * _rate(_CPU_PER_S, rest, config.sensors)
-    return Cost(walks=count, walked_s=walked, size_mb=size, cpu_s=cpu)
+        count, walked_s = count + 1, walked_s + seconds
+        size_mb += seconds * _rate(_MB_PER_S, _REST_MB_PER_S, config.sensors)
+        other_cpu_per_s = _REST_CPU_PER_S * (_DYNAMIC if config.physics == "dynamic" else 1.0)
+        cpu_s += seconds * _rate(_CPU_PER_S, other_cpu_per_s, config.sensors)
+    return Cost(walks=count, walked_s=walked_s, size_mb=size_mb, cpu_s=cpu_s)
 
 
-def scaled(cost: Cost, walks: int) -> Cost:
+def scale_cost(cost: Cost, walks: int) -> Cost:
     """The cost of so many walks of the same kinds."""
     share = walks / cost.walks
     return Cost(
@@ -63,5 +63,5 @@ def scaled(cost: Cost, walks: int) -> Cost:
     )  # fmt: skip
 
 
-def _rate(by_group: dict[str, float], rest: float, sensors: Collection[str]) -> float:
-    return rest + sum(rate for group, rate in by_group.items() if group in sensors)
+def _rate(by_group: dict[str, float], other_sensors: float, sensors: Collection[str]) -> float:
+    return other_sensors + sum(rate for group, rate in by_group.items() if group in sensors)

@@ -38,7 +38,7 @@ _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
 
-def geometry(size: Wearer, rig: Rig) -> Exoskeleton:
+def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
     """Geometry of the exoskeleton on a wearer.
 
     Raises:
@@ -93,7 +93,7 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     return low, high
 
 
-def metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
+def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
     """`nominal_geometry` for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
@@ -101,7 +101,7 @@ def metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) ->
 
 
 def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> Exoskeleton:
-    """Geometry of the exoskeleton that an estimator gets: `measured`, with errors that the walk's seed determines.
+    """Geometry of the exoskeleton that an estimator gets, with measurement errors that the walk's seed determines.
 
     The true geometry is known to the simulation alone.
 
@@ -111,7 +111,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
         seed: Of the walk.
         faults: Those of the walk; errors of links among them apply.
     """
-    exo = measured(geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
+    exo = simulate_measurement(true_geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
     legs = dict(exo.legs)
     for fault in faults:
         for side, leg in legs.items():
@@ -123,7 +123,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
     return replace(exo, legs=legs)
 
 
-def of_recording(recording: Recording) -> Exoskeleton:
+def exo_from_recording(recording: Recording) -> Exoskeleton:
     """Geometry from a recording's metadata.
 
     Raises:
@@ -134,17 +134,17 @@ def of_recording(recording: Recording) -> Exoskeleton:
     return parse_exoskeleton(recording.metadata[METADATA_KEY], f"{recording.path}: {METADATA_KEY}")
 
 
-def measured(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
+def simulate_measurement(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
     """The exoskeleton as a laboratory would measure it: small errors in segment lengths and AHRS mounts."""
 
-    def rotated(attitude: Attitude) -> Attitude:
+    def rotate(attitude: Attitude) -> Attitude:
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
-    def stretched(leg: Leg) -> Leg:
+    def change_lengths(leg: Leg) -> Leg:
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())
-        return replace(leg, rows=tuple(rows), thigh=rotated(leg.thigh), foot=rotated(leg.foot))
+        return replace(leg, rows=tuple(rows), thigh=rotate(leg.thigh), foot=rotate(leg.foot))
 
-    return replace(exo, back=rotated(exo.back), legs={side: stretched(leg) for side, leg in exo.legs.items()})
+    return replace(exo, back=rotate(exo.back), legs={side: change_lengths(leg) for side, leg in exo.legs.items()})

@@ -17,7 +17,7 @@ _PREFIX = ".unfinished-"
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def stage_files(folder: Path) -> Iterator[Path]:
     """Yields an empty folder, whose contents move into `folder` at the end; after an error nothing moves.
 
     Raises:
@@ -25,7 +25,7 @@ def staged(folder: Path) -> Iterator[Path]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _sweep(folder)
+        _remove_unfinished(folder)
         with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, lock_folder(Path(temporary)):
             yield Path(temporary)
             for path in sorted(Path(temporary).iterdir()):
@@ -34,7 +34,7 @@ def staged(folder: Path) -> Iterator[Path]:
         raise StrideTwinError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
 
-def _sweep(folder: Path) -> None:
+def _remove_unfinished(folder: Path) -> None:
     """Removes the folders of killed processes; those of running processes are locked."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:

@@ -19,7 +19,7 @@ from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth
 
 _WIDTH = 400  # px of the images that are tracked
-_FEATURES, _REPLACED_BELOW, _FEWEST_TRACKS = 150, 100, 20
+_FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
 _LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
@@ -90,57 +90,57 @@ class _Features:
         if len(self._tracked) < _REPLACED_BELOW:
             corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
             self._tracked = np.zeros((0, 1, 2), np.float32) if corners is None else corners
-        if len(self._tracked) < _FEWEST_TRACKS:
+        if len(self._tracked) < _MIN_TRACKS:
             return None
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
-        kept = np.ravel(found) == 1
-        before, self._tracked = self._tracked[kept], moved[kept]
-        if len(before) < _FEWEST_TRACKS:
+        tracked, is_found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
+        is_tracked = np.ravel(is_found) == 1
+        before, self._tracked = self._tracked[is_tracked], tracked[is_tracked]
+        if len(before) < _MIN_TRACKS:
             return None
         scale = a.shape[1] / self._camera.width
         x, y = (_rays(points, self._camera, scale) for points in (before, self._tracked))
         pixel = 1.0 / (self._camera.intrinsics[0] * scale)
         if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
             return np.zeros(3)  # at rest the essential matrix is not defined
-        R = _by_depth(x, y, _z_at(depth, before, scale), pixel) if depth is not None else None
-        R = _by_rotation(x, y, pixel) if R is None else R
-        R = _by_epipoles(x, y, pixel) if R is None else R
+        R = _rotation_from_pnp(x, y, _depth_at(depth, before, scale), pixel) if depth is not None else None
+        R = _fit_rotation(x, y, pixel) if R is None else R
+        R = _rotation_from_essential(x, y, pixel) if R is None else R
         # R maps points of a into b: the inverse of the camera's own rotation
         return None if R is None else -np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
-def _by_rotation(x: Array, y: Array, pixel: float) -> Array | None:
+def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
     """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     U, _, Vt = np.linalg.svd(b.T @ a)
     U[:, 2] *= np.linalg.det(U @ Vt)
     R = U @ Vt
-    off = np.linalg.norm(a @ R.T - b, axis=1)
-    return np.asarray(R, float) if float(np.median(off)) < _ROTATION_PX * pixel else None
+    residual = np.linalg.norm(a @ R.T - b, axis=1)
+    return np.asarray(R, float) if float(np.median(residual)) < _ROTATION_PX * pixel else None
 
 
-def _by_epipoles(x: Array, y: Array, pixel: float) -> Array | None:
+def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):
         return None
     count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
-    return np.asarray(R, float) if count >= _FEWEST_TRACKS else None
+    return np.asarray(R, float) if count >= _MIN_TRACKS else None
 
 
-def _by_depth(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
+def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
     """The same with depth, which separates rotation from sideways motion far better (perspective from n points)."""
-    known = z > 0
-    if known.sum() < _FEWEST_TRACKS:
+    has_depth = z > 0
+    if has_depth.sum() < _MIN_TRACKS:
         return None
-    points = np.column_stack((x, np.ones(len(x))))[known] * z[known, None]
-    done, rotation, _, inliers = cv2.solvePnPRansac(
-        points, y[known], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
+    points = np.column_stack((x, np.ones(len(x))))[has_depth] * z[has_depth, None]
+    is_solved, rotation, _, inliers = cv2.solvePnPRansac(
+        points, y[has_depth], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
     )
-    return np.asarray(cv2.Rodrigues(rotation)[0], float) if done and len(inliers) >= _FEWEST_TRACKS else None
+    return np.asarray(cv2.Rodrigues(rotation)[0], float) if is_solved and len(inliers) >= _MIN_TRACKS else None
 
 
-def _z_at(depth: Any, corners: Any, scale: float) -> Array:
+def _depth_at(depth: Any, corners: Any, scale: float) -> Array:
     """(N,) m, depth at the features."""
     at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
     height, width = depth.shape

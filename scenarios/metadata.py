@@ -26,7 +26,7 @@ class InjectedFault:
 
 def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
     """The events of planned faults as metadata, in time order; also the restarts of an odometry for `pose_restart`."""
-    events = [event for _, by_topic in planned for own in by_topic.values() for event in own]
+    events = [event for _, by_topic in planned for topic_events in by_topic.values() for event in topic_events]
     events.sort(key=lambda e: (e.from_ns, e.topic, e.kind))
     rows = [{"kind": e.kind, "topic": e.topic, "from_s": e.from_ns / 1e9, "until_s": e.until_ns / 1e9} for e in events]
     restarts = [
@@ -38,7 +38,7 @@ def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
     return {_FAULTS: json.dumps(rows)} | ({RESTARTS: json.dumps(sorted(restarts))} if restarts else {})
 
 
-def injected_faults(metadata: Mapping[str, str]) -> list[InjectedFault]:
+def read_injected_faults(metadata: Mapping[str, str]) -> list[InjectedFault]:
     """The faults that a recording lists, in time order; empty if none were injected.
 
     Raises:

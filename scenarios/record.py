@@ -61,7 +61,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
         "person_mass_kg": f"{config.person.mass_kg:g}",
         "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
         **terrain_metadata(twin.terrain.layout),
-        **exo_geometry.metadata(twin.size, plan.rig, twin.seed, config.faults),
+        **exo_geometry.geometry_metadata(twin.size, plan.rig, twin.seed, config.faults),
     }
     if twin.fell_at is None:
         check_times(config.name, config.faults, twin.duration_s)

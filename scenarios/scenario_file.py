@@ -85,16 +85,16 @@ def scenario_of(node: object, path: Path) -> Scenario:
     if "sensors" in file.model_fields_set:
         values |= {"sensors": file.sensors.groups, "fittings": file.sensors.configs}
     config = TwinConfig(name=path.stem, route=route, **values)
-    _every(
+    _run_checks(
         lambda: _check_order(path, route.segments),
         lambda: _check_physics(path, config),
         lambda: _check_exo_groups(path, config, file.sensors.paths),
     )
-    _every(lambda: _check_things(path, route), lambda: check_faults(path, config.faults, standard_rig(config)))
+    _run_checks(lambda: _check_things(path, route), lambda: check_faults(path, config.faults, standard_rig(config)))
     return Scenario(description=file.description, config=config, notes=notes)
 
 
-def _every(*checks: Callable[[], None]) -> None:
+def _run_checks(*checks: Callable[[], None]) -> None:
     """Runs all checks and raises their errors together."""
     errors: list[StrideTwinError] = []
     for check in checks:

@@ -125,7 +125,7 @@ class _Lanes(FileModel):
         return Lanes(lanes=self.lanes, walk=self.walk - 1)
 
 
-def _named_mesh(node: object) -> object:
+def _mesh_as_keys(node: object) -> object:
     return {"file": node} if isinstance(node, str) else node
 
 
@@ -136,7 +136,7 @@ _Segments = Annotated[
     ],
     Field(min_length=1),
 ]
-_Mesh = Annotated[MeshWay, BeforeValidator(_named_mesh, json_schema_input_type=str | MeshWay)]
+_Mesh = Annotated[MeshWay, BeforeValidator(_mesh_as_keys, json_schema_input_type=str | MeshWay)]
 _Terrain = Annotated[
     Annotated[_Segments, Tag("=segments")] | Annotated[Any, OneKey({"mesh": _Mesh}), Tag("=mesh")],
     Discriminator(lambda node: "=mesh" if isinstance(node, dict) else "=segments"),
@@ -163,7 +163,7 @@ class _Exo(FileModel):
 
     def build(self) -> Exo:
         """The exoskeleton, if its mode powers these joints."""
-        return _powered(Exo(mode=self.mode, joints=self.joints, drive=self.drive))
+        return _check_powered_joints(Exo(mode=self.mode, joints=self.joints, drive=self.drive))
 
 
 class _OwnExo(FileModel):
@@ -184,13 +184,13 @@ class _OwnExo(FileModel):
         from stridetwin.sim.wearer.own_exo_rig import read_own_exo  # reading this field alone needs the simulator
 
         try:
-            own = read_own_exo(self.model, self.rig)
+            user_exo = read_own_exo(self.model, self.rig)
         except StrideTwinError as error:
             raise elsewhere(error) from None
-        return _powered(Exo(own=own, drive=self.drive))
+        return _check_powered_joints(Exo(own=user_exo, drive=self.drive))
 
 
-def _powered(exo: Exo) -> Exo:
+def _check_powered_joints(exo: Exo) -> Exo:
     try:
         modules(exo)
     except ConfigError as error:
@@ -212,7 +212,7 @@ _ExoInFile = Annotated[
 ]
 
 
-def _patterned(node: object) -> object:
+def _fill_pattern(node: object) -> object:
     """A gait, with the speed and variability of its pattern unless the file sets them."""
     if not isinstance(node, dict):
         return node
@@ -237,19 +237,19 @@ _Thing = OneKey(
 )
 
 
-def _when(fault: Fault) -> Fault:
+def _check_times(fault: Fault) -> Fault:
     """Checks that a fault with times has either a time or a rate."""
     if not isinstance(fault, TimedFault):
         return fault
-    given = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
-    if len(given) != 1:
-        raise refused(list(given), "either at_s or rate_per_min")
+    times = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
+    if len(times) != 1:
+        raise refused(list(times), "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
         raise refused(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
 
 
-FaultInFile = Annotated[Any, OneKind(FAULTS), AfterValidator(_when)]
+FaultInFile = Annotated[Any, OneKind(FAULTS), AfterValidator(_check_times)]
 """Type of an item of the list `faults`, which becomes a `Fault`."""
 
 FaultList = tuple[FaultInFile, ...]
@@ -257,7 +257,7 @@ FaultList = tuple[FaultInFile, ...]
 
 
 _FILE_SUFFIXES = (".yaml", ".yml")
-_SHIFTED = ("foot_camera", "foot_imu", "head_camera", "head_imu")
+_CALIBRATED_CLOCKS = ("foot_camera", "foot_imu", "head_camera", "head_imu")
 """Groups whose clock a calibration can hold: cameras relative to the IMUs beside them."""
 _OPTIONS = {
     "foot_camera": ("light", "exposure_s", "frames", "shadows", "board", "mount"),
@@ -267,7 +267,7 @@ _OPTIONS = {
     "sonar": ("mount",),
 }
 """Attributes of a `SensorConfig` that only some groups have."""
-_EVERY = ("ideal", "rate_hz", "clock")
+_COMMON_OPTIONS = ("ideal", "rate_hz", "clock")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,31 +285,31 @@ class Sensors:
     configs: dict[str, SensorConfig] = field(default_factory=dict)
 
 
-def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
+def _read_sensor_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
     """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
     if not isinstance(node, str):
-        raise refused(node, _valid(group))
-    plain = node.removesuffix(IDEAL)
-    if plain in part_files():
-        found: Part = load_part(plain)
+        raise refused(node, _valid_parts(group))
+    part_name = node.removesuffix(IDEAL)
+    if part_name in part_files():
+        sensor_part: Part = load_part(part_name)
     elif node.endswith(_FILE_SUFFIXES):
         try:
-            found, plain = read_part(folder_of(info) / node), node
+            sensor_part, part_name = read_part(folder_of(info) / node), node
         except StrideTwinError as error:
             raise elsewhere(error) from None
     else:
-        raise refused(node, _valid(group, node))
-    if kind_of(found) != KIND[group]:
-        raise refused(node, _valid(group))
-    return SensorConfig(part=found, ideal=node != plain)
+        raise refused(node, _valid_parts(group, node))
+    if kind_of(sensor_part) != KIND[group]:
+        raise refused(node, _valid_parts(group))
+    return SensorConfig(part=sensor_part, ideal=node != part_name)
 
 
-def _valid(group: str, near: str = "") -> str:
+def _valid_parts(group: str, near: str = "") -> str:
     names: Iterable[str] = [n for n in part_files() if kind_of(load_part(n)) == KIND[group]]
     return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
 
 
-def _without_nominal(clock: Clock) -> Clock:
+def _check_uncalibrated(clock: Clock) -> Clock:
     if clock.calibrated:
         raise refused("calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
     return clock
@@ -319,7 +319,7 @@ def _seat(facing: Facing) -> Seat:
     return Seat(position_m=facing.position_m, faces_rad=facing.faces_rad)
 
 
-def _one_aim(options: Any) -> Any:
+def _check_direction(options: Any) -> Any:
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
         raise refused(
             round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
@@ -327,57 +327,59 @@ def _one_aim(options: Any) -> Any:
     return options
 
 
-def _group(group: str) -> Any:
+def _group_type(group: str) -> Any:
     """Type of a group in a file: `true`, `false`, a part, or keys."""
     hints = get_type_hints(SensorConfig, include_extras=True)
-    if group not in _SHIFTED:
-        hints["clock"] = Annotated[Clock, AfterValidator(_without_nominal)]
+    if group not in _CALIBRATED_CLOCKS:
+        hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
-    names = (*_EVERY, *_OPTIONS.get(group, ()))
-    made: dict[str, Any] = {
-        "part": (Annotated[Any, BeforeValidator(partial(_of_part, group), json_schema_input_type=str)], None)
+    names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
+    fields: dict[str, Any] = {
+        "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)
     }
-    made |= {name: (hints[name], None) for name in names}
-    model = create_model(group, __config__=ConfigDict(extra="forbid"), **made)
+    fields |= {name: (hints[name], None) for name in names}
+    model = create_model(group, __config__=ConfigDict(extra="forbid"), **fields)
     descriptions = described(SensorConfig)
-    model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in made)
-    options: Any = Annotated[model, BeforeValidator(_short, json_schema_input_type=str | model)]
+    model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in fields)
+    options: Any = Annotated[model, BeforeValidator(_part_as_keys, json_schema_input_type=str | model)]
     if group == "head_camera":
-        options = Annotated[options, AfterValidator(_one_aim)]
+        options = Annotated[options, AfterValidator(_check_direction)]
     return Annotated[
         Annotated[Annotated[bool, flag()], Tag("=switch")] | Annotated[options, Tag("=options")],
         Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=options"),
     ]
 
 
-def _short(node: object) -> object:
+def _part_as_keys(node: object) -> object:
     return {"part": node} if isinstance(node, str) else node
 
 
 def _sensor_config(options: BaseModel) -> SensorConfig:
-    given = {name: getattr(options, name) for name in options.model_fields_set}
-    return replace(given.pop("part", SensorConfig()), **given)
+    values = {name: getattr(options, name) for name in options.model_fields_set}
+    return replace(values.pop("part", SensorConfig()), **values)
 
 
-def _of_names(names: tuple[str, ...]) -> Sensors:
+def _sensors_of_names(names: tuple[str, ...]) -> Sensors:
     return Sensors(groups=names, paths={group: f"sensors[{i}]" for i, group in enumerate(names)})
 
 
-def _of_groups(groups: BaseModel) -> Sensors:
-    given = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
+def _sensors_of_groups(groups: BaseModel) -> Sensors:
+    values = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
     return Sensors(
-        groups=tuple(g for g in KIND if given.get(g, g in TwinConfig.sensors) is not False),
-        paths={name: f"sensors.{name}" for name, value in given.items() if value is not False},
-        configs={name: _sensor_config(value) for name, value in given.items() if isinstance(value, BaseModel)},
+        groups=tuple(g for g in KIND if values.get(g, g in TwinConfig.sensors) is not False),
+        paths={name: f"sensors.{name}" for name, value in values.items() if value is not False},
+        configs={name: _sensor_config(value) for name, value in values.items() if isinstance(value, BaseModel)},
     )
 
 
-_made: dict[str, Any] = {group: (_group(group), None) for group in KIND}
-_Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_made)
-_Names = Annotated[tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_of_names)]
+_group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
+_Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_group_fields)
+_Names = Annotated[
+    tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_sensors_of_names)
+]
 SensorsInFile = Annotated[
-    Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_of_groups), Tag("=groups")],
+    Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_sensors_of_groups), Tag("=groups")],
     Discriminator(lambda node: "=groups" if isinstance(node, dict) else "=names"),
 ]
 """Type of `sensors`: the list of enabled groups, or a mapping of those that differ from `TwinConfig`."""
@@ -417,7 +419,7 @@ class ScenarioFile(FileModel):
     light: Annotated[float, number(*LIGHT_RANGE)] = 1.0
     bystanders: Annotated[int, whole(0, MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
-    gait: Annotated[Gait, BeforeValidator(_patterned)] = Gait()
+    gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()
     physics: Annotated[str, words(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
     sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), paths={})

@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.scenarios.exo_geometry import geometry
-from stridetwin.studies.case import Case
-from stridetwin.studies.closed_loop.assisted_walk import Recogniser, assisted_walk, bare_walk, costs, truth_of
-from stridetwin.studies.closed_loop.recognition import Measured, Predicted
+from stridetwin.scenarios.exo_geometry import true_geometry
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.closed_loop.assisted_walk import (
+    Recogniser,
+    compute_costs,
+    simulate_assisted_walk,
+    simulate_bare_walk,
+    true_modes_of,
+)
+from stridetwin.studies.closed_loop.recognition import CameraRecognition, LegRecognition
 from stridetwin.studies.tables import table_lines
 
 WRONG = 0.01
-NAMES = {
+VARIANT_NAMES = {
     "none": "no exoskeleton",
     "carried": "motors compensate their own inertia",
     "late": "assisted by modes from the legs",
@@ -30,29 +36,30 @@ NAMES = {
 }
 _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
     "carried": (None, ()),
-    "late": (lambda rig, twin: Measured(geometry(twin.size, rig)), ("ahrs", "encoder")),
-    "predicted": (lambda rig, twin: Predicted(rig), ("head_imu", "head_camera")),
-    "known": (lambda rig, twin: truth_of(twin), ()),
-    "wrong": (lambda rig, twin: truth_of(twin, WRONG), ()),
+    "late": (lambda rig, twin: LegRecognition(true_geometry(twin.size, rig)), ("ahrs", "encoder")),
+    "predicted": (lambda rig, twin: CameraRecognition(rig), ("head_imu", "head_camera")),
+    "known": (lambda rig, twin: true_modes_of(twin), ()),
+    "wrong": (lambda rig, twin: true_modes_of(twin, WRONG), ()),
 }
 """How a variant with exoskeleton knows the modes, and the sensors that this takes."""
 
 
-def run_case(case: Case, ways: Sequence[str]) -> dict[str, Any]:
+def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
     """One walk, simulated in each variant.
 
     Returns:
-        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps (`costs`).
+        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps
+        (`compute_costs`).
     """
     (walk,) = case.walks()
-    found = {}
+    figures = {}
     for way in ways:
         if way == "none":
-            made = bare_walk(walk.config, case.seed)
+            result = simulate_bare_walk(walk.config, case.seed)
         else:
-            made = assisted_walk(walk.config, case.seed, *_RECOGNISERS[way])
-        found[way] = {"fell_at_s": made.walk.fell_at, "modes": costs(made)}
-    return case.row(ways=found)
+            result = simulate_assisted_walk(walk.config, case.seed, *_RECOGNISERS[way])
+        figures[way] = {"fell_at_s": result.walk.fell_at, "modes": compute_costs(result)}
+    return case.row(ways=figures)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -60,16 +67,16 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
     Returns:
         `summary`: variant to `walks`, `fell`, `work_j` per walk, and by mode `work_j_per_step`, `more_than_none_pct`,
-        `rest_j_per_step` (`costs`), `rest_more_than_none_pct`,
+        `rest_j_per_step` (`compute_costs`), `rest_more_than_none_pct`,
         `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
     """
-    ways = [way for way in NAMES if all(way in r["ways"] for r in results)]
+    ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
     summary: dict[str, Any] = {}
     for way in ways:
         fell = sum(r["ways"][way]["fell_at_s"] is not None for r in results)
-        there = {mode for row in ended for mode in row["ways"][way]["modes"]}
-        modes = {mode: _of_mode(ended, way, mode, "none" in ways) for mode in MODES if mode in there}
+        walked_modes = {mode for row in ended for mode in row["ways"][way]["modes"]}
+        modes = {mode: _mode_figures(ended, way, mode, "none" in ways) for mode in MODES if mode in walked_modes}
         work = [sum(of["work_j"] for of in r["ways"][way]["modes"].values()) for r in ended]
         mean = float(np.mean(work)) if work else None
         summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
@@ -79,19 +86,19 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     return {"summary": summary, "paper": {}}
 
 
-def _of_mode(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
+def _mode_figures(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
     def per_step(way: str, figure: str) -> float:
-        own = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
-        return sum(o[figure] for o in own) / sum(o["steps"] for o in own)
+        costs_of_mode = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
+        return sum(o[figure] for o in costs_of_mode) / sum(o["steps"] for o in costs_of_mode)
 
     cuffs = [row["ways"][way]["modes"][mode]["cuff_n"] for row in rows if mode in row["ways"][way]["modes"]]
     work, rest = per_step(way, "work_j"), per_step(way, "rest_j")
-    found: dict[str, Any] = {"work_j_per_step": work, "rest_j_per_step": rest, "cuff_n": float(np.mean(cuffs))}
+    figures: dict[str, Any] = {"work_j_per_step": work, "rest_j_per_step": rest, "cuff_n": float(np.mean(cuffs))}
     if beside_none:
         bare = per_step("none", "work_j")
-        found["more_than_none_pct"] = 100.0 * (work / bare - 1.0)
-        found["rest_more_than_none_pct"] = 100.0 * (rest / bare - 1.0)
-    return found
+        figures["more_than_none_pct"] = 100.0 * (work / bare - 1.0)
+        figures["rest_more_than_none_pct"] = 100.0 * (rest / bare - 1.0)
+    return figures
 
 
 _COLUMNS = (
@@ -111,10 +118,10 @@ _COLUMNS = (
 def table(result: dict[str, Any]) -> list[str]:
     """As lines of text."""
     summary = result["summary"]
-    rows = [(NAMES[way], figures) for way, figures in summary.items()]
+    rows = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:
-        own = summary["carried"]["modes"]
-        rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in own.items()}
+        carried_modes = summary["carried"]["modes"]
+        rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in carried_modes.items()}
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
     share = summary.get("predicted", {}).get("gain_share")
     return [

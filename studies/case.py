@@ -43,7 +43,7 @@ class CaseWalk:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class ExperimentCase:
     """One case.
 
     Attributes:

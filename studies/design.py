@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Fixed
-from stridetwin.scenarios.campaign.field_paths import FieldPath, put
+from stridetwin.scenarios.campaign.field_paths import FieldPath, set_value
 from stridetwin.scenarios.campaign.named_files import (
     SCENARIOS,
     Base,
@@ -35,7 +35,7 @@ from stridetwin.streams.validation import suggest
 from stridetwin.studies.seeds import SeedsInFile
 
 _SCENARIO, _FAULTS = "scenario", "faults"
-_OTHER_COLUMNS = (_SCENARIO, _FAULTS, "seed", "method", "score", "value")
+_RESERVED_COLUMNS = (_SCENARIO, _FAULTS, "seed", "method", "score", "value")
 _MAX_COMBINATIONS = 10_000
 _FAULT = re.compile(r"faults\[(\d+)\]\.?(.*)")
 _Values = dict[str, Any]
@@ -90,7 +90,7 @@ class DesignFile(FileModel):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Level:
+class FactorLevel:
     """A level of a factor.
 
     Attributes:
@@ -119,10 +119,10 @@ class Combination:
     """
 
     base: Base
-    levels: tuple[Level, ...]
+    levels: tuple[FactorLevel, ...]
     labels: Mapping[str, str]
 
-    def with_levels(self, levels: Mapping[str, Level]) -> Combination:
+    def with_levels(self, levels: Mapping[str, FactorLevel]) -> Combination:
         """This one with levels of other factors, which come first."""
         labels = {name: level.name for name, level in levels.items()}
         return Combination(base=self.base, levels=(*levels.values(), *self.levels), labels={**labels, **self.labels})
@@ -141,26 +141,26 @@ class Design:
         turns: How the levels of the other factors take turns, and these levels.
         first: Seed of the walk in which each of these factors has its first level.
         seeds: Of the walks of each combination.
-        own: Files of the user's own by the names that they get in the output folder.
+        user_files: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
     description: str
     variables: tuple[Variable, ...]
     combinations: tuple[Combination, ...]
-    turns: Mapping[str, tuple[Turn, tuple[Level, ...]]]
+    turns: Mapping[str, tuple[Turn, tuple[FactorLevel, ...]]]
     first: int
     seeds: tuple[int, ...]
-    own: Mapping[str, Path]
+    user_files: Mapping[str, Path]
 
-    def levels(self, seed: int) -> dict[str, Level]:
+    def levels(self, seed: int) -> dict[str, FactorLevel]:
         """Whose turn it is with a seed: a level of each factor that takes turns."""
-        return {name: self.turns[name][1][self._number(name, seed)] for name in self.turns}
+        return {name: self.turns[name][1][self._level_number(name, seed)] for name in self.turns}
 
-    def _number(self, name: str, seed: int) -> int:
+    def _level_number(self, name: str, seed: int) -> int:
         turn, levels = self.turns[name]
         walk = (seed - self.first) // turn.every
-        return (walk + sum(self._number(other, seed) for other in turn.add)) % len(levels)
+        return (walk + sum(self._level_number(added_factor, seed) for added_factor in turn.add)) % len(levels)
 
     def walks(self, seed: int) -> list[Combination]:
         """Every combination, with the levels whose turn it is."""
@@ -188,7 +188,7 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
         at, lists = where.key(_FAULTS), data[_FAULTS]
-        factors[_FAULTS] = tuple(Level(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
+        factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
     if not bases:
         bases = _first_scenario([*factors.values(), *(levels for _, levels in turns.values())], where)
     names = [*factors, *([_SCENARIO] if len(bases) > 1 else [])]
@@ -207,11 +207,11 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
         turns=turns,
         first=file.seeds[0],
         seeds=file.seeds,
-        own=files.own,
+        user_files=files.user_files,
     )
 
 
-def _first_scenario(factors: Iterable[tuple[Level, ...]], where: Where) -> tuple[Base, ...]:
+def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: Where) -> tuple[Base, ...]:
     """The scenario of a design without the key `scenarios`: a factor sets it."""
     for levels in factors:
         if levels[0].base is not None and all(level.base for level in levels):
@@ -226,29 +226,29 @@ def _check_turns(file: DesignFile, where: Where) -> dict[str, Turn]:
         if name not in file.vary:
             raise at.error(name, suggest(name, file.vary) or "a factor of `vary`")
         before = list(file.turns)[: list(file.turns).index(name)]
-        for i, other in enumerate(turn.add):
-            if other not in before:
-                raise at.key("add").item(i).error(other, f"a factor above it: {', '.join(before) or 'none'}")
+        for i, added_factor in enumerate(turn.add):
+            if added_factor not in before:
+                raise at.key("add").item(i).error(added_factor, f"a factor above it: {', '.join(before) or 'none'}")
     return file.turns
 
 
-def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str, tuple[Level, ...]]:
+def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str, tuple[FactorLevel, ...]]:
     factors = {}
     for name, levels in file.vary.items():
-        if name in _OTHER_COLUMNS:
-            raise where.key("vary").error(name, f"a name other than {', '.join(_OTHER_COLUMNS)}")
+        if name in _RESERVED_COLUMNS:
+            raise where.key("vary").error(name, f"a name other than {', '.join(_RESERVED_COLUMNS)}")
         at = where.key("vary").key(name)
         factors[name] = tuple(_read_level(level, values, files, at.key(level)) for level, values in levels.items())
     return factors
 
 
-def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> Level:
+def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> FactorLevel:
     values = dict(values)
     scenario = values.pop(_SCENARIO, None)
     base = None
     if scenario is not None:
         base = files.base(NamedBase(scenario=str(scenario)), at.key(_SCENARIO), short=True)
-    return Level(name=name, at=at, variables=_read_values(values, files, at), base=base)
+    return FactorLevel(name=name, at=at, variables=_read_values(values, files, at), base=base)
 
 
 def _read_values(values: _Values, files: NamedFiles, at: Where) -> tuple[Variable, ...]:
@@ -273,7 +273,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
         for path in variable.paths:
-            put(plain, path, _fill(value, combination.labels, variable.at), variable.at)
+            set_value(plain, path, _fill_factors(value, combination.labels, variable.at), variable.at)
     if physics is not None:
         plain["physics"] = physics
     places = [base.at] * len(plain.get(_FAULTS, ()))  # of each fault in the file
@@ -284,10 +284,10 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     try:
         return scenario_of(plain, folder / SCENARIOS / f"{base.name}.yaml")
     except ConfigError as error:
-        raise errors_in_user_files(error, design.own) or _locate(error, base, variables, places) from error
+        raise errors_in_user_files(error, design.user_files) or _locate(error, base, variables, places) from error
 
 
-def _fill(value: Any, labels: Mapping[str, str], at: Where) -> Any:
+def _fill_factors(value: Any, labels: Mapping[str, str], at: Where) -> Any:
     """A value with `{FACTOR}` in a text replaced by the level of that factor."""
     if not isinstance(value, str) or "{" not in value:
         return value
@@ -300,7 +300,7 @@ def _fill(value: Any, labels: Mapping[str, str], at: Where) -> Any:
 def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: list[Where]) -> StrideTwinError:
     """An error of a scenario at the place in the study file that causes it."""
     for variable in reversed(variables):
-        if any(_concerns(path, error) for path in variable.paths):
+        if any(_is_about(path, error) for path in variable.paths):
             return variable.at.error(error.value, error.valid)
     fault = _FAULT.fullmatch(error.field)
     if fault and (at := faults[int(fault[1])]) != base.at:
@@ -308,7 +308,7 @@ def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: l
     return base.at.error(base.written, f"a scenario that takes what is set ({error.field}: {error.problem})")
 
 
-def _concerns(path: FieldPath, error: ConfigError) -> bool:
+def _is_about(path: FieldPath, error: ConfigError) -> bool:
     """Whether an error lies in the value of a path, or is about an unknown key in the path itself."""
     unknown_key = f"{error.field}.{error.value}.".lstrip(".")
     return f"{error.field}.".startswith(f"{path.text}.") or f"{path.text}.".startswith(unknown_key)

@@ -20,7 +20,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import FileModel
 from stridetwin.streams.validation import validated
 from stridetwin.streams.yaml_file import read_yaml
-from stridetwin.studies.case import Case, Setup
+from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
 from stridetwin.studies.tables import Column, rows_table
 
@@ -98,7 +98,7 @@ class Experiment:
     module: str = ""
     content: str = ""
     kind: str = ""
-    run_case: Callable[[Case], Result]
+    run_case: Callable[[ExperimentCase], Result]
     collect: Callable[[list[Result]], Result]
     table: Callable[[Result], list[str]]
     report: Callable[[Result], str] | None = None
@@ -135,17 +135,17 @@ def read_experiment(path: Path) -> Experiment:
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
     hook, tables = file.run, file.tables or file.run
-    run, tables_module = hook.load(), tables.load()
+    run_module, tables_module = hook.load(), tables.load()
     rows = getattr(tables_module, "rows", None)
     return Experiment(
         name=path.stem,
         description=file.study,
         seeds=file.seeds,
         setup=None if design is None else Setup(design=design, sensors=file.sensors, faults=file.faults),
-        module=run.__name__,
+        module=run_module.__name__,
         content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
         kind=file.kind,
-        run_case=partial(run.run_case, **hook.arguments),
+        run_case=partial(run_module.run_case, **hook.arguments),
         collect=partial(tables_module.collect, **tables.arguments),
         table=partial(rows_table, file.title, file.columns, rows) if file.columns else tables_module.table,
         report=getattr(file.report.load() if file.report else tables_module, "report", None),

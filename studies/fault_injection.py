@@ -7,11 +7,11 @@ from typing import Any
 
 from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
 from stridetwin.streams.rig import Rig
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 
 
 def fault_plans(
-    case: Case, rig: Rig, duration_s: float, times: Callable[[Fault], Iterable[Fault]] = lambda fault: [fault]
+    case: ExperimentCase, rig: Rig, duration_s: float, times: Callable[[Fault], Iterable[Fault]] = lambda fault: [fault]
 ) -> dict[str, FaultPlan]:
     """The faults of a case in one of its walks, by label.
 
@@ -33,7 +33,9 @@ def fault_plans(
     return plans
 
 
-def by_fault(results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]) -> dict[str, Any]:
+def summarize_by_fault(
+    results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]
+) -> dict[str, Any]:
     """`summary` and `paper` of a study: the figures of each fault over the rows of all cases; no paper has faults."""
     labels = results[0]["faults"]
     return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

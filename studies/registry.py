@@ -18,14 +18,14 @@ from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import whole_file
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import Experiment, experiment
 
 _USED = "another process runs an experiment there: expected another folder"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(BatchOptions):
+class ExperimentOptions(BatchOptions):
     """Options of an experiment run. The folder has one JSON file per case, written when the case is done.
 
     Attributes:
@@ -45,12 +45,12 @@ class Options(BatchOptions):
     keep: bool = False
     estimators: tuple[str, ...] = ()
 
-    def cases(self, study: Experiment) -> list[Case]:
+    def cases(self, study: Experiment) -> list[ExperimentCase]:
         """The cases of an experiment."""
         first = study.seeds[0] if self.first is None else self.first
         count = self.subset or len(study.seeds)
         return [
-            Case(
+            ExperimentCase(
                 seed=seed,
                 folder=self.folder.absolute(),
                 setup=study.setup,
@@ -63,7 +63,7 @@ class Options(BatchOptions):
         ]
 
 
-def run_experiment(name: str, options: Options, progress: Progress) -> dict[str, Any]:
+def run_experiment(name: str, options: ExperimentOptions, progress: Progress) -> dict[str, Any]:
     """Runs the cases of an experiment.
 
     Returns:
@@ -119,12 +119,12 @@ class _CaseTask:
             of another version are not reused.
     """
 
-    case: Case
-    run: Callable[[Case], Row]
+    case: ExperimentCase
+    run: Callable[[ExperimentCase], Row]
     walks_key: str
 
 
-def _job(study: Experiment, case: Case) -> Job[_CaseTask]:
+def _job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
     """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
     content = study.name, study.content, case.seed, case.physics
     task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(study.module, False)))
@@ -146,7 +146,7 @@ def _plugins(estimators: Sequence[str]) -> dict[str, str]:
     return {name: class_version(registry.estimator(name)) for name in estimators}
 
 
-def key_of(name: str, case: Case) -> str:
+def key_of(name: str, case: ExperimentCase) -> str:
     """Key of a case's row when this version of the code makes it."""
     return _job(experiment(name), case).key
 

@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from stridetwin.gate.bootstrap import Tested, holm, paired
+from stridetwin.gate.bootstrap import BootstrapResult, compare_pairs, holm_correct
 from stridetwin.streams.samples import Array
 
-LEVEL = 0.05
-_LEAST_OF_INTERVAL = 3
-_FEW = 8  # walks, below which a bootstrap is not used
+SIGNIFICANCE_LEVEL = 0.05
+_MIN_WALKS_OF_INTERVAL = 3
+_MIN_WALKS_OF_BOOTSTRAP = 8  # walks, below which a bootstrap is not used
 _COVERAGE = 0.95
-LEAST_WALKS = 5
+MIN_SEEDS = 5
 """With fewer walks nothing is called significant."""
 
 
@@ -47,7 +47,7 @@ class Difference(Interval):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair(Difference):
+class PairDifference(Difference):
     """The mean loss of the `second` alternative minus that of the `first`, which are numbers of rows."""
 
     first: int
@@ -56,62 +56,62 @@ class Pair(Difference):
 
 def intervals(values: Array) -> list[Interval]:
     """Means of (W, C) columns over walks."""
-    found = [Interval(mean=float(np.mean(column))) for column in values.T]
-    whole = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
-    if len(values) > 1 and whole:
-        for i, (low, high) in zip(whole, _ends(_tested(values[:, whole]), len(values))):
-            found[i] = Interval(mean=found[i].mean, low=low, high=high)
-    return found
+    result = [Interval(mean=float(np.mean(column))) for column in values.T]
+    complete = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
+    if len(values) > 1 and complete:
+        for i, (low, high) in zip(complete, _interval_bounds(_test_means(values[:, complete]), len(values))):
+            result[i] = Interval(mean=result[i].mean, low=low, high=high)
+    return result
 
 
-def _tested(values: Array) -> Tested:
+def _test_means(values: Array) -> BootstrapResult:
     """Tests of the means of (W, C) columns."""
     count = len(values)
-    if count >= _FEW:
-        return paired(values)
+    if count >= _MIN_WALKS_OF_BOOTSTRAP:
+        return compare_pairs(values)
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(count)
     half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
     below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
-    return Tested(
+    return BootstrapResult(
         count=np.full(len(mean), count), mean=mean, low=mean - half, high=mean + half, p_above=1.0 - below,
         p_below=below,
     )  # fmt: skip
 
 
-def _ends(tested: Tested, walks: int) -> list[tuple[float | None, float | None]]:
+def _interval_bounds(result: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:
     """Intervals of C means over so many walks."""
-    if walks < _LEAST_OF_INTERVAL:
-        return [(None, None)] * len(tested.mean)
-    return list(zip(tested.low.tolist(), tested.high.tolist()))
+    if walks < _MIN_WALKS_OF_INTERVAL:
+        return [(None, None)] * len(result.mean)
+    return list(zip(result.low.tolist(), result.high.tolist()))
 
 
-def compared(losses: Array) -> list[Pair]:
+def compare_places(losses: Array) -> list[PairDifference]:
     """Every pair of (P, W) losses of places on walks, lower is better; only places with a loss on every walk."""
-    there = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()
-    pairs = list(combinations(there, 2))
+    complete = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()
+    pairs = list(combinations(complete, 2))
     if losses.shape[1] < 2 or not pairs:
         return []
-    found = differences(np.column_stack([losses[b] - losses[a] for a, b in pairs]))
-    return [Pair(first=a, second=b, **vars(difference)) for (a, b), difference in zip(pairs, found)]
+    tested = differences(np.column_stack([losses[b] - losses[a] for a, b in pairs]))
+    return [PairDifference(first=a, second=b, **vars(difference)) for (a, b), difference in zip(pairs, tested)]
 
 
 def differences(changes: Array) -> list[Difference]:
     """Tests of the means of (W, C) differences, W of two or more, corrected for their number C."""
-    tested = _tested(changes)
-    corrected = holm(np.minimum(1.0, 2.0 * np.minimum(tested.p_above, tested.p_below))).tolist()
-    enough = len(changes) >= LEAST_WALKS
+    result = _test_means(changes)
+    corrected = holm_correct(np.minimum(1.0, 2.0 * np.minimum(result.p_above, result.p_below))).tolist()
+    enough = len(changes) >= MIN_SEEDS
     return [
-        Difference(mean=mean, low=low, high=high, p=p, significant=enough and p < LEVEL)
-        for mean, (low, high), p in zip(tested.mean.tolist(), _ends(tested, len(changes)), corrected)
+        Difference(mean=mean, low=low, high=high, p=p, significant=enough and p < SIGNIFICANCE_LEVEL)
+        for mean, (low, high), p in zip(result.mean.tolist(), _interval_bounds(result, len(changes)), corrected)
     ]
 
 
-def why_untested(walks: int) -> str:
+def untested_reason(walks: int) -> str:
     """Why nothing is called significant over so few walks; "" if they are enough."""
     if walks < 2:
         return "One walk: no difference can be tested for significance."
-    if walks < LEAST_WALKS:
-        return f"{walks} walks are too few to test significance; expected {LEAST_WALKS} or more seeds."
+    if walks < MIN_SEEDS:
+        return f"{walks} walks are too few to test significance; expected {MIN_SEEDS} or more seeds."
     return ""
 
 
@@ -123,31 +123,31 @@ def interval_text(interval: Mapping[str, float | None] | None) -> str:
     return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
 
 
-def in_words(pairs: Sequence[Pair], names: Sequence[str], walks: int) -> list[str]:
-    """The comparison of the places as text, the best one first, from the result of `compared` over that many walks."""
-    if why := why_untested(walks):
+def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks: int) -> list[str]:
+    """The comparison of the places as text, the best one first, from `compare_places` over that many walks."""
+    if why := untested_reason(walks):
         return [why]
-    words = []
+    sentences = []
     for first in sorted({pair.first for pair in pairs}):
-        own = [p for p in pairs if p.first == first]
-        sure = [names[p.second] for p in own if p.significant]
-        unsure = [names[p.second] for p in own if not p.significant]
-        if unsure:
-            words.append(f"{names[first]}: the difference from {_listed(unsure)} is not significant.")
-        if sure:
-            words.append(f"{names[first]} is better than {_listed(sure)} (significant).")
-    return words
+        pairs_of_first = [p for p in pairs if p.first == first]
+        worse = [names[p.second] for p in pairs_of_first if p.significant]
+        similar = [names[p.second] for p in pairs_of_first if not p.significant]
+        if similar:
+            sentences.append(f"{names[first]}: the difference from {_join_names(similar)} is not significant.")
+        if worse:
+            sentences.append(f"{names[first]} is better than {_join_names(worse)} (significant).")
+    return sentences
 
 
-def _listed(names: Sequence[str]) -> str:
+def _join_names(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def front(losses: Array) -> list[int]:
+def pareto_front(losses: Array) -> list[int]:
     """Numbers of the Pareto-optimal rows of (P, S) losses."""
-    kept = []
+    optimal = []
     for i in np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist():
         as_good = np.all(losses <= losses[i], axis=1)
         if not np.any(as_good & np.any(losses < losses[i], axis=1)):
-            kept.append(i)
-    return kept
+            optimal.append(i)
+    return optimal

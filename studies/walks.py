@@ -21,7 +21,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Image, Imu, Sample
-from stridetwin.studies.case import Case, CaseWalk
+from stridetwin.studies.case import CaseWalk, ExperimentCase
 
 SHOES = ("foot_imu", "foot_camera", "sonar")
 IMUS = ("/foot_l/imu", "/foot_r/imu")
@@ -71,7 +71,7 @@ def fell_at_s(recording: Recording) -> float | None:
 
 
 @contextmanager
-def recorded(walk: CaseWalk, case: Case) -> Iterator[Recording]:
+def record_walk(walk: CaseWalk, case: ExperimentCase) -> Iterator[Recording]:
     """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
     file = case.file(f"_{walk.name}.mcap")
     if not (case.resume and file.exists()):
@@ -82,7 +82,7 @@ def recorded(walk: CaseWalk, case: Case) -> Iterator[Recording]:
 
 
 @contextmanager
-def recorded_shoes(case: Case) -> Iterator[RecordedWalk]:
+def record_shoes(case: ExperimentCase) -> Iterator[RecordedWalk]:
     """The only walk of a case, recorded twice into its folder, where the files stay only if kept."""
     files = case.file(".mcap"), case.file("_wide.mcap")
     if not (case.resume and all(file.exists() for file in files)):

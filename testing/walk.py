@@ -232,7 +232,7 @@ def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str
 
     config = _config(cameras, mount)
     rig = sensor_rig(config).nominal(_SEED)
-    return rig, exo_geometry.metadata(fit_wearer(config.person), rig, _SEED)
+    return rig, exo_geometry.geometry_metadata(fit_wearer(config.person), rig, _SEED)
 
 
 def _topics_of(rig: Rig) -> set[str]:

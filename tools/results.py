@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any
 
 from stridetwin.outputs.modes.scores import ModeScores
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.registry import key_of, read_row
 
@@ -76,7 +76,7 @@ def page(name: str, stem: str, cases: list[dict[str, Any]], options: str, at: st
 
 
 def _key(name: str, case: dict[str, Any], folder: Path) -> str:
-    return key_of(name, Case(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
+    return key_of(name, ExperimentCase(seed=case["seed"], folder=folder, physics=case.get("physics", "dynamic")))
 
 
 def _row(case: dict[str, Any]) -> dict[str, Any]:
@@ -85,13 +85,13 @@ def _row(case: dict[str, Any]) -> dict[str, Any]:
     row = _values(case if not stepped else {k: v for k, v in case.items() if not isinstance(v, dict)})
     for method, rows in stepped.items():
         steps = ModeScores.of(rows).steps
-        turns = [s for s in steps if s.transition]
+        turns = [s for s in steps if s.is_transition]
         row |= {
             f"{method}_steps": len(steps),
-            f"{method}_right": sum(s.right for s in steps),
-            f"{method}_strictly_right": sum(s.strictly_right for s in steps),
+            f"{method}_right": sum(s.is_correct for s in steps),
+            f"{method}_strictly_right": sum(s.is_strictly_correct for s in steps),
             f"{method}_transitions": len(turns),
-            f"{method}_transitions_right": sum(s.right for s in turns),
+            f"{method}_transitions_right": sum(s.is_correct for s in turns),
             f"{method}_lead_median_s": round(median(s.lead_s for s in steps), 3),
         }
     return row

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.speed.timing import Summary
 from stridetwin.scenarios.campaign.campaign_file import Campaign, read_campaign
-from stridetwin.scenarios.campaign.generate import Options, generate
+from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
 
 MANY = 1000
 WALKS = """
@@ -70,7 +70,7 @@ def campaign(walks: int, workers: Sequence[int]) -> Summary:
     digests = set()
     with tempfile.TemporaryDirectory() as name:
         short_walks = write_campaign(Path(name))
-        generate(short_walks, Options(folder=Path(name) / "warm_up", subset=1), lambda *_: None)  # caches
+        generate(short_walks, CampaignOptions(folder=Path(name) / "warm_up", subset=1), lambda *_: None)  # caches
         for count in workers:
             folder = Path(name) / f"by_{count}"
             summary[f"workers_{count}"] = _figures(short_walks, folder, walks, count)
@@ -91,7 +91,7 @@ def _figures(short_walks: Campaign, folder: Path, walks: int, workers: int) -> d
             times.append(time.perf_counter())
             used.append(_cpu_s())
 
-    done = generate(short_walks, Options(folder=folder, workers=workers, subset=walks), progress)
+    done = generate(short_walks, CampaignOptions(folder=folder, workers=workers, subset=walks), progress)
     total_s, cpu_s = time.perf_counter() - times[0], _cpu_s() - used[0]
     ends, spent = times[2:], used[2:]  # at the end of each walk
     steady_s, steady_cpu_s = ((series[-1] - series[workers - 1]) / (len(series) - workers) for series in (ends, spent))

@@ -19,7 +19,7 @@ from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.filter import MAX_WAITING_IMAGES
 from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
@@ -132,8 +132,8 @@ def contact_terrain(minutes: float, seed: int) -> Summary:
     """Contact terrain by each method: time of the nine samples of one instant; the walk `shim_stairs`, replayed."""
     config = replace(load_scenario("shim_stairs").config, sensors=("ahrs", "encoder", "insole"), physics="kinematic")
     twin = Twin(config, seed)
-    samples, _ = shim_table5.walked(twin)
-    exo, length_s = geometry(twin.size, twin.rig), 1e-9 * (samples[-1].t_ns - samples[0].t_ns)
+    samples, _ = shim_table5.simulate_walk(twin)
+    exo, length_s = true_geometry(twin.size, twin.rig), 1e-9 * (samples[-1].t_ns - samples[0].t_ns)
     summary = {}
     for method in METHODS:
         _terrain_figures(exo, method, samples, 1)  # compiles
@@ -169,7 +169,7 @@ def dvio(walks: int, seed: int, scenario: str) -> Summary:
     )
     with recorded(config, seed) as walk:
         samples = odometry_walks.odometry_samples(walk, MOUNT)
-        odometry_walks.follow(
+        odometry_walks.run_odometry(
             Dvio(walk.rig, options=Options(mount=MOUNT)), takewhile(lambda s: s.t_ns < WARM_UP_NS, samples)
         )  # compiles
         return {scenario: _frame_figures(walk, max(2, walks))}
@@ -197,7 +197,7 @@ def _frame_figures(walk: Recording, repetitions: int) -> dict[str, float]:
     frame_ms = 1e3 * np.add.reduceat(spent, frames)[:-1]
     late = latency(np.array(arrived_s), spent[:, 1])
     period_s = float(np.median(np.diff(np.array(arrived_s)[frames])))
-    wall_ms = odometry_walks.time_of(frame_ms[:, 1])
+    wall_ms = odometry_walks.time_statistics(frame_ms[:, 1])
     return {
         "ms_per_frame": wall_ms["mean"],
         "ms_per_frame_p99": wall_ms["p99"],

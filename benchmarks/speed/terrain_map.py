@@ -15,7 +15,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.outputs.chosen_poses import given_poses
+from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.pose_feed import pose_sample
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import TwinConfig
@@ -62,7 +62,7 @@ class _Chain:
 
     def __init__(self, walk: Recording, mount: str, poses: str) -> None:
         camera = depth_calibration(walk.rig)
-        topic, frame = given_poses(walk, camera)
+        topic, frame = find_pose_topic(walk, camera)
         self._rig, self._mount, self._poses = walk.rig, mount, poses
         self._terrain = LocomotionMode(walk.rig, options=Options(poses_of=frame))
         moving = [topic] if poses == "given" else [f"/{mount}/imu", camera.topic]

@@ -38,15 +38,15 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
             true_t_ns = np.array([stride.begin_ns, stride.end_ns - 1])
             plot.line(true_t_ns * 1e-9, 100.0 * true_phase(true_t_ns, stride), INK, width=3.0, label="truth")
     estimated = np.where(series.walking, 100.0 * series.phase, np.nan)
-    plot.line(t_s, _broken_at_wraps(estimated), PALETTE[1], label="estimate")
+    plot.line(t_s, _break_at_wraps(estimated), PALETTE[1], label="estimate")
     return plot.html()
 
 
-def _broken_at_wraps(phase_pct: Array) -> Array:
+def _break_at_wraps(phase_pct: Array) -> Array:
     """The curve with a gap where a new cycle begins."""
-    broken = phase_pct.copy()
-    broken[1:][np.diff(phase_pct) < -50.0] = np.nan
-    return broken
+    curve = phase_pct.copy()
+    curve[1:][np.diff(phase_pct) < -50.0] = np.nan
+    return curve
 
 
 def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
@@ -59,10 +59,10 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
         begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
         cycle = true_phase(series.t_ns[begin:end], stride)
         curves.setdefault(stride.terrain, []).append(100.0 * np.column_stack([cycle, errors]))
-    every = [curve[:, 1] for of_terrain in curves.values() for curve in of_terrain]
+    all_errors = [curve[:, 1] for of_terrain in curves.values() for curve in of_terrain]
     plot = Plot(
         title=f"Error over the cycle, {FEET[series.foot]} leg", x=(0.0, 100.0), x_label="true phase, %",
-        y=data_range(*every, include=(-5.0, 5.0)), y_label="estimated minus true, %", height=240,
+        y=data_range(*all_errors, include=(-5.0, 5.0)), y_label="estimated minus true, %", height=240,
     )  # fmt: skip
     for terrain, of_terrain in curves.items():
         plot.curves(of_terrain, _TERRAIN_COLORS[terrain], width=1.0, label=terrain)

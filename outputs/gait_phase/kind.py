@@ -20,15 +20,15 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
-from stridetwin.outputs.csv_tables import written_table
+from stridetwin.outputs.csv_tables import write_output_table
 from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.gait_phase.files import COLUMNS, LivePhases, phase_rows
 from stridetwin.outputs.gait_phase.scores import (
     SCORES,
     EvaluatedPhases,
     PhaseSeries,
-    as_series,
     phase_scores,
+    to_phase_series,
     true_strides,
 )
 from stridetwin.outputs.rerun_curves import log_curves
@@ -47,7 +47,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     ) -> Collector[PhaseSeries]:
         """Keeps every phase."""
         foot = instance.options.foot
-        return EveryEstimate(f"{instance.declaration.name}_{foot}", partial(as_series, foot=foot))
+        return EveryEstimate(f"{instance.declaration.name}_{foot}", partial(to_phase_series, foot=foot))
 
     def has_truth(self, recording: Recording) -> bool:
         """Whether there are true footprints."""
@@ -69,7 +69,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
 
     def write(self, output: Output[PhaseSeries], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per sample."""
-        return written_table(COLUMNS, phase_rows(output.estimates), file, "phases")
+        return write_output_table(COLUMNS, phase_rows(output.estimates), file, "phases")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per sample."""

@@ -115,7 +115,7 @@ class EvaluatedPhases(Evaluated[PhaseSeries]):
     strides: Sequence[Stride]
 
 
-def as_series(estimates: Sequence[PhaseEstimate], foot: str) -> PhaseSeries:
+def to_phase_series(estimates: Sequence[PhaseEstimate], foot: str) -> PhaseSeries:
     """Estimates of one foot, `l` or `r`, as columns."""
     return PhaseSeries(
         foot=foot,
@@ -161,7 +161,7 @@ def circular_difference(phase: ArrayLike, reference: ArrayLike) -> Array:
     return (np.subtract(phase, reference) + 0.5) % 1.0 - 0.5
 
 
-def detected_touch_downs(series: PhaseSeries) -> NDArray[np.int64]:
+def find_touch_downs(series: PhaseSeries) -> NDArray[np.int64]:
     """(M,) times of the touch-downs that an estimator detected, ns, in order and without repetition."""
     return np.unique(series.touch_down_ns[series.touch_down_ns >= 0])
 
@@ -223,7 +223,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         "bias_pct": 100.0 * float(errors.mean()),
         "within_95_pct": 100.0 * float((np.abs(errors) <= _INTERVAL_95 * sds).mean()),
         "not_walking_pct": 100.0 * float((~walking).mean()),
-        **_touch_down_scores(detected_touch_downs(series), strides),
+        **_touch_down_scores(find_touch_downs(series), strides),
         "strides": float(len(rows)),
     }
 

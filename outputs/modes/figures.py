@@ -18,7 +18,7 @@ from stridetwin.outputs.score_rows import score_rows
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.pages.html import boxes, section, table
 from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array
 
 _HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
@@ -47,33 +47,33 @@ def steps_from_above(estimates: list[ModeEstimate], scores: ModeScores, walk: Al
     The route is cut into rows, true to scale.
     """
     straight = StraightenedRoute(walk)
-    predicted = _predicted_footprints(straight, estimates, walk)
+    predicted = _straighten_predictions(straight, estimates, walk)
     rows, title = straight.rows(straight.span_m), "Coming steps from above"
-    return Markup("").join(_row(straight, predicted, scores, title, rows, number) for number in range(len(rows)))
+    return Markup("").join(_draw_row(straight, predicted, scores, title, rows, number) for number in range(len(rows)))
 
 
 _Predicted = tuple[Array, Array, str]
 """A footprint, (4, 2) m along the route and to the left of it, its covariance in these axes, and its mode."""
 
 
-def _predicted_footprints(
+def _straighten_predictions(
     straight: StraightenedRoute, estimates: list[ModeEstimate], walk: AlignedWalk
 ) -> list[_Predicted | None]:
     """Each true footprint as predicted when the previous foot had landed; None if it was not predicted then."""
-    predicted: list[_Predicted | None] = [None] * len(walk.footprints)
-    for i, first in enumerate(first_steps(walk.footprints, estimates), 2):
-        if first is None:
+    straightened: list[_Predicted | None] = [None] * len(walk.footprints)
+    for i, first_prediction in enumerate(first_steps(walk.footprints, estimates), 2):
+        if first_prediction is None:
             continue
-        estimate, step = first
+        estimate, step = first_prediction
         alignment = walk.alignment.at(estimate.t_ns)
         shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
         rotation = straight.rotation(i) @ alignment.rotation
         place = straight.straighten(i, outline(walk.footprints[i]) + shift)
-        predicted[i] = place, rotation @ step.covariance @ rotation.T, step.mode
-    return predicted
+        straightened[i] = place, rotation @ step.covariance @ rotation.T, step.mode
+    return straightened
 
 
-def _row(
+def _draw_row(
     straight: StraightenedRoute, predicted: list[_Predicted | None], scores: ModeScores, title: str,
     rows: list[tuple[float, float]], number: int,
 ) -> Markup:  # fmt: skip
@@ -83,15 +83,19 @@ def _row(
         straight.draw_terrain_keys(plot)
     straight.draw_terrain(plot, span)
     straight.draw_footprints(plot, span)
-    shown = straight.within(span)
-    known = [prediction for i in shown if (prediction := predicted[i]) is not None]
-    ellipses = [ellipse(p.mean(axis=0), covariance) for p, covariance, _ in known if np.isfinite(covariance).all()]
+    shown = straight.footprints_within(span)
+    predictions = [prediction for i in shown if (prediction := predicted[i]) is not None]
+    ellipses = [
+        ellipse(p.mean(axis=0), covariance) for p, covariance, _ in predictions if np.isfinite(covariance).all()
+    ]
     plot.areas(ellipses, faint(MUTED, 0.2), label="95 % ellipse")
-    for mode in dict.fromkeys(mode for _, _, mode in known):
-        outlines = [np.vstack([place, place[:1]]) for place, _, m in known if m == mode]
+    for mode in dict.fromkeys(mode for _, _, mode in predictions):
+        outlines = [np.vstack([place, place[:1]]) for place, _, m in predictions if m == mode]
         plot.curves(outlines, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
     steps = scores.steps
-    wrong = [straight.footprints[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].right]
+    wrong = [
+        straight.footprints[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].is_correct
+    ]
     _draw_crosses(plot, np.reshape(wrong, (-1, 2)))
     return plot.html()
 
@@ -123,9 +127,9 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
         plot.bars(touched[:-1][true], touched[1:][true], 3.0, 3.8, _HEX[mode], label=CLASS_NAMES[mode])
         spans = np.array([(a, min(b, end)) for a, b, m, _ in runs if m == mode]).reshape(-1, 2)
         plot.bars(spans[:, 0], spans[:, 1], 2.0, 2.8, _HEX[mode], label=CLASS_NAMES[mode])
-    wrong = np.array([(a, min(b, end)) for a, b, _, right in runs if not right]).reshape(-1, 2)
+    wrong = np.array([(a, min(b, end)) for a, b, _, is_right in runs if not is_right]).reshape(-1, 2)
     plot.bars(wrong[:, 0], wrong[:, 1], 1.86, 1.98, ERROR, label="wrong")
-    _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.right]).reshape(-1, 2))
+    _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.is_correct]).reshape(-1, 2))
     plot.line(t[t < end], 1.6 * p[t < end], INK, width=1.0, label="probability")
     return plot.html()
 
@@ -166,10 +170,10 @@ def lead_times(scores: ModeScores) -> str:
     for mode in MODES:
         is_right = np.array([s.mode == mode and s.lead_s > 0 for s in steps])
         plot.bars(t[is_right] - half, t[is_right] + half, 0.0, lead[is_right], _HEX[mode], label=CLASS_NAMES[mode])
-    changes = np.array([s.transition for s in steps])
+    changes = np.array([s.is_transition for s in steps])
     if changes.any():
         plot.dots(t[changes], lead[changes], INK, label="changes the mode")
-    _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.right]).reshape(-1, 2))
+    _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.is_correct]).reshape(-1, 2))
     return plot.html()
 
 
@@ -180,7 +184,7 @@ def mode_section(estimates: list[ModeEstimate], modes: ModeScores, walk: Aligned
 
 
 def _score_table(scores: Scores) -> str:
-    paper = reference("zhao2023")["generality"]["accuracy_pct"]
+    paper = read_reference("zhao2023")["generality"]["accuracy_pct"]
     published = {"accuracy_pct": f"{paper['mean']:.2f} ± {paper['sd']:.2f}"}
     rows = [
         (*row, published.get(score.name, "\N{EN DASH}")) for score in SCORES for row in score_rows([score], [scores])

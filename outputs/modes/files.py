@@ -47,26 +47,26 @@ class CompletedSteps:
         """Adds an estimate; returns the last prediction of a step completed since the previous estimate, if any."""
         if self._before is not None and estimate.step < self._before.step:  # the poses jumped: start again
             self._since, self._before = {}, None
-        since, before, made = self._since, self._before, None
+        since, before, completed = self._since, self._before, None
         if before is not None and estimate.step > before.step:
             step = before.steps[0]
-            made = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
+            completed = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
             self._since = since = {number: mode for number, mode in since.items() if number > estimate.step}
         for step in estimate.steps:
             if since.get(step.step, ("", 0))[0] != step.mode:
                 since[step.step] = step.mode, estimate.t_ns
         self._before = estimate
-        return made
+        return completed
 
     def steady_s(self, estimate: ModeEstimate) -> float:
         """How long the mode of the next step has not changed, at the last added estimate."""
         return (estimate.t_ns - self._since[estimate.steps[0].step][1]) * 1e-9
 
 
-def predicted_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
+def find_completed_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
     """The last prediction of each completed step."""
     steps = CompletedSteps()
-    return [made for estimate in estimates if (made := steps.add(estimate)) is not None]
+    return [step for estimate in estimates if (step := steps.add(estimate)) is not None]
 
 
 def mode_cells(row: PredictedStep) -> list[str]:

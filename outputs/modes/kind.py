@@ -22,9 +22,9 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
-from stridetwin.outputs.csv_tables import written_table
+from stridetwin.outputs.csv_tables import write_output_table
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, mode_cells, predicted_steps
+from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, find_completed_steps, mode_cells
 from stridetwin.outputs.modes.scores import SCORES, ModeScores, score_modes, scores_of_walk
 from stridetwin.streams.recording.reader import Recording
 
@@ -85,8 +85,8 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
 
     def write(self, output: Output[ModeRun], file: Path, options: FileOptions) -> Written:
         """Writes a table with the last prediction of each step."""
-        rows = [mode_cells(step) for step in predicted_steps(output.estimates.estimates)]
-        return written_table(MODE_COLUMNS, rows, file, "steps")
+        rows = [mode_cells(step) for step in find_completed_steps(output.estimates.estimates)]
+        return write_output_table(MODE_COLUMNS, rows, file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """The next step, one row per prediction."""

@@ -32,7 +32,9 @@ def log_modes(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Alig
 
 
 def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> None:
-    outlines = [_closed(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints]
+    outlines = [
+        _close_outline(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints
+    ]
     for i, footprint in enumerate(footprints):
         stream.set_time("time", duration=footprint.t_ns * 1e-9)
         stream.log(f"{STEPS}/true", rerun.LineStrips3D(outlines[: i + 1], colors=[_TRUE], radii=[0.005]))
@@ -41,14 +43,14 @@ def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> Non
 def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
     for estimate in _thin_out(estimates):
         alignment = walk.alignment.at(estimate.t_ns)
-        known = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
-        colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in known]
+        predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
+        colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in predicted]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
-        prints = [_sole(s, estimate, alignment) for s in known]
-        stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(prints, colors=colors, radii=[0.006]))
+        outlines = [_predicted_sole(s, estimate, alignment) for s in predicted]
+        stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(outlines, colors=colors, radii=[0.006]))
         ellipses = [
             (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
-            for s, sole, c in zip(known, prints, colors)
+            for s, sole, c in zip(predicted, outlines, colors)
             if np.isfinite(s.covariance).all()
         ]
         lines = rerun.LineStrips3D([e for e, _ in ellipses], colors=[c for _, c in ellipses], radii=[0.003])
@@ -98,7 +100,7 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
             yield estimate
 
 
-def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
+def _predicted_sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
     """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is the odometry's floor."""
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
@@ -106,7 +108,7 @@ def _sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment)
         topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
         q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
     )  # fmt: skip
-    return _closed(np.column_stack([outline(footprint), np.full(4, place[2] + _ABOVE_M)]))
+    return _close_outline(np.column_stack([outline(footprint), np.full(4, place[2] + _ABOVE_M)]))
 
 
 def _flat_ellipse(sole: Array, covariance: Array) -> Array:
@@ -116,5 +118,5 @@ def _flat_ellipse(sole: Array, covariance: Array) -> Array:
     return np.column_stack([xy, np.full(len(xy), middle[2])])
 
 
-def _closed(corners: Array) -> Array:
+def _close_outline(corners: Array) -> Array:
     return np.vstack([corners, corners[:1]])

@@ -19,9 +19,9 @@ from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.base import DESCRIPTIVE, LEAD, SHARE, Score, Scores
 from stridetwin.outputs.modes.approaches import score_approaches
-from stridetwin.outputs.modes.true_steps import first_predictions, other_modes, predictions_by_step, slope_under
+from stridetwin.outputs.modes.true_steps import alternative_modes, first_predictions, predictions_by_step, slope_under
 from stridetwin.outputs.terrain.changes import ScoredChange
-from stridetwin.outputs.truth import along_way
+from stridetwin.outputs.truth import project_on_way
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
 
@@ -111,22 +111,22 @@ class ScoredMode:
     slope_sd_rad: float = math.nan
 
     @property
-    def right(self) -> bool:
+    def is_correct(self) -> bool:
         """Whether the predicted mode counts as right."""
         return self.predicted in self.allowed
 
     @property
-    def strictly_right(self) -> bool:
+    def is_strictly_correct(self) -> bool:
         """Whether it is the true mode."""
         return self.predicted == self.mode
 
     @property
-    def transition(self) -> bool:
+    def is_transition(self) -> bool:
         """Whether the mode differs from that of the previous step."""
         return self.mode != self.before
 
     @property
-    def straddles(self) -> bool:
+    def is_straddling(self) -> bool:
         """Whether the step may count as either of two modes."""
         return len(self.allowed) > 1
 
@@ -141,24 +141,24 @@ class ModeScores:
     @classmethod
     def of(cls, rows: Mapping[str, Any]) -> ModeScores:
         """From the result of `rows`, after JSON."""
-        steps = [_known(row) for row in rows["steps"]]
+        steps = [_from_json(row) for row in rows["steps"]]
         for row in steps:
             row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
         return cls(
             steps=[ScoredMode(**row) for row in steps],
-            approaches=[ScoredChange(**_known(row)) for row in rows["approaches"]],
+            approaches=[ScoredChange(**_from_json(row)) for row in rows["approaches"]],
         )
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
         """`steps` and `approaches` for JSON; NaN is null."""
-        return {"steps": [_row(s) for s in self.steps], "approaches": [_row(a) for a in self.approaches]}
+        return {"steps": [_to_json(s) for s in self.steps], "approaches": [_to_json(a) for a in self.approaches]}
 
 
-def _row(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
+def _to_json(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
     return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
 
 
-def _known(row: Mapping[str, Any]) -> dict[str, Any]:
+def _from_json(row: Mapping[str, Any]) -> dict[str, Any]:
     return {k: math.nan if v is None else v for k, v in row.items()}
 
 
@@ -181,30 +181,30 @@ def score_modes(
     landed = footprints[2:]
     by_step = predictions_by_step(landed, estimates)
     first = first_predictions(landed, by_step)
-    others: list[tuple[str, ...]] = [() for _ in landed]
+    alternatives: list[tuple[str, ...]] = [() for _ in landed]
     slopes = [math.nan for _ in landed]
     approaches: list[ScoredChange] = []
     if layout is not None:
-        every = along_way([f.p_foot_in_world for f in footprints], layout)
-        places, behind = every[2:], every[1:-1]
-        others = [other_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
+        all_places = project_on_way([f.p_foot_in_world for f in footprints], layout)
+        places, behind = all_places[2:], all_places[1:-1]
+        alternatives = [alternative_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
         slopes = [slope_under(s, layout, sole_m) for s in places]
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
     for i, print_ in enumerate(landed):
-        allowed = (print_.mode, *others[i])
-        own = by_step[i]
-        last = own[-1] if own else None
-        wrong = [e.t_ns for e, k in own if e.steps[k].mode not in allowed]
-        since = [e.t_ns for e, k in own if not wrong or e.t_ns > wrong[-1]]
-        forward, left = _miss(print_, first[i], alignment)
+        allowed = (print_.mode, *alternatives[i])
+        predictions = by_step[i]
+        last = predictions[-1] if predictions else None
+        wrong_ns = [e.t_ns for e, k in predictions if e.steps[k].mode not in allowed]
+        right_since = [e.t_ns for e, k in predictions if not wrong_ns or e.t_ns > wrong_ns[-1]]
+        forward, left = _footprint_error(print_, first[i], alignment)
         step = last[0].steps[last[1]] if last else None
         steps.append(
             ScoredMode(
                 t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
                 predicted=step.mode if step else "",
-                lead_s=(print_.t_ns - since[0]) * 1e-9 if since else 0.0,
+                lead_s=(print_.t_ns - right_since[0]) * 1e-9 if right_since else 0.0,
                 probabilities=tuple(step.probabilities[m] for m in MODES) if step else (),
                 forward_m=forward, left_m=left,
                 length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
@@ -216,7 +216,7 @@ def score_modes(
     return ModeScores(steps=steps, approaches=approaches)
 
 
-def _miss(
+def _footprint_error(
     print_: Footprint, prediction: tuple[ModeEstimate, int] | None, alignment: MovingAlignment
 ) -> tuple[float, float]:
     """Error of the footprint when it was first predicted as the next one, forward and left, m."""
@@ -227,8 +227,8 @@ def _miss(
     w, x, y, z = print_.q_world_foot
     forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
     forward /= np.linalg.norm(forward)
-    off = p - print_.p_foot_in_world[:2]
-    return float(off @ forward), float(off @ [-forward[1], forward[0]])
+    error = p - print_.p_foot_in_world[:2]
+    return float(error @ forward), float(error @ [-forward[1], forward[0]])
 
 
 _BINS = 10
@@ -237,7 +237,7 @@ _STEADY = 0.2
 _SIZES = (
     ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
 )  # fmt: skip
-_SEEN = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
+_MAX_OBSERVED_SD = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
 """A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
 
@@ -248,30 +248,30 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         `accuracy_pct`, `strict_accuracy_pct`, `straddling_pct`, `transition_accuracy_pct`,
         `accuracy_by_mode_pct: {MODE}`, `confusion: {true: {predicted: steps}}`, `lead_time_s: {median, p5}`,
         `transition_lead_time_s` likewise, `footprint_rmse_m: {forward, left}` one step ahead,
-        `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady`), `calibration_error`, `steps`,
+        `footprint_steady_rmse_m` likewise of steps in steady walking (`_steady_steps`), `calibration_error`, `steps`,
         `transitions`; of the ground `changes` (their number), `changes_found_pct`, `begins_found_pct` (stairs and
         ramps, not their ends), `distance_median_mm: {stairs, ramps, ends}`, `riser_rmse_mm`, `tread_rmse_mm`,
-        `slope_rmse_deg` of sizes that were observed, not guessed (`_SEEN`); `sizes: {riser_mm, tread_mm,
+        `slope_rmse_deg` of sizes that were observed, not guessed (`_MAX_OBSERVED_SD`); `sizes: {riser_mm, tread_mm,
         slope_deg}`, of each `{up, down}`, `seen_pct` of all stairs or ramps, `rmse` of those, and `all_rmse` of all
         estimates including guesses; `inside_95_pct` of all those sizes, `distance_inside_95_pct`.
     """
     walks = list(walks)
     steps = [s for w in walks for s in w.steps]
     approaches = [a for w in walks for a in w.approaches]
-    transitions = [s for s in steps if s.transition]
+    transitions = [s for s in steps if s.is_transition]
     confusion = {m: {t: sum(s.mode == m and s.predicted == t for s in steps) for t in (*MODES, "")} for m in MODES}
     return {
-        "accuracy_pct": _percent(s.right for s in steps),
-        "strict_accuracy_pct": _percent(s.strictly_right for s in steps),
-        "straddling_pct": _percent(s.straddles for s in steps),
-        "transition_accuracy_pct": _percent(s.right for s in transitions),
-        "accuracy_by_mode_pct": {m: _percent(s.right for s in steps if s.mode == m) for m in MODES},
+        "accuracy_pct": _percent(s.is_correct for s in steps),
+        "strict_accuracy_pct": _percent(s.is_strictly_correct for s in steps),
+        "straddling_pct": _percent(s.is_straddling for s in steps),
+        "transition_accuracy_pct": _percent(s.is_correct for s in transitions),
+        "accuracy_by_mode_pct": {m: _percent(s.is_correct for s in steps if s.mode == m) for m in MODES},
         "confusion": confusion,
         "lead_time_s": _lead_times(steps),
         "transition_lead_time_s": _lead_times(transitions),
-        "footprint_rmse_m": _misses(steps),
-        "footprint_steady_rmse_m": _misses([s for w in walks for s in _steady(w.steps)]),
-        "calibration_error": _calibration(steps),
+        "footprint_rmse_m": _footprint_rmse(steps),
+        "footprint_steady_rmse_m": _footprint_rmse([s for w in walks for s in _steady_steps(w.steps)]),
+        "calibration_error": _calibration_error(steps),
         "steps": len(steps),
         "transitions": len(transitions),
         **_change_figures(approaches),
@@ -283,22 +283,22 @@ def _lead_times(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
     return {"median": _quantile(lead_s, 50), "p5": _quantile(lead_s, 5)}
 
 
-def _misses(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+def _footprint_rmse(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
     return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
 
-def _steady(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
+def _steady_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
     """Steps of the same mode as their neighbours and nearly as long, without the first three and the last two.
 
     This excludes pauses and changes of speed.
     """
-    found = []
+    steady = []
     for i in range(3, len(steps) - 2):
         around = steps[i - 1 : i + 2]
         lengths = [s.length_m for s in around]
         if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
-            found.append(steps[i])
-    return found
+            steady.append(steps[i])
+    return steady
 
 
 def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
@@ -308,16 +308,16 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
         for kind, modes in kinds.items()
     }
     sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
-    seen = {name: [e for e, sd in sizes[name] if sd < most] for name, most in _SEEN.items()}
+    observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
     return {
         "changes": len(approaches),
         "changes_found_pct": _percent(a.found for a in approaches),
         "begins_found_pct": _percent(a.found for a in begins),
         "distance_median_mm": median,
-        "riser_rmse_mm": rms(seen["riser_m"], 1e3),
-        "tread_rmse_mm": rms(seen["tread_m"], 1e3),
-        "slope_rmse_deg": rms(seen["slope_rad"], 180.0 / math.pi),
+        "riser_rmse_mm": rms(observed["riser_m"], 1e3),
+        "tread_rmse_mm": rms(observed["tread_m"], 1e3),
+        "slope_rmse_deg": rms(observed["slope_rad"], 180.0 / math.pi),
         "sizes": {
             size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
                    for way, mode in zip(("up", "down"), modes)}
@@ -335,11 +335,11 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
     """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
     sd = name.replace("_", "_sd_")
-    own = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
-        "seen_pct": _percent(math.isfinite(e) and d < _SEEN[name] for e, d in own),
-        "rmse": rms([e for e, d in own if d < _SEEN[name]], factor),
-        "all_rmse": rms([e for e, _ in own], factor),
+        "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in errors),
+        "rmse": rms([e for e, d in errors if d < _MAX_OBSERVED_SD[name]], factor),
+        "all_rmse": rms([e for e, _ in errors], factor),
     }
 
 
@@ -348,7 +348,7 @@ def inside_pct(errors: Iterable[tuple[float, float]]) -> float | None:
     return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
 
 
-def _calibration(steps: Sequence[ScoredMode]) -> float | None:
+def _calibration_error(steps: Sequence[ScoredMode]) -> float | None:
     """Expected calibration error of the predicted modes' probabilities, 0-1."""
     bins = reliability(steps)
     if not bins:
@@ -361,7 +361,7 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
 
     Steps that may count as either of two modes are left out: no one outcome belongs to their probability.
     """
-    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities and not s.straddles]
+    predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities and not s.is_straddling]
     p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
     return [
@@ -369,8 +369,8 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
     ]
 
 
-def _percent(right: Iterable[bool]) -> float | None:
-    answers = list(right)
+def _percent(values: Iterable[bool]) -> float | None:
+    answers = list(values)
     return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
 
 
@@ -380,8 +380,8 @@ def _quantile(values: Sequence[float], percent: float) -> float | None:
 
 def rms(values: Sequence[float], factor: float = 1.0) -> float | None:
     """Root mean square of the known values times a factor to another unit; None without any."""
-    known = [v for v in values if math.isfinite(v)]
-    return float(np.sqrt(np.mean(np.square(known)))) * factor if known else None
+    finite = [v for v in values if math.isfinite(v)]
+    return float(np.sqrt(np.mean(np.square(finite)))) * factor if finite else None
 
 
 def scores_of_walk(modes: ModeScores) -> Scores:
@@ -414,4 +414,4 @@ def scores_of_walk(modes: ModeScores) -> Scores:
 
 def _lead_to(mode: str, steps: Sequence[ScoredMode]) -> float | None:
     """Median lead time, s, of the steps that change the mode to this one; None without any."""
-    return _quantile([step.lead_s for step in steps if step.transition and step.mode == mode], 50)
+    return _quantile([step.lead_s for step in steps if step.is_transition and step.mode == mode], 50)

@@ -38,11 +38,11 @@ def first_predictions(
     landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
 ) -> list[tuple[ModeEstimate, int] | None]:
     """For each step the first estimate that predicts it as the next one."""
-    found: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
+    first: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
     for i in range(1, len(landed)):
         candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
-        found[i] = next(candidates, None)
-    return found
+        first[i] = next(candidates, None)
+    return first
 
 
 def predictions_by_step(
@@ -54,7 +54,7 @@ def predictions_by_step(
     touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
     """
     t_ns = np.array([f.t_ns for f in landed])
-    found: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
+    predictions: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
     for estimate in estimates:
         first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
         next_foot = estimate.steps[0].foot if estimate.steps else ""
@@ -66,11 +66,11 @@ def predictions_by_step(
         offset = early - late
         for k in range(late, len(estimate.steps)):
             if first + k + offset < len(landed):
-                found[first + k + offset].append((estimate, k))
-    return found
+                predictions[first + k + offset].append((estimate, k))
+    return predictions
 
 
-def other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
+def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
     """Other modes that a step between two arc lengths, m, may count as.
 
     Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
@@ -79,14 +79,14 @@ def other_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m:
     behind, s = from_to
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
-    found = ["LG"] if gentle and mode in ("RA", "RD") else []
+    modes = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):
         rise = after.z0 - before.z1
         if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
-            found += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+            modes += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
         if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
-            found += [m for m in (mode_of(before), mode_of(after)) if m != mode]
-    return tuple(dict.fromkeys(found))
+            modes += [m for m in (mode_of(before), mode_of(after)) if m != mode]
+    return tuple(dict.fromkeys(modes))
 
 
 def slope_under(s: float, layout: Layout, sole_m: float) -> float:

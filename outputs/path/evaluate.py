@@ -10,7 +10,7 @@ import numpy as np
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import Rigid
 from stridetwin.outputs.base import Scores
-from stridetwin.outputs.path.scores import Comparison, compare, score
+from stridetwin.outputs.path.scores import PathComparison, compare, score
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
@@ -26,7 +26,7 @@ class Result:
     """An estimated path, aligned with the truth and scored."""
 
     estimate: PathEstimate
-    comparison: Comparison
+    comparison: PathComparison
     scores: Scores
 
     @property

@@ -27,20 +27,20 @@ def part_of(estimate: PathEstimate) -> str:
 
 def label_of(estimate: PathEstimate) -> str:
     """The label of an estimate in a figure: `left`, `left, feet together`, or `camera`."""
-    words = FEET.get(part_of(estimate), "camera")
+    part_name = FEET.get(part_of(estimate), "camera")
     label = estimate.name if estimate.label is None else estimate.label
-    return f"{words}, {label}" if label else words
+    return f"{part_name}, {label}" if label else part_name
 
 
 def by_part(results: Sequence[Result]) -> dict[str, list[Result]]:
     """The results of each foot and of the camera, in this order."""
     parts = {part: [r for r in results if part_of(r.estimate) == part] for part in COLORS}
-    return {part: own for part, own in parts.items() if own}
+    return {part: part_results for part, part_results in parts.items() if part_results}
 
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> Markup:
     """Heights along the route: terrain, and the true and estimated paths of one foot or of the camera."""
-    paths = [_along(layout, result) for result in results]
+    paths = [_along_route(layout, result) for result in results]
     span_s = data_range(*(s for s, _ in paths), margin=0.01)
     profile = layout.profile if layout else ()
     lowest = [min(strip.z0, strip.z1) - 0.12 for strip in profile]
@@ -73,19 +73,19 @@ def error_over_time(results: Sequence[Result]) -> Markup:
     """Position errors of the estimates of one part, and the 95 % bound that each estimator reports."""
     errors = [1e3 * np.linalg.norm(r.comparison.error_m, axis=1) for r in results]
     bounds = [_bound_mm(r) for r in results]
-    most = max(float(e.max()) for e in errors)
+    max_error = max(float(e.max()) for e in errors)
     reported = max((float(b[-1]) for b in bounds if b is not None), default=0.0)
     plot = Plot(
         title=f"Position error over time, {_part_name(results)}", x_label="time, s", y_label="position error, mm",
-        y=(0.0, 1.1 * max(most, min(reported, 3 * most), 1.0)), height=260, hover="x",
+        y=(0.0, 1.1 * max(max_error, min(reported, 3 * max_error), 1.0)), height=260, hover="x",
     )  # fmt: skip
     colors = _colors(results)
     for result, error, bound in zip(results, errors, bounds):
         color = colors[result.estimate.name]
         t, label = result.comparison.truth.t_ns * 1e-9, label_of(result.estimate)
         if bound is not None:
-            low, high, own = np.zeros_like(t[::10]), bound[::10], f"{label}: own 95 % bound"
-            plot.band(t[::10], low, high, faint(color, 0.08), stroke=faint(color, 0.6), label=own)
+            low, high, bound_label = np.zeros_like(t[::10]), bound[::10], f"{label}: own 95 % bound"
+            plot.band(t[::10], low, high, faint(color, 0.08), stroke=faint(color, 0.6), label=bound_label)
         plot.line(t, error, color, label=f"{label}: error")
     return plot.html()
 
@@ -98,8 +98,8 @@ def _part_name(results: Sequence[Result]) -> str:
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:
     """Paths (2, 2, N): the true one, once for each part, and the estimate; horizontal and vertical coordinate."""
     colors = _colors(results)
-    for own in by_part(results).values():
-        truth = paths[results.index(own[0])][:, 0]
+    for part_results in by_part(results).values():
+        truth = paths[results.index(part_results[0])][:, 0]
         plot.line(truth[0], truth[1], INK, width=3.0, label="truth")
     for result, path in zip(results, paths):
         plot.line(path[0, 1], path[1, 1], colors[result.estimate.name], label=label_of(result.estimate))
@@ -109,8 +109,8 @@ def _colors(results: Sequence[Result]) -> dict[str, str]:
     """The colour of each estimate, the same in every figure."""
     return {
         result.estimate.name: color
-        for part, own in by_part(results).items()
-        for result, color in zip(own, cycle((COLORS[part], *_OTHERS[part])))
+        for part, part_results in by_part(results).items()
+        for result, color in zip(part_results, cycle((COLORS[part], *_OTHERS[part])))
     }
 
 
@@ -119,7 +119,7 @@ def _positions(result: Result) -> Array:
     return np.stack([result.comparison.truth.p_frame_in_world, result.comparison.estimate.p_frame_in_world])
 
 
-def _along(layout: Layout | None, result: Result) -> Array:
+def _along_route(layout: Layout | None, result: Result) -> Array:
     """(2, 2, N) arc length along the route and height, of the true and of the estimated path.
 
     The estimate is offset from the truth by the component of its error along the route.
@@ -130,8 +130,8 @@ def _along(layout: Layout | None, result: Result) -> Array:
         s = layout.way.project(truth[:, :2])
         heading = layout.way.heading(s)
     error = estimate - truth
-    ahead = error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading)
-    return np.array([[s, s + ahead], [truth[:, 2], estimate[:, 2]]])
+    error_along = error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading)
+    return np.array([[s, s + error_along], [truth[:, 2], estimate[:, 2]]])
 
 
 def _bound_mm(result: Result) -> Array | None:

@@ -35,7 +35,7 @@ COLUMNS = (
 """Covariance of position (m) and of rotation about the world's axes (rad), its upper triangle by rows."""
 
 
-def reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
+def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
     """(N,) whether a pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
     t_ns = estimate.path.t_ns
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
@@ -51,42 +51,42 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     Args:
         estimate: The path.
         file: The file.
-        dead_reckoning: Whether poses that are not `reliable` are written too.
+        dead_reckoning: Whether poses that are not `is_reliable` are written too.
 
     Returns:
         The number of poses, and a message about them.
     """
-    keep = reliable(estimate)
-    which = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
-    path = estimate.path[which]
+    keep = is_reliable(estimate)
+    is_written = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
+    path = estimate.path[is_written]
     if file.suffix == TABLE:
-        write_table(COLUMNS, _rows(path, None if estimate.status is None else estimate.status[which]), file)
+        write_table(COLUMNS, _rows(path, None if estimate.status is None else estimate.status[is_written]), file)
     else:
         write_tum(path, file)
-    return len(path), f"{file}: {len(path)} poses{_left_out(estimate.path, keep, dead_reckoning)}"
+    return len(path), f"{file}: {len(path)} poses{_describe_unreliable(estimate.path, keep, dead_reckoning)}"
 
 
-def _left_out(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
+def _describe_unreliable(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
     """What a message says of poses that are not reliable."""
     if keep.all():
         return ""
-    what = "included" if written else "left out, --dead-reckoning includes them"
+    handling = "included" if written else "left out, --dead-reckoning includes them"
     if not keep.any():
         return "; tracking never began: all of them are unreliable"
     last = int(np.flatnonzero(keep)[-1])
     lost_s = (int(path.t_ns[-1]) - int(path.t_ns[last])) * 1e-9
-    ended = f"; tracking ended {lost_s:.1f} s before the recording" if lost_s > DEAD_RECKONING_S else ""
-    return f"{ended}; {int((~keep).sum())} poses without tracking {what}"
+    end_text = f"; tracking ended {lost_s:.1f} s before the recording" if lost_s > DEAD_RECKONING_S else ""
+    return f"{end_text}; {int((~keep).sum())} poses without tracking {handling}"
 
 
 def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
     """Rows of `COLUMNS`; an unknown status or covariance is empty."""
     poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
-    words = [""] * len(path) if status is None else status.tolist()
+    statuses = [""] * len(path) if status is None else status.tolist()
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
-    for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
-        known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
-        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known]
+    for t_ns, pose, status_text, covariance in zip(path.t_ns.tolist(), poses, statuses, upper):
+        covariance_cells = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
+        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), status_text, *covariance_cells]
 
 
 class LivePaths(LiveOutput):

@@ -14,7 +14,7 @@ from stridetwin.outputs.path.scores import SCORES
 from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.truth import FOOTPRINTS
 from stridetwin.pages.html import boxes, number_text, render_template, section, table
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.terrain_truth import terrain_layout
 
@@ -34,7 +34,7 @@ _CARDS = (
         "mostly near 100, and sometimes far lower",
     ),
 )
-_PUBLISHED = (
+_PUBLISHED_WALKS = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
     ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
 )
@@ -43,8 +43,8 @@ _PUBLISHED = (
 def describe_distance(results: Sequence[Result]) -> str:
     """Text with the longest path of a foot, else of the camera."""
     on_feet = [r for r in results if part_of(r.estimate) in FEET]
-    whose = "a foot" if on_feet else "the camera"
-    return f"{max(r.scores['distance_m'] for r in on_feet or results):.1f} m travelled by {whose}"
+    carrier = "a foot" if on_feet else "the camera"
+    return f"{max(r.scores['distance_m'] for r in on_feet or results):.1f} m travelled by {carrier}"
 
 
 def score_cards(results: Sequence[Result]) -> str:
@@ -92,11 +92,11 @@ def scores_section(results: Sequence[Result]) -> str:
 
 
 def _paper_figures() -> Markup:
-    jao = reference("jao2020")
+    jao = read_reference("jao2020")
     rows = []
-    for key, words, length in _PUBLISHED:
+    for key, title, length in _PUBLISHED_WALKS:
         errors = jao[key]["mean_end_error_m"]["zupt"]
-        rows.append((words, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
+        rows.append((title, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
     note = (
         "Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an ADIS16485 in each shoe, other "
         "walks on real hardware. For orientation, not for ranking."

@@ -64,7 +64,7 @@ SCORES = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class PathComparison:
     """An estimate aligned with the truth, at the estimate's stamps.
 
     Attributes:
@@ -89,7 +89,7 @@ class Comparison:
 
 def compare(
     estimate: Trajectory, path: TruePath, alignment: str = "start", transform: Rigid | None = None
-) -> Comparison:
+) -> PathComparison:
     """Aligns an estimate with the truth.
 
     Args:
@@ -111,19 +111,19 @@ def compare(
             f"{inside.sum()} poses of the estimate lie within the truth's "
             f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
         )
-    kept = estimate[inside]
-    truth = path.at(kept.t_ns)
-    transform = transform or align(kept, truth, alignment)
-    return Comparison(
-        estimate=transform.apply(kept),
+    inside_poses = estimate[inside]
+    truth = path.at(inside_poses.t_ns)
+    transform = transform or align(inside_poses, truth, alignment)
+    return PathComparison(
+        estimate=transform.apply(inside_poses),
         truth=truth,
-        distance_m=np.interp(kept.t_ns, path.t_ns, path.distance_m),
-        coverage=float((kept.t_ns[-1] - kept.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
+        distance_m=np.interp(inside_poses.t_ns, path.t_ns, path.distance_m),
+        coverage=float((inside_poses.t_ns[-1] - inside_poses.t_ns[0]) / (path.t_ns[-1] - path.t_ns[0])),
         transform=transform,
     )
 
 
-def score(comparison: Comparison, alone: bool = True) -> Scores:
+def score(comparison: PathComparison, alone: bool = True) -> Scores:
     """Every score of one estimate.
 
     Args:
@@ -166,7 +166,7 @@ def score(comparison: Comparison, alone: bool = True) -> Scores:
     return scores
 
 
-def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
+def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
     """Error of the relative translation over every stretch of `span_m` of the true path.
 
     Stretches start each 0.1 m travelled, so that stationary phases do not count. Each is rotated about the vertical
@@ -182,8 +182,8 @@ def relative_errors_m(comparison: Comparison, span_m: float) -> Array:
         return np.empty(0)
     attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
     rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
-    moved, went = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
-    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", rotation, moved) - went, axis=1))
+    estimated_moves, true_moves = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
+    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", rotation, estimated_moves) - true_moves, axis=1))
 
 
 def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -194,7 +194,7 @@ def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDA
     return starts[ends < len(s)], ends[ends < len(s)]
 
 
-def nees_position(comparison: Comparison) -> Array:
+def nees_position(comparison: PathComparison) -> Array:
     """Normalised estimation error squared of the position, eᵀ P⁻¹ e; χ² with 3 degrees of freedom if consistent.
 
     Returns:
@@ -228,14 +228,14 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Odometry:
+class OdometryPath:
     """The output of an odometry: N poses of the IMU in a world of its own, and whether it reports each as healthy."""
 
     path: Trajectory
     healthy: NDArray[np.bool_]
 
 
-def drift_figures(odometry: Odometry, truth: TruePath) -> dict[str, Any]:
+def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
     """The figures of one walk, ready for JSON, from the first healthy pose on; the truth is that of the same frame.
 
     Returns:
@@ -256,17 +256,17 @@ def drift_figures(odometry: Odometry, truth: TruePath) -> dict[str, Any]:
     states: dict[str, Any] = {"unhealthy_s": float(steps[~healthy].sum()), "recovered": bool(healthy[-1])}
     if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
         return {"failure": "not finite", **states, "recovered": False}
-    from_start, fitted = compare(path, truth, "start"), compare(path, truth, "yaw")
+    from_start, from_fit = compare(path, truth, "start"), compare(path, truth, "yaw")
     error = from_start.error_m
-    away = np.linalg.norm(fitted.error_m, axis=1)
-    relative, climbs = relative_errors_m(fitted, SPAN_M), climb_errors_m(fitted)
-    off = max(float(away.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M
+    distances = np.linalg.norm(from_fit.error_m, axis=1)
+    relative, climbs = relative_errors_m(from_fit, SPAN_M), climb_errors_m(from_fit)
+    is_off = max(float(distances.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M
     return {
-        "failure": "lost" if not healthy.all() else "off" if off else "",
+        "failure": "lost" if not healthy.all() else "off" if is_off else "",
         **states,
         "loop_drift_m": float(np.linalg.norm(error[-1])),
         "loop_drift_xyz_m": error[-1].tolist(),
-        "ape_rmse_m": float(np.sqrt(np.mean(away**2))),
+        "ape_rmse_m": float(np.sqrt(np.mean(distances**2))),
         "rpe_5m_pct": 100.0 * float(relative.mean()) / SPAN_M if len(relative) else None,
         "height_rmse_m": float(np.sqrt(np.mean(error[:, 2] ** 2))),
         "climb_error_m": float(np.abs(climbs).max()) if len(climbs) else None,
@@ -275,7 +275,7 @@ def drift_figures(odometry: Odometry, truth: TruePath) -> dict[str, Any]:
     }
 
 
-def climb_errors_m(comparison: Comparison) -> Array:
+def climb_errors_m(comparison: PathComparison) -> Array:
     """Error of the height gain over every 5 m of path that rise or fall by more than 0.3 m.
 
     Returns:
@@ -283,12 +283,12 @@ def climb_errors_m(comparison: Comparison) -> Array:
     """
     starts, ends = _stretches(comparison.distance_m, SPAN_M)
     estimated, true = (p.p_frame_in_world[:, 2] for p in (comparison.estimate, comparison.truth))
-    gained = true[ends] - true[starts]
-    error: Array = estimated[ends] - estimated[starts] - gained
-    return error[np.abs(gained) > CLIMB_M]
+    true_gain = true[ends] - true[starts]
+    error: Array = estimated[ends] - estimated[starts] - true_gain
+    return error[np.abs(true_gain) > CLIMB_M]
 
 
-def _consistency(comparison: Comparison) -> dict[str, float]:
+def _consistency(comparison: PathComparison) -> dict[str, float]:
     if comparison.estimate.covariance is None:
         return {}
     nees = nees_position(comparison)

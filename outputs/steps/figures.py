@@ -10,7 +10,7 @@ from markupsafe import Markup
 from stridetwin.outputs.base import Scores
 from stridetwin.outputs.route_figures import FOOT_M, draw_profile, draw_slabs
 from stridetwin.outputs.steps.scores import ScoredStep
-from stridetwin.outputs.truth import along_way
+from stridetwin.outputs.truth import project_on_way
 from stridetwin.pages.html import boxes, number_text, section
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range
 from stridetwin.streams.recording.reader import Recording
@@ -26,7 +26,7 @@ def steps_from_aside(
 ) -> Markup:
     """Side view: the true ground along the route, and the estimated plane and normal of each footprint of one walk."""
     true, estimated, slopes = _step_positions(steps)
-    s = true[:, 0] if layout is None else along_way(true, layout)
+    s = true[:, 0] if layout is None else project_on_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
     error = estimated - true
     at = np.column_stack([s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading), estimated[:, 2]])
@@ -62,9 +62,9 @@ def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
 
     The first estimated position is aligned with the true one; headings are those of the AHRS.
     """
-    seen = [s for s in steps if s.seen]
-    true, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
-    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in seen])
+    matched = [s for s in steps if s.is_matched]
+    true, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
+    return true, estimated - estimated[0] + true[0], np.array([s.estimated_slope for s in matched])
 
 
 def step_section(steps: Sequence[ScoredStep], scores: Scores, recording: Recording) -> str:

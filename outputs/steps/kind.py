@@ -20,7 +20,7 @@ from stridetwin.outputs.base import (
     Score,
     Written,
 )
-from stridetwin.outputs.csv_tables import written_table
+from stridetwin.outputs.csv_tables import write_output_table
 from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.steps.files import STEP_COLUMNS, LiveSteps, step_cells
 from stridetwin.outputs.steps.scores import SCORES, ScoredStep, false_steps, score_steps, step_scores
@@ -79,7 +79,7 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
         footprints, evaluations = true_footprints(recording), []
         for output in outputs:
             steps = score_steps(footprints, output.estimates)
-            if not any(step.seen for step in steps):
+            if not any(step.is_matched for step in steps):
                 raise RecordingError(f"{recording.path}: {output.name} matched none of the {len(steps)} true steps")
             false_pct = 100.0 * false_steps(footprints, output.estimates) / len(output.estimates)
             scores = {**step_scores(steps), "false_pct": false_pct}
@@ -88,7 +88,7 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
 
     def write(self, output: Output[list[StepEstimate]], file: Path, options: FileOptions) -> Written:
         """Writes a table, one row per step."""
-        return written_table(STEP_COLUMNS, [step_cells(step) for step in output.estimates], file, "steps")
+        return write_output_table(STEP_COLUMNS, [step_cells(step) for step in output.estimates], file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """One row per estimate."""

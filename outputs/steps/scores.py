@@ -65,7 +65,7 @@ class ScoredStep:
     probability: float = 0.0
 
     @property
-    def seen(self) -> bool:
+    def is_matched(self) -> bool:
         """Whether there is an estimate."""
         return bool(self.estimated_place)
 
@@ -89,8 +89,8 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
     The two initial footprints come first and are not steps; there is one estimate per step. Both are in order.
     """
-    every = list(estimates)
-    made = []
+    estimate_list = list(estimates)
+    steps = []
     for i in range(_STANDING, len(footprints)):
         print_ = footprints[i]
         # either foot may take the first step, whatever the order of the list: that is not a gap
@@ -98,8 +98,8 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
         if before is None or any(p.foot == print_.foot for p in beside):
             continue
-        made.append(_scored(print_, before, next(iter(_estimates_of(footprints, i, every)), None)))
-    return made
+        steps.append(_score_step(print_, before, next(iter(_estimates_of(footprints, i, estimate_list)), None)))
+    return steps
 
 
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
@@ -107,13 +107,15 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
     A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
     """
-    every, right = list(estimates), set[int]()
+    estimate_list, matched = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
         later = footprints[max(i + 1, _STANDING) :]
-        others = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
-        true = (i >= _STANDING) + max(others - 1, 0)
-        right.update([id(e) for e in _estimates_of(footprints, i, every) if id(e) not in right][:true])
-    return len(every) - len(right)
+        other_foot_count = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
+        max_estimates = (i >= _STANDING) + max(other_foot_count - 1, 0)
+        matched.update(
+            [id(e) for e in _estimates_of(footprints, i, estimate_list) if id(e) not in matched][:max_estimates]
+        )
+    return len(estimate_list) - len(matched)
 
 
 def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:
@@ -124,7 +126,7 @@ def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[S
     return [e for e in estimates if e.foot == foot and since < e.t_ns < until]
 
 
-def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
+def _score_step(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
     w, x, y, z = print_.q_world_foot
     true: dict[str, Any] = {
         "mode": print_.mode,
@@ -140,13 +142,13 @@ def _scored(print_: Footprint, before: Footprint, estimate: StepEstimate | None)
         estimated_slope=float(estimate.slope),
         estimated_elevation=float(estimate.elevation),
         estimated_place=tuple(np.asarray(estimate.p_sole_in_world).tolist()),
-        slope_sd=_finite(estimate.slope_sd),
-        elevation_sd=_finite(estimate.elevation_sd),
+        slope_sd=_finite_or_none(estimate.slope_sd),
+        elevation_sd=_finite_or_none(estimate.elevation_sd),
         probability=float(estimate.probability),
     )
 
 
-def _finite(sd: float) -> float | None:
+def _finite_or_none(sd: float) -> float | None:
     return float(sd) if math.isfinite(sd) else None
 
 
@@ -169,27 +171,29 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
         if inside and end < len(steps) and (not mode or steps[end].mode == mode):
             continue
         if inside:
-            run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.seen]
+            run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.is_matched]
             if len(run) > 1:
                 (i, first), (j, last) = run[0], run[-1]
-                moved = np.subtract(last.estimated_place, first.estimated_place) - np.subtract(last.place, first.place)
-                forward, left, up = (moved / (j - i)).tolist()
+                error = np.subtract(last.estimated_place, first.estimated_place) - np.subtract(last.place, first.place)
+                forward, left, up = (error / (j - i)).tolist()
                 errors.append((forward, up, left))
         start = end
     return errors
 
 
-def yaw_aligned(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
+def align_yaw(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     """The steps of a walk; estimated positions are rotated about the vertical to fit the true ones best.
 
     Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
     """
-    seen = [s for s in steps if s.seen]
-    if len(seen) < 2:
+    matched = [s for s in steps if s.is_matched]
+    if len(matched) < 2:
         return list(steps)
-    true, estimated = (np.array(places) for places in ([s.place for s in seen], [s.estimated_place for s in seen]))
+    true, estimated = (
+        np.array(places) for places in ([s.place for s in matched], [s.estimated_place for s in matched])
+    )
     R = vertical_rotation((true - true.mean(axis=0)).T @ (estimated - estimated.mean(axis=0)))
-    return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.seen else s for s in steps]
+    return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.is_matched else s for s in steps]
 
 
 def step_scores(steps: Sequence[ScoredStep]) -> Scores:
@@ -202,15 +206,15 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
         the first estimated footprint to the last; `steps`.
     """
     figures = step_figures(steps, displacement_errors(steps, ""))
-    seen = [s for s in steps if s.seen]
-    places, estimated = np.array([s.place for s in seen]), np.array([s.estimated_place for s in seen])
+    matched = [s for s in steps if s.is_matched]
+    places, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
     end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
     left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
     return {
         **{k: float(v) for k, v in figures.items() if k not in left_out},
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
-        "missed_pct": percent(not s.seen for s in steps),
+        "missed_pct": percent(not s.is_matched for s in steps),
         "end_error_m": end,
         **({"end_error_pct": 100.0 * end / way} if way > 0.0 else {}),
     }
@@ -218,18 +222,18 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
 
 def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
     """RMS and mean errors of the steps with estimates, classes of all steps, and RMS of any `displacement_errors`."""
-    seen = [s for s in steps if s.seen]
-    slope = np.degrees([s.slope_error for s in seen])
-    elevation = 1e3 * np.array([s.elevation_error for s in seen])
+    matched = [s for s in steps if s.is_matched]
+    slope = np.degrees([s.slope_error for s in matched])
+    elevation = 1e3 * np.array([s.elevation_error for s in matched])
     figures = {
         "slope_rmse_deg": _rms(slope),
         "slope_mean_deg": float(slope.mean()) if len(slope) else 0.0,
         "elevation_rmse_mm": _rms(elevation),
         "elevation_mean_mm": float(elevation.mean()) if len(elevation) else 0.0,
-        **_inside(seen),
+        **_inside_95(matched),
         "classification_accuracy_pct": percent(s.estimated_mode == s.mode for s in steps),
         "steps": len(steps),
-        "steps_missed": len(steps) - len(seen),
+        "steps_missed": len(steps) - len(matched),
     }
     if len(places):
         d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
@@ -237,10 +241,10 @@ def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, floa
     return figures
 
 
-def _inside(seen: Sequence[ScoredStep]) -> dict[str, float]:
+def _inside_95(matched: Sequence[ScoredStep]) -> dict[str, float]:
     """Share of errors inside the 95 % interval; empty if the method reports none."""
-    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in seen if s.slope_sd is not None]
-    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in seen if s.elevation_sd is not None]
+    slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in matched if s.slope_sd is not None]
+    elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in matched if s.elevation_sd is not None]
     if not slope or not elevation:
         return {}
     return {"slope_in_95_pct": percent(slope), "elevation_in_95_pct": percent(elevation)}
@@ -250,7 +254,7 @@ def _rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
-def percent(right: Iterable[Any]) -> float:
+def percent(values: Iterable[Any]) -> float:
     """Share of true values, %; 0 for an empty input."""
-    answers = list(right)
+    answers = list(values)
     return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0

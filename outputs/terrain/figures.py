@@ -77,7 +77,7 @@ def _class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
 
 def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """Heights along the route: true ground, mapped ground by class, estimated edges."""
-    s, height, classes = _middle(route)
+    s, height, classes = _profile_of_map(route)
     profile, span = walk.layout.profile, StraightenedRoute(walk).span_m
     shown = (s > span[0]) & (s < span[1])
     true = true_heights(profile, s)
@@ -101,7 +101,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """Errors of the mapped heights, and of the edges' positions, along the route."""
-    s, height, _ = _middle(route)
+    s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
     jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
@@ -123,15 +123,15 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     return plot.html()
 
 
-def _middle(route: MappedRoute) -> tuple[Array, Array, NDArray[np.uint8]]:
+def _profile_of_map(route: MappedRoute) -> tuple[Array, Array, NDArray[np.uint8]]:
     """Position along the route, m; mapped height of its middle, m; and the most frequent class there."""
     across = np.abs(route.left) < _LINE_M
     height, classes = route.height[:, across], route.classes[:, across]
-    known = np.isfinite(height)
-    enough = known.mean(axis=1) > _LEAST_CLEAR
+    is_known = np.isfinite(height)
+    enough = is_known.mean(axis=1) > _LEAST_CLEAR
     middle = np.full(len(route.s), np.nan)
-    middle[enough] = [np.median(row[there]) for row, there in zip(height[enough], known[enough])]
-    counts = np.stack([((classes == k) & known).sum(axis=1) for k in range(len(GROUND_CLASSES))], axis=1)
+    middle[enough] = [np.median(row[is_finite]) for row, is_finite in zip(height[enough], is_known[enough])]
+    counts = np.stack([((classes == k) & is_known).sum(axis=1) for k in range(len(GROUND_CLASSES))], axis=1)
     return route.s, middle, counts.argmax(axis=1).astype(np.uint8)
 
 

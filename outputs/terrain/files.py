@@ -21,11 +21,11 @@ COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def document(estimate: TerrainEstimate) -> dict[str, Any]:
+def terrain_document(estimate: TerrainEstimate) -> dict[str, Any]:
     """Planes and terrains for a JSON file: m, degrees, world axes; unknown values are null."""
     return {
         "t_s": estimate.t_ns * 1e-9,
-        "p_camera_in_world_m": _plain(estimate.p_camera_in_world),
+        "p_camera_in_world_m": _to_list(estimate.p_camera_in_world),
         "planes": [_plane(p, estimate.terrain_of(p.id)) for p in estimate.planes.values()],
         "terrains": [_terrain(t) for t in estimate.terrains],
     }
@@ -46,17 +46,17 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     estimate = terrain_map.estimate
     if estimate is None:
         raise RecordingError("no depth image has a pose, so the map is empty")
-    extra = _meshes(terrain_map, estimate, file) if mesh else {}
+    mesh_files = _meshes(terrain_map, estimate, file) if mesh else {}
     points, plane = terrain_map.surface_points()
     cloud = file.with_suffix(".ply")
     with whole_file(cloud) as out:
-        _write_ply(points, [_kind(estimate.terrain_of(int(p))) for p in plane], plane, out)
+        _write_ply(points, [_terrain_name(estimate.terrain_of(int(p))) for p in plane], plane, out)
     with whole_file(file) as out:
-        out.write_text(json_text(document(estimate)), encoding="utf-8")
-    for surface, content in extra.items():
+        out.write_text(json_text(terrain_document(estimate)), encoding="utf-8")
+    for surface, content in mesh_files.items():
         with whole_file(surface) as out:
             out.write_bytes(content)
-    return [file, cloud, *extra]
+    return [file, cloud, *mesh_files]
 
 
 def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
@@ -68,7 +68,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     with needing("a mesh needs it", "twin"):
         import trimesh
     scene = trimesh.Scene()
-    scene.add_geometry(_ground(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
+    scene.add_geometry(_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
     if (surfaces := terrain_map.mesh()) is not None:
         mesh: Any = trimesh.Trimesh(*surfaces, process=False)
@@ -76,7 +76,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     return files
 
 
-def _ground(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
+def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
@@ -85,30 +85,30 @@ def _ground(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
 
     grid = GroundGrid.of(terrain_map)
     points, plane = grid.points()
-    known = np.isfinite(grid.height)
-    number = np.full(known.shape, -1, np.int64)
-    number[known] = np.arange(len(points))
+    is_known = np.isfinite(grid.height)
+    number = np.full(is_known.shape, -1, np.int64)
+    number[is_known] = np.arange(len(points))
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
-    whole = corners[(corners >= 0).all(axis=-1)]
-    faces = np.concatenate([whole[:, [0, 1, 2]], whole[:, [0, 2, 3]]])
-    ids, where = np.unique(plane, return_inverse=True)
-    rgb = np.array([COLORS[_kind(estimate.terrain_of(int(i)))] for i in ids], np.uint8)[where]
+    complete_faces = corners[(corners >= 0).all(axis=-1)]
+    faces = np.concatenate([complete_faces[:, [0, 1, 2]], complete_faces[:, [0, 2, 3]]])
+    ids, id_index = np.unique(plane, return_inverse=True)
+    rgb = np.array([COLORS[_terrain_name(estimate.terrain_of(int(i)))] for i in ids], np.uint8)[id_index]
     surface = trimesh.Trimesh(vertices=points, faces=faces, vertex_colors=rgb, process=False)
     surface.remove_unreferenced_vertices()
     surface.vertex_normals  # noqa: B018  (computed here, and so written)
     return surface
 
 
-def _kind(terrain: Terrain | None) -> str:
+def _terrain_name(terrain: Terrain | None) -> str:
     return "none" if terrain is None else type(terrain).__name__.lower()
 
 
 def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
     return {
         "id": plane.id,
-        "terrain": _kind(terrain),
-        "centre_m": _plain(plane.centre),
-        "normal": _plain(plane.normal),
+        "terrain": _terrain_name(terrain),
+        "centre_m": _to_list(plane.centre),
+        "normal": _to_list(plane.normal),
         "area_m2": plane.area_m2,
         "slope_deg": math.degrees(plane.slope),
         "slope_sd_deg": math.degrees(plane.slope_sd),
@@ -122,24 +122,25 @@ def _terrain(terrain: Terrain) -> dict[str, Any]:
         sd = np.sqrt(np.diag(terrain.covariance))
         return {
             "type": "stairs", "id": terrain.id, "planes": list(terrain.planes), "steps": terrain.steps,
-            "riser_m": terrain.riser, "riser_sd_m": _number(sd[0]), "tread_m": _number(terrain.tread),
-            "tread_sd_m": _number(sd[1]), "heading_deg": math.degrees(terrain.heading), "start_m": terrain.start,
-            "start_sd_m": _number(sd[3]), "base_m": terrain.base, "edges_m": _plain(terrain.edges),
-            "risers_m": _plain(terrain.risers), "across_m": _plain(terrain.across),
+            "riser_m": terrain.riser, "riser_sd_m": _finite_or_none(sd[0]), "tread_m": _finite_or_none(terrain.tread),
+            "tread_sd_m": _finite_or_none(sd[1]), "heading_deg": math.degrees(terrain.heading),
+            "start_m": terrain.start, "start_sd_m": _finite_or_none(sd[3]), "base_m": terrain.base,
+            "edges_m": _to_list(terrain.edges), "risers_m": _to_list(terrain.risers),
+            "across_m": _to_list(terrain.across),
         }  # fmt: skip
-    known: dict[str, Any] = {"type": _kind(terrain), "id": terrain.id, "planes": [terrain.plane]}
+    fields: dict[str, Any] = {"type": _terrain_name(terrain), "id": terrain.id, "planes": [terrain.plane]}
     if isinstance(terrain, Ramp):
-        known |= {"slope_deg": math.degrees(terrain.slope), "slope_sd_deg": math.degrees(terrain.slope_sd),
+        fields |= {"slope_deg": math.degrees(terrain.slope), "slope_sd_deg": math.degrees(terrain.slope_sd),
                   "heading_deg": math.degrees(terrain.heading)}  # fmt: skip
-    return known
+    return fields
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _plain(values: Any) -> list[float | None]:
-    return [_number(v) for v in values]
+def _to_list(values: Any) -> list[float | None]:
+    return [_finite_or_none(v) for v in values]
 
 
 def _write_ply(points: Any, kinds: list[str], plane: Any, file: Path) -> None:
@@ -175,7 +176,7 @@ class LiveTerrain(LiveOutput):
 
     def add(self, estimate: Any) -> str | None:
         """The map as JSON."""
-        return None if estimate is None else json.dumps(document(estimate), allow_nan=False)
+        return None if estimate is None else json.dumps(terrain_document(estimate), allow_nan=False)
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
         """Writes the files; rows are planes."""

@@ -21,7 +21,7 @@ from stridetwin.outputs.base import (
     Written,
 )
 from stridetwin.outputs.feeding import Instance
-from stridetwin.outputs.terrain.files import LiveTerrain, document, write_terrain
+from stridetwin.outputs.terrain.files import LiveTerrain, terrain_document, write_terrain
 from stridetwin.outputs.terrain.run import MapCollector, MapRun, SampledMap
 from stridetwin.outputs.terrain.scores import SCORES, map_figures
 from stridetwin.streams.recording.reader import Recording
@@ -57,7 +57,7 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
         """Writes planes and terrains as JSON, the ground as PLY, and meshes on request."""
         terrain_map = output.estimates.terrain_map
         files = write_terrain(terrain_map, file, mesh=options.mesh)
-        content = document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
+        content = terrain_document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
         types = [terrain["type"] for terrain in content["terrains"]]
         counts = ", ".join(f"{types.count(name)} {name}" for name in ("level", "ramp", "stairs"))
         planes = len(content["planes"])

@@ -17,7 +17,7 @@ from stridetwin.streams.terrain_truth import Layout
 HALF_WIDTH_M, CELL_M = 1.0, 0.04
 """Half width of the stored ground along the route, and its cell size."""
 _BEHIND_M, _AHEAD_M = 0.2, 2.5
-_STEPPED_M = 1.2
+_MAX_EDGE_AHEAD_M = 1.2
 """An edge is stored when it is at most this far ahead."""
 _SAME_EDGE_M = 0.1
 _BESIDE_M, _ACROSS = 0.3, 0.7
@@ -54,29 +54,29 @@ class RouteMapper:
         self._classes = np.full(self._height.shape, GROUND_CLASSES.index("none"), np.uint8)
         self._edges: list[tuple[float, float, float]] = []
 
-    def add(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, here: float) -> None:
+    def add(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, place_m: float) -> None:
         """Replaces the stored ground near the walker by the current estimate."""
-        some = np.flatnonzero((self._s > here - _BEHIND_M) & (self._s < here + _AHEAD_M))
-        s, left = np.meshgrid(self._s[some], self._left, indexing="ij")
+        nearby = np.flatnonzero((self._s > place_m - _BEHIND_M) & (self._s < place_m + _AHEAD_M))
+        s, left = np.meshgrid(self._s[nearby], self._left, indexing="ij")
         height, plane = grid.at(alignment.to_estimated(self._way.point(s, left)))
-        heading = float(self._way.heading(here + 0.5 * _AHEAD_M)) - alignment.yaw
+        heading = float(self._way.heading(place_m + 0.5 * _AHEAD_M)) - alignment.yaw
         classes = ground_classes_at(estimate, plane, heading)
-        known = np.isfinite(height)
-        rows, columns = np.nonzero(known)
-        self._height[some[rows], columns] = height[known] - alignment.estimated[2] + alignment.true[2]
-        self._classes[some[rows], columns] = classes[known]
+        is_known = np.isfinite(height)
+        rows, columns = np.nonzero(is_known)
+        self._height[nearby[rows], columns] = height[is_known] - alignment.estimated[2] + alignment.true[2]
+        self._classes[nearby[rows], columns] = classes[is_known]
         for flight in estimate.stairs:
             for a, b in edge_lines(flight):
-                self._keep_edge(alignment.to_true(a), alignment.to_true(b), here)
+                self._keep_edge(alignment.to_true(a), alignment.to_true(b), place_m)
 
-    def _keep_edge(self, a: Array, b: Array, here: float) -> None:
+    def _keep_edge(self, a: Array, b: Array, place_m: float) -> None:
         """Stores an edge ahead of the walker and replaces its earlier estimate."""
-        around = np.arange(here, here + _STEPPED_M, 0.02)
-        way, heading = self._way.point(around), self._way.heading(around)
+        places = np.arange(place_m, place_m + _MAX_EDGE_AHEAD_M, 0.02)
+        way, heading = self._way.point(places), self._way.heading(places)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
-        off = np.abs(_beside(way, a, b))
-        k = int(off.argmin())
-        if off[k] > 0.02:
+        distance = np.abs(_distance_from_line(way, a, b))
+        k = int(distance.argmin())
+        if distance[k] > 0.02:
             return
         low, high = sorted(float((end[:2] - way[k]) @ left[k]) for end in (a, b))
         across = float(abs((b - a)[:2] @ left[k])) / max(float(np.linalg.norm((b - a)[:2])), 1e-9)
@@ -86,17 +86,17 @@ class RouteMapper:
         middle = a[:2] + (b - a)[:2] * float(
             np.clip((way[k] - a[:2]) @ (b - a)[:2] / ((b - a)[:2] @ (b - a)[:2]), 0, 1)
         )
-        s = float(around[k]) + float((middle - way[k]) @ forward)
+        s = float(places[k]) + float((middle - way[k]) @ forward)
         self._edges = [e for e in self._edges if abs(e[0] - s) > _SAME_EDGE_M]
         self._edges.append((s, low, high))
 
-    def mapped_route(self) -> MappedRoute:
+    def result(self) -> MappedRoute:
         """The stored ground."""
         edges = np.array(sorted(self._edges), float).reshape(-1, 3)
         return MappedRoute(s=self._s, left=self._left, height=self._height, classes=self._classes, edges=edges)
 
 
-def _beside(points: Array, a: Array, b: Array) -> Array:
+def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
     """(N,) m, distances of (N, 2) points from the line through a and b, in the horizontal plane."""
     along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
     offset = points - a[:2]

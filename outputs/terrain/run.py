@@ -62,7 +62,7 @@ class MapCollector(Collector[MapRun]):
 
     def outputs(self) -> list[Output[MapRun]]:
         """The map."""
-        sampled = None if self._sampler is None else self._sampler.sampled()
+        sampled = None if self._sampler is None else self._sampler.result()
         return [Output(name=self._name, estimates=MapRun(terrain_map=self._map, sampled=sampled))]
 
 
@@ -81,15 +81,15 @@ class _MapSampler:
         if estimate is None or estimate.t_ns != t_ns or place_m is None:
             return
         alignment = self._walk.alignment.at(t_ns)
-        if not self._scorer.look(t_ns, self._map, alignment, place_m):
+        if not self._scorer.sample(t_ns, self._map, alignment, place_m):
             return
         grid = GroundGrid.of(self._map)
         heading = float(self._walk.layout.way.heading(place_m)) - alignment.yaw
         self._route.add(grid, estimate, alignment, place_m)
         self._snapshots.append(take_snapshot(grid, estimate, alignment, heading))
 
-    def sampled(self) -> SampledMap:
+    def result(self) -> SampledMap:
         """All samples."""
         return SampledMap(
-            walk=self._walk, scores=self._scorer.scores(), route=self._route.mapped_route(), snapshots=self._snapshots
+            walk=self._walk, scores=self._scorer.scores(), route=self._route.result(), snapshots=self._snapshots
         )

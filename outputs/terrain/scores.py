@@ -12,7 +12,7 @@ from stridetwin.estimators.terrain_map import Profile, TerrainMap
 from stridetwin.outputs.alignment import YawAlignment
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
 from stridetwin.outputs.terrain.changes import ScoredChange, TerrainChange, mode_of
-from stridetwin.outputs.truth import edges, flights, scored_at_ns
+from stridetwin.outputs.truth import edges, flights, scoring_time_ns
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
@@ -22,7 +22,7 @@ NEAR_M, FAR_M = 0.5, 2.5
 _COMPLETE_M = 0.03
 _CELL_M = 0.05
 _MATCH_M = 0.35
-_KNOWN_M = 0.03
+_MAX_EDGE_SD_M = 0.03
 """An edge with a larger standard deviation counts as not seen."""
 _SAME_EDGE_M = 0.14
 """Half of the shortest tread in the scenarios; an edge farther away does not match."""
@@ -129,7 +129,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
 
 def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
     """Stairs and ramps of a route, in order."""
-    found = [
+    changes = [
         TerrainChange(
             s=flight.s,
             mode="SA" if flight.riser > 0 else "SD",
@@ -139,12 +139,12 @@ def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
         )
         for flight in flights(profile)
     ]
-    found += [
+    changes += [
         TerrainChange(s=strip.s0, mode=mode_of(strip), slope=strip.slope)
         for strip in profile
         if strip.terrain == "ramp"
     ]
-    return sorted(found, key=lambda change: change.s)
+    return sorted(changes, key=lambda change: change.s)
 
 
 class MapScorer:
@@ -152,15 +152,15 @@ class MapScorer:
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
-        self._pending = [(change, scored_at_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
+        self._pending = [(change, scoring_time_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
         self._points: list[Array] = []
         self._complete: list[float] = []
         self._edges: list[Array] = []
         self._tick_ns = 0
 
-    def look(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, here: float) -> bool:
-        """Samples a map after a depth image, where the camera is `here`, m along the route.
+    def sample(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, place_m: float) -> bool:
+        """Samples a map after a depth image, where the camera is `place_m`, m along the route.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.
@@ -172,14 +172,14 @@ class MapScorer:
                 self._changes.append(
                     ScoredChange(mode=change.mode, found=False)
                     if late
-                    else _score_change(change, mapper, here, alignment, self._layout)
+                    else _score_change(change, mapper, place_m, alignment, self._layout)
                 )
         if t_ns < self._tick_ns:
             return False
         self._tick_ns = t_ns + int(_TICK_S * 1e9)
-        self._points.append(_ground_ahead(mapper, here, alignment, self._layout))
-        self._complete.append(_completeness(mapper, here, alignment, self._layout))
-        self._edges.append(_edge_errors(mapper, here, alignment, self._layout))
+        self._points.append(_ground_ahead(mapper, place_m, alignment, self._layout))
+        self._complete.append(_completeness(mapper, place_m, alignment, self._layout))
+        self._edges.append(_edge_errors(mapper, place_m, alignment, self._layout))
         return True
 
     def scores(self) -> MapScores:
@@ -205,7 +205,7 @@ def map_figures(scores: MapScores) -> Scores:
     """
     changes = scores.changes
     true = scores.edge_errors[np.abs(scores.edge_errors) < _SAME_EDGE_M]
-    found = {
+    figures = {
         "accuracy_rmse_mm": 1e3 * scores.accuracy_m,
         "accuracy_p95_mm": 1e3 * scores.accuracy_p95_m,
         "completeness_pct": 100.0 * scores.completeness,
@@ -218,23 +218,23 @@ def map_figures(scores: MapScores) -> Scores:
         "tread_rmse_mm": 1e3 * _rms([c.tread_m for c in changes]),
         "slope_rmse_deg": math.degrees(_rms([c.slope_rad for c in changes])),
     }
-    return {name: float(value) for name, value in found.items() if math.isfinite(value)}
+    return {name: float(value) for name, value in figures.items() if math.isfinite(value)}
 
 
 def _rms(values: Array | Sequence[float]) -> float:
     """RMS of the finite values; NaN if there are none."""
-    known = np.asarray(values, float)[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan
+    finite = np.asarray(values, float)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else math.nan
 
 
-def _ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Profile:
+def _profile_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Profile:
     """The map's profile straight ahead on the route, corrected for drift."""
-    heading = float(layout.way.heading(here))
-    return mapper.profile(alignment.to_estimated(layout.way.point(here)), heading - alignment.yaw)
+    heading = float(layout.way.heading(place_m))
+    return mapper.profile(alignment.to_estimated(layout.way.point(place_m)), heading - alignment.yaw)
 
 
 def _score_change(
-    change: TerrainChange, mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout
+    change: TerrainChange, mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout
 ) -> ScoredChange:
     estimate = mapper.estimate
     heading = float(layout.way.heading(change.s)) - alignment.yaw
@@ -243,8 +243,8 @@ def _score_change(
     if estimate is None:
         return ScoredChange(mode=change.mode, found=False)
     if change.slope:
-        near = [c for c in _ahead(mapper, here, alignment, layout).changes if c.kind == "slope_break"]
-        edge = min((here + c.s - change.s for c in near), key=abs, default=math.nan)
+        near = [c for c in _profile_ahead(mapper, place_m, alignment, layout).changes if c.kind == "slope_break"]
+        edge = min((place_m + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
         if at is None or at[0].slope < math.radians(5):
             return ScoredChange(mode=change.mode, found=False, distance_m=edge)
@@ -255,8 +255,8 @@ def _score_change(
         sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:
             continue
-        own = (flight.edges - float(flight.up @ place)) * sign
-        first = min(own[np.isfinite(own)], default=math.nan)
+        edge_offsets = (flight.edges - float(flight.up @ place)) * sign
+        first = min(edge_offsets[np.isfinite(edge_offsets)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
             return ScoredChange(
                 mode=change.mode, found=True, distance_m=float(first), riser_m=flight.riser - abs(change.riser),
@@ -266,16 +266,16 @@ def _score_change(
     return ScoredChange(mode=change.mode, found=False)
 
 
-def _ground_ahead(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
+def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
     """(N, 3) m, a subset of the map's points ahead on the route, in the true world."""
     points, plane = mapper.surface_points()
-    return on_the_way_ahead(alignment.to_true(points[plane >= 0][::_EVERY]), here, layout)
+    return points_ahead(alignment.to_true(points[plane >= 0][::_EVERY]), place_m, layout)
 
 
-def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
+def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
     """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place (m) on the route, within 0.5 m."""
-    near = points[np.linalg.norm(points[:, :2] - layout.way.point(here), axis=1) < FAR_M]
-    s = _places_ahead(here, layout)
+    near = points[np.linalg.norm(points[:, :2] - layout.way.point(place_m), axis=1) < FAR_M]
+    s = _places_ahead(place_m, layout)
     if not len(s) or not len(near):
         return np.zeros((0, 3))
     way, heading = layout.way.point(s), layout.way.heading(s)
@@ -287,21 +287,21 @@ def on_the_way_ahead(points: Array, here: float, layout: Layout) -> Array:
     return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
 
 
-def _places_ahead(here: float, layout: Layout) -> Array:
+def _places_ahead(place_m: float, layout: Layout) -> Array:
     """(N,) m along the route, where the ground ahead is sampled."""
-    return np.arange(here + NEAR_M, min(here + FAR_M, layout.profile[-1].s1), _CELL_M)
+    return np.arange(place_m + NEAR_M, min(place_m + FAR_M, layout.profile[-1].s1), _CELL_M)
 
 
-def cells_ahead(here: float, layout: Layout) -> tuple[Array, Array]:
+def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
     """(N,) m along the route and (N,) m to its left, every 5 cm of the ground ahead."""
     across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
-    s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(here, layout), across))
+    s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(place_m, layout), across))
     return s, aside
 
 
-def _completeness(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> float:
+def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> float:
     """Share of the ground ahead whose height the map knows."""
-    s, aside = cells_ahead(here, layout)
+    s, aside = cells_ahead(place_m, layout)
     if not len(s):
         return math.nan
     xy = alignment.to_estimated(layout.way.point(s, aside))
@@ -317,26 +317,26 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
 
-def _edge_errors(mapper: TerrainMap, here: float, alignment: YawAlignment, layout: Layout) -> Array:
+def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
     """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
-    changes = _ahead(mapper, here, alignment, layout).changes
-    known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _KNOWN_M])
-    heading = float(layout.way.heading(here))
+    changes = _profile_ahead(mapper, place_m, alignment, layout).changes
+    known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _MAX_EDGE_SD_M])
+    heading = float(layout.way.heading(place_m))
     forward = np.array([math.cos(heading), math.sin(heading)])
-    ahead = layout.way.point(here) + known[:, None] * forward
-    straight = np.linalg.norm(layout.way.point(here + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
-    known, true = known[straight], _edges_along(here, forward, layout)
+    ahead = layout.way.point(place_m) + known[:, None] * forward
+    straight = np.linalg.norm(layout.way.point(place_m + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
+    known, true = known[straight], _edges_along(place_m, forward, layout)
     if not len(true):
         return np.full(len(known), math.inf)
     return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])
 
 
-def _edges_along(here: float, forward: Array, layout: Layout) -> Array:
+def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
     """(E,) m, from a place on the route to the true edges near it, along a line in the direction `forward` (2,)."""
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
-    jumps = jumps[np.abs(jumps - here) < _REACH_M]
+    jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
     across = np.stack([np.cos(heading), np.sin(heading)], -1)
     facing = across @ forward
-    away = ((layout.way.point(jumps) - layout.way.point(here)) * across).sum(axis=-1)
+    away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)
     return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

@@ -13,8 +13,8 @@ from stridetwin.outputs.terrain.grid import GroundGrid, ground_classes_at
 from stridetwin.outputs.terrain.mapped_route import edge_lines
 from stridetwin.streams.samples import Array
 
-_WINDOW_M, _SHOWN_M = 3.0, 0.1
-_LEAST_PLANE_M2 = 0.05
+_MAX_DISTANCE_M, _SHOWN_M = 3.0, 0.1
+_MIN_PLANE_M2 = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,17 +40,17 @@ def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAli
     """The ground of a map within 3 m of the camera, in the true world, with classes for a heading in rad."""
     points, plane = grid.points()
     eye = estimate.p_camera_in_world
-    some = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _WINDOW_M)
-    i, j = np.floor((points[some, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
-    some = some[np.unique(i * 4096 + j, return_index=True)[1]]
+    nearby = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _MAX_DISTANCE_M)
+    i, j = np.floor((points[nearby, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
+    nearby = nearby[np.unique(i * 4096 + j, return_index=True)[1]]
     near = [
         p for p in estimate.planes.values()
-        if p.area_m2 > _LEAST_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _WINDOW_M
+        if p.area_m2 > _MIN_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _MAX_DISTANCE_M
     ]  # fmt: skip
     classes = ground_classes_at(estimate, np.array([p.id for p in near], np.int64), heading)
     return Snapshot(
-        t_ns=estimate.t_ns, points=alignment.to_true(points[some]).astype(np.float32),
-        classes=ground_classes_at(estimate, plane[some], heading),
+        t_ns=estimate.t_ns, points=alignment.to_true(points[nearby]).astype(np.float32),
+        classes=ground_classes_at(estimate, plane[nearby], heading),
         planes=[(alignment.to_true(_outline(p)), int(c)) for p, c in zip(near, classes)],
         edges=[alignment.to_true(line) for flight in estimate.stairs for line in edge_lines(flight)],
     )  # fmt: skip

@@ -36,7 +36,7 @@ _MM = 1e-3
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
-def _whole(shares: dict[str, float]) -> dict[str, float]:
+def _check_shares(shares: dict[str, float]) -> dict[str, float]:
     """Checks that the shares add up to 1, and that the names of the parts are plain words."""
     for name in shares:
         if not _WORD.fullmatch(name):
@@ -70,9 +70,9 @@ class Splits:
         terrain_by: Property in which two terrains differ: their `geometry`, or the `scenario` that they come from.
     """
 
-    shares: Annotated[dict[str, Annotated[float, number(0.001, 1)]], Field(min_length=1), AfterValidator(_whole)] = (
-        field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
-    )
+    shares: Annotated[
+        dict[str, Annotated[float, number(0.001, 1)]], Field(min_length=1), AfterValidator(_check_shares)
+    ] = field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
     terrain_by: Annotated[str, words(("geometry", "scenario"))] = "geometry"
 
 
@@ -92,18 +92,18 @@ class Group:
     names: tuple[str, ...] = ()
     at: Where = _NOWHERE
 
-    def placed(self, node: dict[str, Any], at: Where) -> Group:
+    def with_position(self, node: dict[str, Any], at: Where) -> Group:
         """The group with its place, and its keys in the order of the file, which is that of the draws."""
         return replace(self, body={key: self.body[key] for key in node if key in self.body}, at=at)
 
     @property
-    def drawn(self) -> tuple[str, ...]:
+    def varying_keys(self) -> tuple[str, ...]:
         """Keys that vary."""
-        return tuple(key for key, found in self.body.items() if not isinstance(found, Fixed))
+        return tuple(key for key, distribution in self.body.items() if not isinstance(distribution, Fixed))
 
     def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
         """A member, in the form of a scenario file's person, from the quantile of each key that varies."""
-        body = {key: found.at(quantiles.get(key, 0.0)) for key, found in self.body.items()}
+        body = {key: distribution.at(quantiles.get(key, 0.0)) for key, distribution in self.body.items()}
         if "bmi" in body:
             mass = float(f"{body.pop('bmi') * body.get('height_m', Person.height_m) ** 2:.6g}")
             body["mass_kg"] = min(max(mass, _MASS_KG[0]), _MASS_KG[1])
@@ -147,7 +147,7 @@ class _Drawn(FileModel):
         """The group."""
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
-            raise refused(body["bmi"].words, "either bmi or mass_kg", "bmi")
+            raise refused(body["bmi"].description, "either bmi or mass_kg", "bmi")
         for end in body["bmi"].ends if "bmi" in body else ():
             if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
                 raise refused(end, "15-45 (kg/m²)", "bmi")
@@ -179,7 +179,7 @@ class Campaign:
         description: Purpose of the campaign, in one line.
         bases: Scenarios.
         variables: Values that are set in the walks of all scenarios.
-        own: The user's files, by their names in the output folder.
+        user_files: The user's files, by their names in the output folder.
     """
 
     path: Path
@@ -192,7 +192,7 @@ class Campaign:
     variables: tuple[Variable, ...] = ()
     quality: Quality = Quality()
     splits: Splits = Splits()
-    own: dict[str, Path] = field(default_factory=dict)
+    user_files: dict[str, Path] = field(default_factory=dict)
 
 
 class CampaignFile(BaseModel):
@@ -259,11 +259,11 @@ def read_campaign(path: Path) -> Campaign:
         description=file.campaign,
         bases=files.bases(file.scenarios, data["scenarios"], where.key("scenarios")),
         people=tuple(
-            group.placed(data["people"][i], where.key("people").item(i)) for i, group in enumerate(file.people)
+            group.with_position(data["people"][i], where.key("people").item(i)) for i, group in enumerate(file.people)
         ),
         variables=files.variables(file.set, where.key("set")),
         **{name: getattr(file, name) for name in ("walks", "seed", "sampling", "quality", "splits")},
-        own=files.own,
+        user_files=files.user_files,
     )
     if campaign.people:
         for variable in (*campaign.variables, *(v for base in campaign.bases for v in base.variables)):

@@ -19,14 +19,14 @@ from pydantic_core import CoreSchema, core_schema
 
 from stridetwin.streams.fields import TAG, FileModel, number, refused, whole
 
-_MOST = 1e9
+_MAX_SIZE = 1e9
 _TAIL_SD = 6.0
-_Number = Annotated[float, number(-_MOST, _MOST)]
-_Above0 = Annotated[float, number(1e-9, _MOST)]
-_Whole = Annotated[int, whole(-int(_MOST), int(_MOST))]
+_Number = Annotated[float, number(-_MAX_SIZE, _MAX_SIZE)]
+_Above0 = Annotated[float, number(1e-9, _MAX_SIZE)]
+_Whole = Annotated[int, whole(-int(_MAX_SIZE), int(_MAX_SIZE))]
 
 
-def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+def _check_order(span: tuple[float, float]) -> tuple[float, float]:
     if not span[0] < span[1]:
         raise refused(list(span), "two numbers, the lower first")
     return span
@@ -47,7 +47,7 @@ class Distribution(FileModel, ABC):
 
     @property
     @abstractmethod
-    def words(self) -> str:
+    def description(self) -> str:
         """Description for the manifest."""
 
 
@@ -70,7 +70,7 @@ class Fixed(Distribution):
         return (self.fixed,)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `2.4`."""
         return str(self.fixed)
 
@@ -83,21 +83,21 @@ class Uniform(Distribution):
         step: Only the lowest plus multiples of this step.
     """
 
-    uniform: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+    uniform: Annotated[tuple[_Number, _Number], AfterValidator(_check_order)]
     step: _Above0 | None = None
 
     def at(self, u: float) -> float:
         """The number at a quantile."""
         low, high = self.uniform
         if self.step is None:
-            return _clamped(low + u * (high - low), self.uniform)
+            return _round_and_clamp(low + u * (high - low), self.uniform)
         steps = math.floor((high - low) / self.step + 1e-9)
-        return _clamped(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
+        return _round_and_clamp(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `uniform 1 to 2`."""
-        return f"uniform {_span(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
+        return f"uniform {_span_text(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
 
 
 class LogUniform(Distribution):
@@ -107,17 +107,17 @@ class LogUniform(Distribution):
         log_uniform: Lowest and highest.
     """
 
-    log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_ordered)]
+    log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_check_order)]
 
     def at(self, u: float) -> float:
         """The number at a quantile."""
         low, high = self.log_uniform
-        return _clamped(low * (high / low) ** u, self.log_uniform)
+        return _round_and_clamp(low * (high / low) ** u, self.log_uniform)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `log-uniform 1 to 2`."""
-        return f"log-uniform {_span(self.log_uniform)}"
+        return f"log-uniform {_span_text(self.log_uniform)}"
 
 
 class Normal(Distribution):
@@ -129,7 +129,7 @@ class Normal(Distribution):
     """
 
     normal: tuple[_Number, _Number]
-    within: Annotated[tuple[_Number, _Number], AfterValidator(_ordered)]
+    within: Annotated[tuple[_Number, _Number], AfterValidator(_check_order)]
 
     @model_validator(mode="after")
     def _check(self) -> Normal:
@@ -146,7 +146,7 @@ class Normal(Distribution):
 
         (mean, sd), (low, high) = self.normal, self.within
         first, last = ndtr((low - mean) / sd), ndtr((high - mean) / sd)
-        return _clamped(mean + sd * float(ndtri(first + u * (last - first))), self.within)
+        return _round_and_clamp(mean + sd * float(ndtri(first + u * (last - first))), self.within)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -154,9 +154,9 @@ class Normal(Distribution):
         return self.within
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
-        return f"normal {self.normal[0]:g} ± {self.normal[1]:g} within {_span(self.within)}"
+        return f"normal {self.normal[0]:g} ± {self.normal[1]:g} within {_span_text(self.within)}"
 
 
 class Integer(Distribution):
@@ -166,7 +166,7 @@ class Integer(Distribution):
         integer: Lowest and highest.
     """
 
-    integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_ordered)]
+    integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_check_order)]
 
     def at(self, u: float) -> int:
         """The number at a quantile."""
@@ -174,7 +174,7 @@ class Integer(Distribution):
         return low + min(int(u * (high - low + 1)), high - low)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `whole number 1 to 4`."""
         return f"whole number {self.integer[0]} to {self.integer[1]}"
 
@@ -198,30 +198,30 @@ class Choice(Distribution):
 
     def at(self, u: float) -> Any:
         """The value at a quantile."""
-        return self.choice[weighted_index(self._weights, u)]
+        return self.choice[index_at_quantile(self._weights, u)]
 
     @property
     def _weights(self) -> tuple[float, ...]:
         return self.weights or (1.0,) * len(self.choice)
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Such as `one of male (1), female (2)`."""
         return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.choice, self._weights))
 
 
-def weighted_index(weights: Sequence[float], u: float) -> int:
+def index_at_quantile(weights: Sequence[float], u: float) -> int:
     """Index of the item at a quantile, where each item has a relative probability."""
     sums = list(itertools.accumulate(weights))
     return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
 
 
-def _clamped(value: float, within: tuple[float, float]) -> float:
+def _round_and_clamp(value: float, bounds: tuple[float, float]) -> float:
     """The number rounded to six digits and limited to the range."""
-    return float(min(max(float(f"{value:.6g}"), within[0]), within[1]))
+    return float(min(max(float(f"{value:.6g}"), bounds[0]), bounds[1]))
 
 
-def _span(ends: tuple[float, float]) -> str:
+def _span_text(ends: tuple[float, float]) -> str:
     return f"{ends[0]:g} to {ends[1]:g}"
 
 
@@ -243,7 +243,7 @@ class _OneValue:
         return {"type": ["string", "number", "boolean", "array", "null"]}
 
 
-class _Distributed:
+class _DistributionType:
     """Annotation: a distribution by its key, or a value that is the same in every walk."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -262,5 +262,5 @@ def _tag(node: Any) -> str | None:
     return next((TAG + key for key in node if key in _KINDS), None)
 
 
-DistributionInFile = Annotated[Any, _Distributed()]
+DistributionInFile = Annotated[Any, _DistributionType()]
 """Type of a value of a file that may vary from walk to walk; it becomes a `Distribution`."""

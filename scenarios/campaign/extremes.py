@@ -22,7 +22,7 @@ from stridetwin.scenarios.campaign.named_files import (
     errors_in_user_files,
     parse_scenario,
 )
-from stridetwin.scenarios.campaign.plan import Extra, Walk, effective_variables, people, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, draw_people, effective_variables, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -31,12 +31,12 @@ _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 
 @contextmanager
-def _folder_of(campaign: Campaign) -> Iterator[Path]:
+def _temporary_folder(campaign: Campaign) -> Iterator[Path]:
     """A temporary output folder with the user's files, in which scenarios are tried."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / SCENARIOS).mkdir()
-        copy_files(folder, campaign.own)
+        copy_files(folder, campaign.user_files)
         yield folder
 
 
@@ -46,18 +46,18 @@ def base_scenarios(campaign: Campaign) -> list[Scenario]:
     Raises:
         StrideTwinError: One of them is invalid.
     """
-    with _folder_of(campaign) as folder:
-        return [_unchanged(folder, campaign, base) for base in campaign.bases]
+    with _temporary_folder(campaign) as folder:
+        return [_parse_unchanged(folder, campaign, base) for base in campaign.bases]
 
 
-def valid_scenarios(campaign: Campaign, walks: Iterable[Walk]) -> list[Scenario]:
+def valid_scenarios(campaign: Campaign, walks: Iterable[PlannedWalk]) -> list[Scenario]:
     """The scenarios of some walks, without those that are invalid with the values drawn."""
-    found = []
-    with _folder_of(campaign) as folder:
+    scenarios = []
+    with _temporary_folder(campaign) as folder:
         for walk in walks:
             with suppress(StrideTwinError):
-                found.append(parse_scenario(folder, walk.scenario))
-    return found
+                scenarios.append(parse_scenario(folder, walk.scenario))
+    return scenarios
 
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:
@@ -66,10 +66,10 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     Raises:
         ConfigError: The message names file, field, value and what is valid.
     """
-    with _folder_of(campaign) as folder:
+    with _temporary_folder(campaign) as folder:
         for group in campaign.people:
             _try_people(folder, group)
-        first_person = next(iter(people(campaign)), None)
+        first_person = next(iter(draw_people(campaign)), None)
         for base in campaign.bases:
             varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
             middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}
@@ -77,46 +77,46 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
             for variable in varied:
                 for end in variable.distribution.ends:
                     try:
-                        drawn = middle | {variable.name: end}
-                        parse_scenario(folder, scenario_of(campaign, base, first_person, drawn, extra))
+                        values = middle | {variable.name: end}
+                        parse_scenario(folder, scenario_of(campaign, base, first_person, values, extra))
                     except StrideTwinError as error:
-                        if (own := errors_in_user_files(error, campaign.own)) is not None:
-                            raise own from error
+                        if (user_error := errors_in_user_files(error, campaign.user_files)) is not None:
+                            raise user_error from error
                         raise _campaign_error(variable, base, end, error) from error
 
 
-def _unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
+def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
     """The scenario as its file has it."""
     try:
         return parse_scenario(folder, base.scenario)
     except StrideTwinError as error:
-        own = errors_in_user_files(error, campaign.own, base.file)
-        raise own or base.at.error(base.written, f"a valid scenario ({_inner(error)})") from error
+        user_error = errors_in_user_files(error, campaign.user_files, base.file)
+        raise user_error or base.at.error(base.written, f"a valid scenario ({_error_text(error)})") from error
 
 
 def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
     """The unchanged scenario, then with the values that are set in all of its walks."""
-    _unchanged(folder, campaign, base)
+    _parse_unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
         parse_scenario(folder, scenario)
     except StrideTwinError as error:
-        if (own := errors_in_user_files(error, campaign.own)) is not None:
-            raise own from error
+        if (user_error := errors_in_user_files(error, campaign.user_files)) is not None:
+            raise user_error from error
         for variable in effective_variables(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
                 if variable.varies and error.value == middle.get(variable.name):  # which is not in the file
-                    raise variable.at.error(variable.distribution.words, error.valid) from error
+                    raise variable.at.error(variable.distribution.description, error.valid) from error
                 raise _campaign_error(variable, base, error.value, error) from error
         raise base.at.error(
-            base.written, f"a scenario that allows the values that are set ({_inner(error)})"
+            base.written, f"a scenario that allows the values that are set ({_error_text(error)})"
         ) from error
 
 
 def _try_people(folder: Path, group: Group) -> None:
     """The extremes of a group, on a walk of a few steps."""
-    for key, found in group.body.items():
-        for end in found.ends if key != "bmi" else ():
+    for key, distribution in group.body.items():
+        for end in distribution.ends if key != "bmi" else ():
             try:
                 parse_scenario(folder, {**_STEPS, "person": {key: end}})
             except ConfigError as error:
@@ -127,16 +127,16 @@ def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwi
     """A scenario's error as an error of the campaign's file."""
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
-    return variable.at.error(value, f"a value that {base.name} allows ({_inner(error)})")
+    return variable.at.error(value, f"a value that {base.name} allows ({_error_text(error)})")
 
 
 def _is_about(error: ConfigError, variable: Variable) -> bool:
     return any(error.field.startswith(path.text) or path.text.startswith(error.field) for path in variable.paths)
 
 
-def _inner(error: StrideTwinError) -> str:
+def _error_text(error: StrideTwinError) -> str:
     """The error without the temporary file's path, but with the name of a user's file."""
     if not isinstance(error, ConfigError):
         return str(error)
-    own = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""
-    return f"{own}{error.field}: {error.problem}"
+    file_prefix = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""
+    return f"{file_prefix}{error.field}: {error.problem}"

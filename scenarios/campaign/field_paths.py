@@ -37,7 +37,7 @@ def field_path(text: str, where: Where) -> FieldPath:
     return FieldPath(text=text, keys=tuple(keys))
 
 
-def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
+def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
     """Sets a value in a scenario and creates missing keys on the way.
 
     Below `sensors`, a list of groups and the short forms of a group become keys first.
@@ -47,26 +47,26 @@ def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> 
     """
     node: Any = scenario
     for depth, key in enumerate(path.keys[:-1]):
-        _check(node, path, depth, where)
+        _check_place(node, path, depth, where)
         if isinstance(key, str):
             node.setdefault(key, {})
         if path.keys[0] == "sensors" and depth < 2:
-            node[key] = _opened(node[key], of_group=depth == 1)
+            node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
-    _check(node, path, len(path.keys) - 1, where)
+    _check_place(node, path, len(path.keys) - 1, where)
     node[path.keys[-1]] = value
 
 
-def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
+def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:
     """Whether a node has a place for the key at this depth."""
-    key, there = path.keys[depth], _text(path.keys[:depth])
+    key, node_text = path.keys[depth], _text(path.keys[:depth])
     if not isinstance(node, list if isinstance(key, int) else dict):
-        raise where.error(path.text, f"a field of the scenario, where {there} is {_short(node)}")
+        raise where.error(path.text, f"a field of the scenario, where {node_text} is {_short(node)}")
     if isinstance(key, int) and key >= len(node):
-        raise where.error(path.text, f"{there}[0] to {there}[{len(node) - 1}]")
+        raise where.error(path.text, f"{node_text}[0] to {node_text}[{len(node) - 1}]")
 
 
-def _opened(node: Any, *, of_group: bool) -> Any:
+def _expand_short_form(node: Any, *, of_group: bool) -> Any:
     """`sensors` with groups as keys, and a group with options as keys, if they have a short form."""
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node

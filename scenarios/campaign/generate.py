@@ -23,15 +23,15 @@ from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
-from stridetwin.scenarios.campaign.plan import Extra, Walk, plan
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, plan_walks
 from stridetwin.scenarios.campaign.walk import (
     ACCEPTED,
     RECORDINGS,
     REJECTED,
     ROWS,
     WalkTask,
-    failed_row,
     generate_walk,
+    row_of_failure,
     walk_versions,
     with_verdict,
 )
@@ -46,7 +46,7 @@ _LABELS = {"off": "sensors switched off:"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(BatchOptions):
+class CampaignOptions(BatchOptions):
     """Options of a campaign run.
 
     Attributes:
@@ -91,9 +91,9 @@ class CampaignResult:
 
 def generate(
     campaign: Campaign,
-    options: Options,
+    options: CampaignOptions,
     progress: Progress,
-    announce: Callable[[Sequence[Walk]], None] = lambda missing: None,
+    announce: Callable[[Sequence[PlannedWalk]], None] = lambda missing: None,
 ) -> CampaignResult:
     """Generates the walks that the folder lacks for this configuration and version of the code.
 
@@ -112,28 +112,28 @@ def generate(
         campaign = replace(campaign, seed=options.seed)
     check_extremes(campaign, options.extra)
     folder, versions = options.folder, walk_versions()
-    user_files = {name: sha256(path) for name, path in sorted(campaign.own.items())}
+    file_digests = {name: sha256(path) for name, path in sorted(campaign.user_files.items())}
     jobs = [
         Job(
             name=walk.name,
-            key=content_key(asdict(walk), user_files, versions),
+            key=content_key(asdict(walk), file_digests, versions),
             task=WalkTask(walk=walk, folder=folder.absolute(), quality=campaign.quality),
         )
-        for walk in plan(campaign, options.extra)
+        for walk in plan_walks(campaign, options.extra)
     ]
     with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)
-        bind_folder(folder, campaign_request(campaign, options.extra, user_files), (job.name for job in jobs))
+        bind_folder(folder, campaign_request(campaign, options.extra, file_digests), (job.name for job in jobs))
         store = RowFiles(folder / ROWS, unfinished, is_sorted=True)
         # walks beyond a subset that are there already stay in the manifest
-        asked = len(jobs) if options.subset is None else options.subset
-        jobs = [job for i, job in enumerate(jobs) if i < asked or store.has_any(job)]
+        requested_count = len(jobs) if options.subset is None else options.subset
+        jobs = [job for i, job in enumerate(jobs) if i < requested_count or store.has_any(job)]
         batch = Batch(jobs, store, update_row=lambda job, row: _current_row(job, row, store))
         if batch.outdated:  # they describe recordings that will be replaced
             for name in (manifests.NAME, manifests.CARD_NAME):
                 (folder / name).unlink(missing_ok=True)
-        copy_files(folder, campaign.own)
+        copy_files(folder, campaign.user_files)
         announce([job.task.walk for job in batch.missing])
         stage = f"walks, {batch.outdated} of another version again" if batch.outdated else "walks"
         generated = len(batch.missing)
@@ -143,11 +143,11 @@ def generate(
         except KeyboardInterrupt as stop:
             raise KeyboardInterrupt(f"{len(batch.results)} of {len(jobs)} walks are in {folder}; {_RESUME}") from stop
         rows = [
-            failed_row(job.task, result.reason) if isinstance(result, Failure) else result
+            row_of_failure(job.task, result.reason) if isinstance(result, Failure) else result
             for job, result in zip(jobs, results)
         ]
-        content = manifests.manifest(campaign, rows, versions, user_files)
-        for name, text in ((manifests.CARD_NAME, manifests.card(content)), (manifests.NAME, json_text(content))):
+        content = manifests.manifest(campaign, rows, versions, file_digests)
+        for name, text in ((manifests.CARD_NAME, manifests.card_text(content)), (manifests.NAME, json_text(content))):
             with whole_file(folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return CampaignResult(manifest=content, generated=generated)
@@ -160,8 +160,8 @@ def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
     """
     if "recording" not in row:
         return row
-    paths = [job.task.path(place, ".mcap") for place in (RECORDINGS, REJECTED)]
-    recording = next((path for path in paths if path.is_file() and path.stat().st_size == row["bytes"]), None)
+    candidates = [job.task.path(place, ".mcap") for place in (RECORDINGS, REJECTED)]
+    recording = next((path for path in candidates if path.is_file() and path.stat().st_size == row["bytes"]), None)
     if recording is None:
         return None
     current = with_verdict(row, job.task.quality)
@@ -172,7 +172,7 @@ def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
     return current
 
 
-def campaign_request(campaign: Campaign, extra: Extra, user_files: Mapping[str, str]) -> dict[str, Any]:
+def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str, str]) -> dict[str, Any]:
     """What decides which walks a campaign has, apart from their number: its name, seed and options, and a digest.
 
     Limits of quality, splits and the description may change, as they do not change a walk. The number of walks counts
@@ -181,7 +181,7 @@ def campaign_request(campaign: Campaign, extra: Extra, user_files: Mapping[str, 
     Args:
         campaign: The campaign.
         extra: Overrides for every walk.
-        user_files: Digests of the user's files.
+        file_digests: Digests of the user's files.
     """
 
     def plain(variables: Iterable[Any]) -> list[Any]:
@@ -193,7 +193,7 @@ def campaign_request(campaign: Campaign, extra: Extra, user_files: Mapping[str, 
         plain(campaign.variables),
         campaign.sampling,
         0 if campaign.sampling == "sobol" else campaign.walks,
-        dict(user_files),
+        dict(file_digests),
     ]
     digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:16]
     return {"campaign": campaign.path.stem, "digest": digest, "seed": campaign.seed, **asdict(extra)}

@@ -46,21 +46,23 @@ for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["
 ```"""
 
 
-def split(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
+def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
     """Assigns each person and each terrain of all walks to a part: by `person` and `terrain`, name to part."""
     return {
-        by: _assigned(list(dict.fromkeys(k for row in rows if (k := group(row, by, splits)))), splits.shares, seed, by)
+        by: _assign_parts(
+            list(dict.fromkeys(k for row in rows if (k := group_of(row, by, splits)))), splits.shares, seed, by
+        )
         for by in _KEYS
     }
 
 
-def group(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
+def group_of(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
     """The person or the terrain of a walk; None where its scenario is invalid."""
     key = "scenario" if (by, splits.terrain_by) == ("terrain", "scenario") else by
     return row.get(key) if "person" in row else None
 
 
-def _assigned(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
+def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
     start = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEYS[by],))).random()
     parts, ends = list(shares), np.cumsum(list(shares.values()))
     start *= ends[0]  # the first one is in the first part
@@ -75,17 +77,17 @@ NAME, CARD_NAME = "manifest.json", "dataset_card.md"
 
 
 def manifest(
-    campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], own: Mapping[str, str]
+    campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], file_digests: Mapping[str, str]
 ) -> dict[str, Any]:
     """The manifest as JSON: of all rows, in order, with the code's versions and the checksums of the user's files."""
-    dealt = split(rows, campaign.splits, campaign.seed)
+    parts = assign_splits(rows, campaign.splits, campaign.seed)
     walks, bodies = [], {}
     for row in rows:
         entry = {key: value for key, value in row.items() if key not in ("key", "body")}
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
-            entry["split"] = {by: dealt[by][str(group(row, by, campaign.splits))] for by in dealt}
+            entry["split"] = {by: parts[by][str(group_of(row, by, campaign.splits))] for by in parts}
         walks.append(entry)
     return {
         "format": FORMAT,
@@ -94,32 +96,32 @@ def manifest(
         "seed": campaign.seed,
         "sampling": campaign.sampling,
         "scenarios": sorted({base.name for base in campaign.bases}),
-        "ranges": ranges(campaign),
+        "ranges": varying_values(campaign),
         "quality": vars(campaign.quality),
         "shares": campaign.splits.shares,
         "terrain_by": campaign.splits.terrain_by,
         "versions": dict(versions),
-        "files": dict(own),
+        "files": dict(file_digests),
         "people": bodies,
-        "splits": dealt,
+        "splits": parts,
         "walks": walks,
     }
 
 
-def ranges(campaign: Campaign) -> dict[str, str]:
+def varying_values(campaign: Campaign) -> dict[str, str]:
     """Each varying value, with its distribution as text; values of one scenario begin with its name."""
-    found = {v.name: v.distribution.words for v in campaign.variables if v.varies}
+    texts = {v.name: v.distribution.description for v in campaign.variables if v.varies}
     for base in campaign.bases:
-        found |= {f"{base.name}: {v.name}": v.distribution.words for v in base.variables if v.varies}
+        texts |= {f"{base.name}: {v.name}": v.distribution.description for v in base.variables if v.varies}
     for i, people in enumerate(campaign.people):
         if people.names:
-            found[f"people[{i}]"] = ", ".join(people.names)
+            texts[f"people[{i}]"] = ", ".join(people.names)
         for key, distribution in people.body.items():
-            found[f"people[{i}].{key}"] = distribution.words
-    return found
+            texts[f"people[{i}].{key}"] = distribution.description
+    return texts
 
 
-def card(manifest: Mapping[str, Any]) -> str:
+def card_text(manifest: Mapping[str, Any]) -> str:
     """The card, from the campaign's manifest alone."""
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]
@@ -133,7 +135,7 @@ def card(manifest: Mapping[str, Any]) -> str:
         f"beside it. Made by the campaign `{manifest['campaign']}`, seed {manifest['seed']}, "
         f"{manifest['sampling'].replace('_', ' ')} sampling.",
         "## Contents",
-        "\n".join(_files(manifest)),
+        "\n".join(_file_lines(manifest)),
         "## Reading the data",
         _READ.format(part=next(iter(manifest["shares"]))),
         "A recording is one MCAP file of ROS 2 messages, which Foxglove, Rerun, `mcap` and `rosbags` can open; "
@@ -142,14 +144,14 @@ def card(manifest: Mapping[str, Any]) -> str:
         "a walk again, with equal bytes, with the versions below.",
         "## Distributions",
         "Values of the accepted walks (numbers: lowest, mean, highest, and a histogram between lowest and highest).",
-        "\n".join(_values(manifest, accepted)),
+        "\n".join(_value_lines(manifest, accepted)),
         "## Splits",
         "Two independent splits: no person is in two parts of the split by person, no terrain in two parts of the "
         f"split by terrain (terrains differ by their {manifest['terrain_by']}). Walks in `test` of both splits share "
         "neither person nor terrain with `train`.",
-        "\n".join(_splits(manifest, accepted)),
+        "\n".join(_split_lines(manifest, accepted)),
         "## Rejected walks",
-        "\n".join(_rejects(manifest, walks)),
+        "\n".join(_reject_lines(manifest, walks)),
         "## Versions",
         "\n".join(f"- {name} {version}" for name, version in manifest["versions"].items()),
         "Made with StrideTwin, which is licensed under Apache-2.0.",
@@ -157,41 +159,41 @@ def card(manifest: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _files(manifest: Mapping[str, Any]) -> Iterator[str]:
+def _file_lines(manifest: Mapping[str, Any]) -> Iterator[str]:
     yield "| | |\n|---|---|"
     for name, what in _FILES.items():
         if name != "files/" or manifest["files"]:
             yield f"| `{name}` | {what} |"
 
 
-def _values(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _value_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield "| value | distribution | walks | drawn |\n|---|---|---|---|"
     yield _row("scenario", ", ".join(manifest["scenarios"]), [w["scenario"] for w in accepted])
-    for name, words in manifest["ranges"].items():
+    for name, text in manifest["ranges"].items():
         if name.startswith("people["):
-            yield _row(name, words, [])
+            yield _row(name, text, [])
             continue
-        base, colon, own = name.partition(": ")
-        drawn = [
-            w["values"][own or base]
+        base, colon, value_name = name.partition(": ")
+        values = [
+            w["values"][value_name or base]
             for w in accepted
-            if (own or base) in w["values"]
+            if (value_name or base) in w["values"]
             and (w["scenario"] == base if colon else f"{w['scenario']}: {name}" not in manifest["ranges"])
         ]
-        yield _row(name, words, drawn)
+        yield _row(name, text, values)
     bodies = [manifest["people"][w["person"]] for w in accepted]
     for key in ("sex", "height_m", "mass_kg", "shoe_mm"):
-        drawn = [body[key] for body in bodies if key in body]
-        if drawn:
-            yield _row(f"person: {key}", "", drawn)
+        values = [body[key] for body in bodies if key in body]
+        if values:
+            yield _row(f"person: {key}", "", values)
     yield _row("duration_s", "", [w["duration_s"] for w in accepted])
 
 
-def _row(name: str, words: str, drawn: Sequence[Any]) -> str:
-    return f"| {_cell(name)} | {_cell(words)} | {len(drawn) or ''} | {_cell(_drawn(drawn))} |"
+def _row(name: str, text: str, values: Sequence[Any]) -> str:
+    return f"| {_cell(name)} | {_cell(text)} | {len(values) or ''} | {_cell(_distribution_text(values))} |"
 
 
-def _drawn(values: Sequence[Any]) -> str:
+def _distribution_text(values: Sequence[Any]) -> str:
     if not values:
         return ""
     if all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
@@ -205,16 +207,16 @@ def _histogram(values: Sequence[float], low: float, high: float) -> str:
     if low == high:
         return ""
     counts = Counter(min(int((v - low) / (high - low) * _BINS), _BINS - 1) for v in values)
-    most = max(counts.values())
-    return "".join(_BARS[round(counts[i] / most * (len(_BARS) - 1))] if counts[i] else " " for i in range(_BINS))
+    max_count = max(counts.values())
+    return "".join(_BARS[round(counts[i] / max_count * (len(_BARS) - 1))] if counts[i] else " " for i in range(_BINS))
 
 
-def _splits(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _split_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     parts = list(manifest["shares"])
     yield f"| split | | {' | '.join(parts)} |\n|---|---|{'---|' * len(parts)}"
     yield f"| requested | share | {' | '.join(f'{share:g}' for share in manifest['shares'].values())} |"
-    for by, dealt in manifest["splits"].items():
-        groups = Counter(dealt.values())
+    for by, part_of in manifest["splits"].items():
+        groups = Counter(part_of.values())
         walks = Counter(w["split"][by] for w in accepted)
         yield f"| by {by} | {'people' if by == 'person' else 'terrains'} | {_cells(groups[p] for p in parts)} |"
         yield f"| by {by} | walks | {_cells(walks[p] for p in parts)} |"
@@ -222,7 +224,7 @@ def _splits(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) 
     yield f"| in the same part of both | walks | {_cells(both[p] for p in parts)} |"
 
 
-def _rejects(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+def _reject_lines(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) -> Iterator[str]:
     quality = manifest["quality"]
     yield (
         f"Infeasible walks; walks with more external force at the root than {quality['help_pct']:g} % of the body "

@@ -118,13 +118,13 @@ class NamedFiles:
         folder: Description of its folder for errors, such as `the campaign's folder`.
 
     Attributes:
-        own: The user's files by their names in the output folder.
+        user_files: The user's files by their names in the output folder.
     """
 
     def __init__(self, path: Path, folder: str) -> None:
         self._home, self._folder = path.resolve().parent, folder
         self._bases: set[str] = set()
-        self.own: dict[str, Path] = {}
+        self.user_files: dict[str, Path] = {}
 
     def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
         """The list `scenarios`, with the settings of each."""
@@ -135,53 +135,53 @@ class NamedFiles:
 
     def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
         """A scenario and its own variables."""
-        name, known = item.scenario, catalogue()
+        name, built_in = item.scenario, catalogue()
         at = where if short else where.key("scenario")
-        if name in known:
-            path = known[name]
+        if name in built_in:
+            path = built_in[name]
         elif name.lower().endswith(_SUFFIXES):
-            path = self._inside(self._home, name, at)
+            path = self._find_file(self._home, name, at)
         else:
-            raise at.error(name, f"{suggest(name, known)}, or the path of a .yaml file in {self._folder}")
+            raise at.error(name, f"{suggest(name, built_in)}, or the path of a .yaml file in {self._folder}")
         scenario = read_yaml(path, most_values=LARGEST_FILE_VALUES)
         if not isinstance(scenario, dict):
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
-            scenario[key] = self.own_files(scenario[key], at, path.resolve().parent)
+            scenario[key] = self.with_output_names(scenario[key], at, path.resolve().parent)
         return Base(
-            name=self._unique(path.stem), scenario=scenario, weight=getattr(item, "weight", 1.0),
+            name=self._make_unique(path.stem), scenario=scenario, weight=getattr(item, "weight", 1.0),
             variables=self.variables(item.set, where.key("set")), at=at, file=path, written=name,
         )  # fmt: skip
 
-    def _unique(self, name: str) -> str:
+    def _make_unique(self, name: str) -> str:
         """A unique name: a scenario may be listed twice with different values."""
         names = (name, *(f"{name}_{i}" for i in range(2, len(self._bases) + 2)))
-        found = next(n for n in names if n not in self._bases)
-        self._bases.add(found)
-        return found
+        unique_name = next(n for n in names if n not in self._bases)
+        self._bases.add(unique_name)
+        return unique_name
 
     def variables(self, values: Mapping[str, Distribution], where: Where) -> tuple[Variable, ...]:
         """The block `set`."""
-        found: list[Variable] = []
+        variables: list[Variable] = []
         for name, value in values.items():
             at = where.key(name)
             paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-            varied = self._own_values(value, at) if names_files(paths) else value
-            known = ", ".join(p.text for p in paths)
-            if any(variable.name == known for variable in found):  # they differ in blanks
+            varied = self._with_output_names(value, at) if names_files(paths) else value
+            canonical_name = ", ".join(p.text for p in paths)
+            if any(variable.name == canonical_name for variable in variables):  # they differ in blanks
                 raise at.error(name, "every place once")
-            found.append(Variable(name=known, paths=paths, distribution=varied, at=at))
-        return tuple(found)
+            variables.append(Variable(name=canonical_name, paths=paths, distribution=varied, at=at))
+        return tuple(variables)
 
-    def _own_values(self, values: Distribution, at: Where) -> Distribution:
+    def _with_output_names(self, values: Distribution, at: Where) -> Distribution:
         """The same distribution with the names that files get in the output folder."""
         if isinstance(values, Fixed):
-            return Fixed(fixed=self.own_files(values.fixed, at))
+            return Fixed(fixed=self.with_output_names(values.fixed, at))
         if isinstance(values, Choice):
-            return Choice(choice=tuple(self.own_files(list(values.choice), at)), weights=values.weights)
+            return Choice(choice=tuple(self.with_output_names(list(values.choice), at)), weights=values.weights)
         return values
 
-    def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
+    def with_output_names(self, node: Any, where: Where, home: Path | None = None) -> Any:
         """The block of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
 
         Args:
@@ -191,24 +191,24 @@ class NamedFiles:
         """
         home = home or self._home
         if isinstance(node, dict):
-            return {key: self.own_files(value, where, home) for key, value in node.items()}
+            return {key: self.with_output_names(value, where, home) for key, value in node.items()}
         if isinstance(node, list):
-            return [self.own_files(value, where, home) for value in node]
+            return [self.with_output_names(value, where, home) for value in node]
         if not isinstance(node, str) or not node.lower().endswith(_OWN):
             return node
-        return f"../{FILES}/{self._keep(home, node, where)}"
+        return f"../{FILES}/{self._add_file(home, node, where)}"
 
-    def _keep(self, home: Path, name: str, where: Where) -> str:
+    def _add_file(self, home: Path, name: str, where: Where) -> str:
         """Adds a file and the files that it names; returns its name in the output folder."""
-        path = self._inside(home, name, where)
-        kept = path.relative_to(self._home).as_posix()
-        if kept not in self.own:
-            self.own[kept] = path
-            for other in _named_in(path):
-                self._keep(path.parent, other, where)
-        return kept
+        path = self._find_file(home, name, where)
+        output_name = path.relative_to(self._home).as_posix()
+        if output_name not in self.user_files:
+            self.user_files[output_name] = path
+            for inner_name in _find_named_files(path):
+                self._add_file(path.parent, inner_name, where)
+        return output_name
 
-    def _inside(self, home: Path, name: str, where: Where) -> Path:
+    def _find_file(self, home: Path, name: str, where: Where) -> Path:
         """A file of the folder or below it."""
         path = (home / name).resolve()
         if not path.is_relative_to(self._home):
@@ -223,10 +223,10 @@ def names_files(paths: tuple[FieldPath, ...]) -> bool:
     return any(path.keys[0] in _NAMING for path in paths)
 
 
-def _named_in(path: Path) -> Iterable[str]:
+def _find_named_files(path: Path) -> Iterable[str]:
     """Files that a user's file names in turn: meshes of a model, parts of a rig file."""
     if path.suffix.lower() in _SUFFIXES:
-        return _parts_in(read_yaml(path, most_values=LARGEST_FILE_VALUES))
+        return _find_part_files(read_yaml(path, most_values=LARGEST_FILE_VALUES))
     if path.suffix.lower() in _MODELS:
         from stridetwin.sim.wearer.own_exo_model import files_of  # takes the simulator
 
@@ -234,12 +234,12 @@ def _named_in(path: Path) -> Iterable[str]:
     return ()
 
 
-def _parts_in(node: Any) -> Iterator[str]:
+def _find_part_files(node: Any) -> Iterator[str]:
     for key, value in node.items() if isinstance(node, dict) else ():
         if key == "part" and isinstance(value, str) and value.lower().endswith(_SUFFIXES):
             yield value
         else:
-            yield from _parts_in(value)
+            yield from _find_part_files(value)
 
 
 def scenario_text(scenario: dict[str, Any]) -> str:
@@ -247,9 +247,9 @@ def scenario_text(scenario: dict[str, Any]) -> str:
     return yaml.dump(scenario, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
 
-def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
+def copy_files(folder: Path, user_files: Mapping[str, Path]) -> None:
     """Copies the user's files to the paths that the walks' scenarios name."""
-    for name, source in own.items():
+    for name, source in user_files.items():
         place = folder / FILES / name
         place.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(place) as file:
@@ -257,25 +257,25 @@ def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
 
 
 def errors_in_user_files(
-    error: StrideTwinError, own: Mapping[str, Path], scenario: Path | None = None
+    error: StrideTwinError, user_files: Mapping[str, Path], scenario: Path | None = None
 ) -> StrideTwinError | None:
     """Errors located in the user's files, with the user's paths; None if there are none.
 
     Args:
         error: Of a scenario that was parsed from the output folder.
-        own: The user's files by their names there.
+        user_files: The user's files by their names there.
         scenario: The user's scenario file, where the scenario is as in that file.
     """
-    files = {f"/{FILES}/{name}": path for name, path in own.items()}
+    files = {f"/{FILES}/{name}": path for name, path in user_files.items()}
     if scenario is not None and scenario not in catalogue().values():
         files[f"/{SCENARIOS}/{_PARSED}"] = scenario
     located: list[StrideTwinError] = []
     for one in error.errors if isinstance(error, ConfigFileError) else (error,):
         file = next((f for end, f in files.items() if isinstance(one, ConfigError) and one.source.endswith(end)), None)
         if file is not None and isinstance(one, ConfigError):
-            here = Path.cwd()
-            shown = file.relative_to(here) if file.is_relative_to(here) else file
-            located.append(ConfigError(shown, one.field, one.value, one.valid))
+            working_folder = Path.cwd()
+            shown_path = file.relative_to(working_folder) if file.is_relative_to(working_folder) else file
+            located.append(ConfigError(shown_path, one.field, one.value, one.valid))
     return (located[0] if len(located) == 1 else ConfigFileError(located)) if located else None
 
 

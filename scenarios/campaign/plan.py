@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
-from stridetwin.scenarios.campaign.distributions import weighted_index
-from stridetwin.scenarios.campaign.field_paths import field_path, put
+from stridetwin.scenarios.campaign.distributions import index_at_quantile
+from stridetwin.scenarios.campaign.field_paths import field_path, set_value
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
 
@@ -53,7 +53,7 @@ _WALKS, _PEOPLE = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk:
+class PlannedWalk:
     """One walk.
 
     Attributes:
@@ -86,44 +86,50 @@ class Extra:
         yield from (("sensors", group) for group in self.off)
 
 
-def people(campaign: Campaign) -> list[Any]:
+def draw_people(campaign: Campaign) -> list[Any]:
     """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
     The members of a group are sorted by their first value, so that walks that cover the people evenly cover that value
     evenly, too.
     """
-    found: list[Any] = []
+    members: list[Any] = []
     for i, group in enumerate(campaign.people):
-        points = quasi_random_points(campaign.sampling, group.count, len(group.drawn), campaign.seed, (_PEOPLE, i))
-        found += group.names or [group.person(dict(zip(group.drawn, row))) for row in sorted(points.tolist())]
-    return found
+        points = quasi_random_points(
+            campaign.sampling, group.count, len(group.varying_keys), campaign.seed, (_PEOPLE, i)
+        )
+        members += group.names or [group.person(dict(zip(group.varying_keys, row))) for row in sorted(points.tolist())]
+    return members
 
 
-def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
+def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     """The walks of a campaign, in order.
 
     The scenario of each walk is drawn first. Each scenario then has a unit cube of its own, with one dimension for the
     person and one per varying value; its walks take the points in order. So the values of a scenario fill their ranges
     jointly, independent of the other scenarios.
     """
-    crowd, sampling = people(campaign), campaign.sampling
-    which = [
-        weighted_index([base.weight for base in campaign.bases], row[0])
+    members, sampling = draw_people(campaign), campaign.sampling
+    base_numbers = [
+        index_at_quantile([base.weight for base in campaign.bases], row[0])
         for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
     ]
     varied = [[v for v in effective_variables(campaign, base, Extra()) if v.varies] for base in campaign.bases]
     points = [
-        iter(quasi_random_points(sampling, which.count(i), 1 + len(own), campaign.seed, (_WALKS, i)).tolist())
-        for i, own in enumerate(varied)
+        iter(
+            quasi_random_points(
+                sampling, base_numbers.count(i), 1 + len(variables), campaign.seed, (_WALKS, i)
+            ).tolist()
+        )
+        for i, variables in enumerate(varied)
     ]
     effective = [{v.name for v in effective_variables(campaign, base, extra)} for base in campaign.bases]
     walks = []
-    for i, k in enumerate(which):
+    for i, k in enumerate(base_numbers):
         base, (who, *row) = campaign.bases[k], next(points[k])
         drawn = {v.name: v.distribution.at(u) for v, u in zip(varied[k], row) if v.name in effective[k]}
-        person = crowd[int(who * len(crowd))] if crowd else None
+        person = members[int(who * len(members))] if members else None
         walks.append(
-            Walk(
+            PlannedWalk(
                 name=f"walk_{i:05d}",
                 seed=campaign.seed * _SEEDS + i,
                 base=base.name,
@@ -136,13 +142,13 @@ def plan(campaign: Campaign, extra: Extra) -> list[Walk]:
 
 def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
     """Variables that are set in a scenario's walks, in order, without those that later lines replace entirely."""
-    found: list[Variable] = []
+    variables: list[Variable] = []
     later = list(extra.places)
     for variable in reversed((*campaign.variables, *base.variables)):
         if not all(any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths):
-            found.insert(0, variable)
+            variables.insert(0, variable)
             later += [path.keys for path in variable.paths]
-    return found
+    return variables
 
 
 def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
@@ -157,11 +163,11 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     for variable in effective_variables(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         for path in variable.paths:
-            put(scenario, path, deepcopy(value), variable.at)
+            set_value(scenario, path, deepcopy(value), variable.at)
     if person is not None:
         scenario["person"] = deepcopy(person)
     if extra.physics is not None:
         scenario["physics"] = extra.physics
     for group in extra.off:
-        put(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
+        set_value(scenario, field_path(f"sensors.{group}", base.at), False, base.at)
     return scenario

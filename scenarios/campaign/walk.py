@@ -18,10 +18,10 @@ from stridetwin.batch.jobs import Failure, Row
 from stridetwin.batch.versions import code_versions
 from stridetwin.scenarios.campaign.campaign_file import Quality, plain_person
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
-from stridetwin.scenarios.campaign.plan import Walk
+from stridetwin.scenarios.campaign.plan import PlannedWalk
 from stridetwin.scenarios.check import check_recording
 from stridetwin.scenarios.files import sha256
-from stridetwin.scenarios.metadata import injected_faults
+from stridetwin.scenarios.metadata import read_injected_faults
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.scenarios.scenario_file import Scenario, read_scenario, scenario_of
 from stridetwin.sim.config import Person, TwinConfig
@@ -38,7 +38,7 @@ _RESIDUAL = "/truth/root_residual"
 class WalkTask:
     """A walk to generate, in the campaign's folder and with its quality limits."""
 
-    walk: Walk
+    walk: PlannedWalk
     folder: Path
     quality: Quality
 
@@ -73,7 +73,7 @@ def generate_walk(task: WalkTask) -> Row | Failure:
         return Failure(f"{type(error).__name__}: {error}")
 
 
-def failed_row(task: WalkTask, reason: str) -> Row:
+def row_of_failure(task: WalkTask, reason: str) -> Row:
     """The row of a walk with an unexpected error; it is not kept, so that the next run tries again.
 
     It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
@@ -98,36 +98,36 @@ def _simulate(task: WalkTask, unfinished: Path) -> Row:
         twin = make_twin(scenario.config, task.walk.seed)
         _ = twin.duration_s  # simulated here
     except StrideTwinError as error:
-        return _infeasible(task, error, path, scenario)
+        return _reject_infeasible(task, error, path, scenario)
     try:
         record(twin, recorded, lambda *_: None)
     except ConfigError as error:  # a fault after the walk's end
-        return _infeasible(task, error, path, scenario)
-    figures = measured(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
+        return _reject_infeasible(task, error, path, scenario)
+    figures = quality_figures(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
     row = with_verdict(
         {**_row(task, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
         task.quality,
     )
     for place in (RECORDINGS, REJECTED):
-        if task.folder / row["recording"] != (other := task.path(place, ".mcap")):
-            other.unlink(missing_ok=True)  # of another version
+        if task.folder / row["recording"] != (outdated := task.path(place, ".mcap")):
+            outdated.unlink(missing_ok=True)  # of another version
     os.replace(recorded, task.folder / row["recording"])
     return row
 
 
 def with_verdict(row: Row, quality: Quality) -> Row:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
-    why = reasons(row, quality)
+    why = rejection_reasons(row, quality)
     status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)
     return {**row, "status": status, "reasons": why, "recording": f"{place}/{row['walk']}.mcap"}
 
 
-def _infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> Row:
+def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> Row:
     """The row of an infeasible walk."""
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
-    words = _one_line(task, str(error).replace(str(path), path.stem))
-    return _row(task, REJECTS, [f"refused: {words}"], scenario)
+    text = _one_line(task, str(error).replace(str(path), path.stem))
+    return _row(task, REJECTS, [f"refused: {text}"], scenario)
 
 
 def _one_line(task: WalkTask, text: str) -> str:
@@ -147,61 +147,61 @@ def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None 
         "values": task.walk.values,
         "status": status,
         "reasons": why,
-        **({} if scenario is None else _who_and_where(scenario.config)),
+        **({} if scenario is None else _person_and_terrain(scenario.config)),
     }
 
 
-def _who_and_where(config: TwinConfig) -> Row:
+def _person_and_terrain(config: TwinConfig) -> Row:
     """Person and terrain; equal bodies and equal routes have equal names."""
     body = plain_person(config.person)
     return {
-        "person": f"person_{_short(json.dumps(body, sort_keys=True))}",
+        "person": f"person_{_short_digest(json.dumps(body, sort_keys=True))}",
         "body": body,
-        "terrain": f"terrain_{_short(repr(config.route.segments))}",
+        "terrain": f"terrain_{_short_digest(repr(config.route.segments))}",
         "physics": config.physics,
     }
 
 
-def _short(text: str) -> str:
+def _short_digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def measured(recording: Recording, person: Person, fell_at_s: float | None) -> Row:
+def quality_figures(recording: Recording, person: Person, fell_at_s: float | None) -> Row:
     """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
 
     Returns:
         `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
         `expected_findings` about streams with an injected fault.
     """
-    broken = {i.topic for i in injected_faults(recording.metadata)}
+    broken = {i.topic for i in read_injected_faults(recording.metadata)}
     errors = [f for f in check_recording(recording).findings if f.is_error]
     return {
-        "duration_s": _rounded(recording.duration),
-        "fell_at_s": None if fell_at_s is None else _rounded(fell_at_s),
+        "duration_s": _round(recording.duration),
+        "fell_at_s": None if fell_at_s is None else _round(fell_at_s),
         "help_mean_pct": _root_help_pct(recording, person),
-        "findings": [f.words for f in errors if f.topic not in broken],
-        "expected_findings": [f.words for f in errors if f.topic in broken],
+        "findings": [f.text for f in errors if f.topic not in broken],
+        "expected_findings": [f.text for f in errors if f.topic in broken],
     }
 
 
-def reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
-    """Reasons to reject a walk by the figures of `measured`; empty if it is accepted."""
+def rejection_reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
+    """Reasons to reject a walk by the figures of `quality_figures`; empty if it is accepted."""
     why = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":
         why.append(f"fell: at {figures['fell_at_s']:.2f} s")
     if (help_pct := figures["help_mean_pct"]) > quality.help_pct:
         why.append(f"help: {help_pct:g} % of the body weight at the root, more than {quality.help_pct:g} %")
     if quality.sensors == "reject":
-        why += [f"sensors: {words}" for words in figures["findings"]]
+        why += [f"sensors: {text}" for text in figures["findings"]]
     return why
 
 
 def _root_help_pct(recording: Recording, person: Person) -> float:
     """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
-    return _rounded(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
+    return _round(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     """Three decimals; -0 becomes 0."""
     return round(value, 3) + 0.0

@@ -72,29 +72,29 @@ class AssistanceObserver(Streams):
 
     def __init__(self, rig: Rig, recognition: Callable[[], Recognition]) -> None:
         super().__init__(rig)
-        self._begin = recognition
+        self._make_recognition = recognition
         self._recognition = Recognition()
         self._loaded = dict.fromkeys(SIDES, True)
 
     def reset(self) -> None:
         """As `Observer`."""
         super().reset()
-        self._recognition = self._begin()
+        self._recognition = self._make_recognition()
         self._loaded = dict.fromkeys(SIDES, True)
 
     def update(self, samples: Iterable[Sample]) -> None:
         """As `Observer`."""
-        taken = list(samples)
-        super().update(taken)
-        for sample in taken:
+        sample_list = list(samples)
+        super().update(sample_list)
+        for sample in sample_list:
             self._recognition.update(sample)
             if isinstance(sample, Insole):
                 self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
 
     def observation(self) -> dict[str, Array]:
         """As `Observer`."""
-        known = self._recognition
-        modes = [known.current[foot] if self._loaded[foot] else known.upcoming[foot] for foot in SIDES]
+        recognition = self._recognition
+        modes = [recognition.current[foot] if self._loaded[foot] else recognition.upcoming[foot] for foot in SIDES]
         return {
             **super().observation(),
             "loaded": np.array([float(self._loaded[foot]) for foot in SIDES]),
@@ -107,31 +107,31 @@ class AssistanceController:
 
     Args:
         joints: In the order of actions.
-        most: (n,) torque limits, N m.
+        max_torque_nm: (n,) torque limits, N m.
     """
 
-    def __init__(self, joints: Sequence[str], most: Array) -> None:
-        self._joints, self._most = joints, most
+    def __init__(self, joints: Sequence[str], max_torque_nm: Array) -> None:
+        self._joints, self._max_torque_nm = joints, max_torque_nm
         self._torque = np.zeros(len(joints))
 
-    def torques(self, seen: Mapping[str, Array]) -> Array:
+    def torques(self, observation: Mapping[str, Array]) -> Array:
         """(n,) torque commands, N m, flexion positive; call it once per `PERIOD_S` with an observation."""
-        wanted = np.array([_share(joint, seen) for joint in self._joints]) * self._most
-        self._torque += (wanted - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
+        target = np.array([_torque_share(joint, observation) for joint in self._joints]) * self._max_torque_nm
+        self._torque += (target - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
         return self._torque.copy()
 
 
-def _share(joint: str, seen: Mapping[str, Array]) -> float:
+def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     """Share of the torque limit, -1 to 1."""
     name, side = joint.split("_")
-    foot, speed = SIDES.index(side), float(seen[f"exo/{joint}/actuator"][2])
-    loaded = seen["loaded"][foot] > 0.0
-    modes = [MODES[int(mode)] for mode in seen["mode"]]
+    foot, speed = SIDES.index(side), float(observation[f"exo/{joint}/actuator"][2])
+    loaded = observation["loaded"][foot] > 0.0
+    modes = [MODES[int(mode)] for mode in observation["mode"]]
     # a leg that swings up from the last tread has to be lifted, though it comes down on the level
-    of = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
-    shares = (of.stance if loaded else of.swing).get(name, TorqueShares())  # ankles get no torque
+    assistance = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
+    shares = (assistance.stance if loaded else assistance.swing).get(name, TorqueShares())  # ankles get no torque
     if not abs(speed) > 0.0:
         return 0.0  # NaN: no sample has arrived yet
     share = -shares.extending if speed < 0.0 else shares.bending
     full = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
-    return of.share * share * min(abs(speed) / full, 1.0)
+    return assistance.share * share * min(abs(speed) / full, 1.0)

@@ -41,7 +41,7 @@ class WalkResult(NamedTuple):
     walk: SimulatedWalk
 
 
-def bare_walk(config: TwinConfig, seed: int) -> WalkResult:
+def simulate_bare_walk(config: TwinConfig, seed: int) -> WalkResult:
     """The walk without exoskeleton."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
@@ -49,7 +49,7 @@ def bare_walk(config: TwinConfig, seed: int) -> WalkResult:
     return WalkResult(twin=twin, walk=walk)
 
 
-def assisted_walk(
+def simulate_assisted_walk(
     config: TwinConfig, seed: int, recogniser: Recogniser | None, sensors: tuple[str, ...] = ()
 ) -> WalkResult:
     """The walk in the exoskeleton with all its modules.
@@ -66,27 +66,29 @@ def assisted_walk(
             return Streams(rig)
         return AssistanceObserver(rig, lambda: recogniser(rig, env.physics.twin))
 
-    worn = tuple(dict.fromkeys((*_SENSED, *sensors)))
-    env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=worn)
+    sensor_groups = tuple(dict.fromkeys((*_SENSED, *sensors)))
+    env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=sensor_groups)
     physics = env.physics
     try:
         step = env.reset()
-        helper = AssistanceController(physics.joints, env.action_spec().maximum)
+        controller = AssistanceController(physics.joints, env.action_spec().maximum)
         idle = np.zeros(len(physics.joints))
         while not step.last():
-            step = env.step(idle if recogniser is None else helper.torques(step.observation))
+            step = env.step(idle if recogniser is None else controller.torques(step.observation))
         return WalkResult(twin=physics.twin, walk=physics.live.simulation.walk())
     finally:
         physics.close()
 
 
-def truth_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
+def true_modes_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
     """The true modes, with the share `wrong` of the steps replaced by other modes."""
-    steps = {side: [(round(s.t_touch * 1e9), s.mode) for s in _made(twin.reference.steps[side])] for side in SIDES}
+    steps = {
+        side: [(round(s.t_touch * 1e9), s.mode) for s in _select_landed(twin.reference.steps[side])] for side in SIDES
+    }
     return TrueModes(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
 
 
-def costs(made: WalkResult) -> dict[str, dict[str, float]]:
+def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
     """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
 
     Returns:
@@ -94,37 +96,37 @@ def costs(made: WalkResult) -> dict[str, dict[str, float]]:
         would remain if the motors' torque limits reduced it without loss; `cuff_n`, RMS force of thigh and
         shank cuffs, 0 without exoskeleton.
     """
-    walk = made.walk
+    walk = result.walk
     torque, speed = wearer_joints(walk)
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
     rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
-    cuffs = _cuffs(made)
-    steps = sorted((s for side in SIDES for s in _made(walk.steps[side])), key=lambda s: s.t_touch)
-    found = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
+    cuffs = _cuff_force_squared(result)
+    steps = sorted((s for side in SIDES for s in _select_landed(walk.steps[side])), key=lambda s: s.t_touch)
+    cost_of_mode = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
     last = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
     for step, after in pairwise(steps):
         if after.t_touch > last:
             break
-        on = (walk.t >= step.t_touch) & (walk.t < after.t_touch)
-        of = found[step.mode]
-        of["steps"] += 1.0
-        of["work_j"] += float(power[on].sum()) * STEP_S
-        of["rest_j"] += float(rest[on].sum()) * STEP_S
-        of["cuff_n"] += float(cuffs[on].mean())
-    for of in found.values():
-        of["cuff_n"] = float(np.sqrt(of["cuff_n"] / of["steps"])) if of["steps"] else 0.0
-    return {mode: of for mode, of in found.items() if of["steps"]}
+        during_step = (walk.t >= step.t_touch) & (walk.t < after.t_touch)
+        cost = cost_of_mode[step.mode]
+        cost["steps"] += 1.0
+        cost["work_j"] += float(power[during_step].sum()) * STEP_S
+        cost["rest_j"] += float(rest[during_step].sum()) * STEP_S
+        cost["cuff_n"] += float(cuffs[during_step].mean())
+    for cost in cost_of_mode.values():
+        cost["cuff_n"] = float(np.sqrt(cost["cuff_n"] / cost["steps"])) if cost["steps"] else 0.0
+    return {mode: cost for mode, cost in cost_of_mode.items() if cost["steps"]}
 
 
-def _cuffs(made: WalkResult) -> Array:
+def _cuff_force_squared(result: WalkResult) -> Array:
     """(N,) N², mean square of the cuffs' forces at the walk's instants."""
-    t = made.walk.t
-    if made.twin.config.exo is None:
+    t = result.walk.t
+    if result.twin.config.exo is None:
         return np.zeros(len(t))
     t_ns = np.round(t * 1e9).astype(np.int64)
-    motion = Replay(made.twin.model, made.walk).motion(t_ns)
+    motion = Replay(result.twin.model, result.walk).motion(t_ns)
     return np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0)
 
 
-def _made(steps: list[Footstep]) -> list[Footstep]:
+def _select_landed(steps: list[Footstep]) -> list[Footstep]:
     return [s for s in steps if np.isfinite(s.t_touch) and s.t_touch > 0.0]

@@ -29,7 +29,7 @@ from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Sample
-from stridetwin.studies.closed_loop.plan_cache import stored
+from stridetwin.studies.closed_loop.plan_cache import cache_plans
 
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
@@ -55,7 +55,7 @@ class WalkPhysics(control.Physics):
 
     Attributes:
         joints: Powered joints, in the order of actions: hips, knees, ankles, then others by name; left first.
-        most: (n,) torque limit of each, N m.
+        max_torque_nm: (n,) torque limit of each, N m.
         rig: The nominal sensor rig of the first walk, as estimators read it.
 
     Raises:
@@ -63,16 +63,18 @@ class WalkPhysics(control.Physics):
     """
 
     def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
-        mounted = {} if config.exo is None else modules(config.exo)
-        if not mounted:
-            raise _unpowered(config)
-        self.joints = tuple(sorted(mounted, key=_rank))
-        self.most = np.minimum(torque_limits_nm(self.joints), [mounted[joint].torque_max_nm for joint in self.joints])
-        self._driven = [self.joints.index(joint) for joint in mounted]  # in the order of the motors
+        powered = {} if config.exo is None else modules(config.exo)
+        if not powered:
+            raise _no_power_error(config)
+        self.joints = tuple(sorted(powered, key=_rank))
+        self.max_torque_nm = np.minimum(
+            torque_limits_nm(self.joints), [powered[joint].torque_max_nm for joint in self.joints]
+        )
+        self._driven = [self.joints.index(joint) for joint in powered]  # in the order of the motors
         first = next(seeds)
         self._config, self._seeds = config, chain((first,), seeds)
         self.rig: Rig = sensor_rig(config).nominal(first)
-        self._plan, self._plan_control = stored()
+        self._plan, self._plan_control = cache_plans()
         self._twin: Twin | None = None
         self._live: LiveTwin | None = None
         self._walking = ExitStack()
@@ -152,13 +154,13 @@ def _rank(joint: str) -> tuple[int, str]:
     return _ORDER.index(name) if name in _ORDER else len(_ORDER), joint
 
 
-def _unpowered(config: TwinConfig) -> ConfigError:
-    found, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
+def _no_power_error(config: TwinConfig) -> ConfigError:
+    value, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
     if config.exo is not None:
-        found = f"mode {config.exo.mode}"
+        value = f"mode {config.exo.mode}"
         if config.exo.own is not None:
-            found, valid = "no motors", f"motors in {config.exo.own.rig}"
-    return ConfigError(config.name, "exo", found, valid)
+            value, valid = "no motors", f"motors in {config.exo.own.rig}"
+    return ConfigError(config.name, "exo", value, valid)
 
 
 def _walk_seeds(seed: Any) -> Iterator[int]:
@@ -167,10 +169,10 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
         seeds = iter(seed)
     except TypeError:
         seeds = repeat(seed)
-    return map(_checked_seed, chain(seeds, repeat("used up")))
+    return map(_check_seed, chain(seeds, repeat("used up")))
 
 
-def _checked_seed(value: Any) -> int:
+def _check_seed(value: Any) -> int:
     with suppress(TypeError):
         if (seed := operator.index(value)) >= 0:
             return seed
@@ -241,14 +243,16 @@ class Assistance(control.Task):
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
         """(n,) N m, flexion positive, in the order of the physics' `joints`."""
-        return specs.BoundedArray(physics.most.shape, float, -physics.most, physics.most, name="torque_nm")
+        return specs.BoundedArray(
+            physics.max_torque_nm.shape, float, -physics.max_torque_nm, physics.max_torque_nm, name="torque_nm"
+        )
 
     def before_step(self, action: Array, physics: WalkPhysics) -> None:
         """Clips torques to the limits; refuses values that are not finite."""
         torque = np.asarray(action, float)
-        if torque.shape != physics.most.shape or not np.isfinite(torque).all():
-            raise ConfigError("action", "torque_nm", torque, f"{len(physics.most)} finite numbers")
-        physics.set_control(np.clip(torque, -physics.most, physics.most))
+        if torque.shape != physics.max_torque_nm.shape or not np.isfinite(torque).all():
+            raise ConfigError("action", "torque_nm", torque, f"{len(physics.max_torque_nm)} finite numbers")
+        physics.set_control(np.clip(torque, -physics.max_torque_nm, physics.max_torque_nm))
 
     def after_step(self, physics: WalkPhysics) -> None:
         """Passes the samples that arrived to the observer."""

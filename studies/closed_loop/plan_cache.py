@@ -19,7 +19,7 @@ MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
 
-def stored(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """`reference` and `plan_control` as functions of the same arguments that look the result up first.
 
     A plan is found again if every argument (model, configuration, state of the random numbers) and the version of the
@@ -32,16 +32,16 @@ def stored(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[...
     memory.reduce_size(bytes_limit=MAX_BYTES)
     version = digest(Twin.__module__, estimators=False)
     return (
-        _stored(memory, version, plan_reference, "the motion"),
-        _stored(memory, version, plan_control, "the control of the simulation"),
+        _cache_function(memory, version, plan_reference, "the motion"),
+        _cache_function(memory, version, plan_control, "the control of the simulation"),
     )
 
 
-def _stored(memory: Memory, version: str, function: Callable[..., Any], what: str) -> Callable[..., Any]:
-    def planned(arguments: tuple[Any, ...], version: str) -> Any:
+def _cache_function(memory: Memory, version: str, function: Callable[..., Any], what: str) -> Callable[..., Any]:
+    def plan(arguments: tuple[Any, ...], version: str) -> Any:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
-    planned.__qualname__ = function.__name__  # the name of its folder
-    kept = memory.cache(planned)
-    return lambda *arguments: kept(arguments, version)
+    plan.__qualname__ = function.__name__  # the name of its folder
+    cached_plan = memory.cache(plan)
+    return lambda *arguments: cached_plan(arguments, version)

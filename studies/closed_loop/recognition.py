@@ -18,7 +18,7 @@ from stridetwin.sim.config import SIDES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
-LEVEL = "LG"
+LEVEL_MODE = "LG"
 _LATE_NS = 100_000_000
 """A foot that lands later than planned is still in swing."""
 
@@ -32,14 +32,14 @@ class Recognition:
     """
 
     def __init__(self) -> None:
-        self.current = dict.fromkeys(SIDES, LEVEL)
-        self.upcoming = dict.fromkeys(SIDES, LEVEL)
+        self.current = dict.fromkeys(SIDES, LEVEL_MODE)
+        self.upcoming = dict.fromkeys(SIDES, LEVEL_MODE)
 
     def update(self, sample: Sample) -> None:
         """Processes a sample; samples come in time order."""
 
 
-class Predicted(Recognition):
+class CameraRecognition(Recognition):
     """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the upcoming steps.
 
     Args:
@@ -56,9 +56,9 @@ class Predicted(Recognition):
         self._predictor.update_odometry(sample)
         estimate = self._predictor.update(sample)
         if isinstance(estimate, ModeEstimate):
-            self._take(estimate)
+            self._update_modes(estimate)
 
-    def _take(self, estimate: ModeEstimate) -> None:
+    def _update_modes(self, estimate: ModeEstimate) -> None:
         if self._next is not None and estimate.step >= self._next[0]:
             _, foot, mode = self._next
             self.current[foot] = mode
@@ -69,7 +69,7 @@ class Predicted(Recognition):
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
-class Measured(Recognition):
+class LegRecognition(Recognition):
     """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
 
     Args:
@@ -103,7 +103,8 @@ class TrueModes(Recognition):
         rng = rng or np.random.default_rng(0)
         self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
         self._modes = {
-            foot: [LEVEL, *(_corrupted(mode, wrong, rng) for _, mode in steps[foot]), LEVEL] for foot in SIDES
+            foot: [LEVEL_MODE, *(_corrupt_mode(mode, wrong, rng) for _, mode in steps[foot]), LEVEL_MODE]
+            for foot in SIDES
         }
 
     def update(self, sample: Sample) -> None:
@@ -113,6 +114,6 @@ class TrueModes(Recognition):
             self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 
 
-def _corrupted(mode: str, wrong: float, rng: np.random.Generator) -> str:
-    others = [m for m in MODES if m != mode]
-    return str(rng.choice(others)) if rng.random() < wrong else mode
+def _corrupt_mode(mode: str, wrong_share: float, rng: np.random.Generator) -> str:
+    wrong_modes = [m for m in MODES if m != mode]
+    return str(rng.choice(wrong_modes)) if rng.random() < wrong_share else mode

@@ -15,10 +15,10 @@ from stridetwin.sim.faults.faults import FaultPlan
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Imu
-from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import by_fault, fault_plans
-from stridetwin.studies.jao2020.two_feet import FEET, figures, true_start
-from stridetwin.studies.walks import RecordedWalk, recorded_shoes
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.jao2020.two_feet import FEET, score_paths, true_start
+from stridetwin.studies.walks import RecordedWalk, record_shoes
 
 _OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
 
@@ -44,21 +44,22 @@ class _UncertaintyLog(FootToFoot):
         return estimate
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """One walk, with each fault.
 
     Returns:
-        The case's row with `faults`: label to `_result`.
+        The case's row with `faults`: label to `_run_with_fault`.
     """
-    with recorded_shoes(case) as walk:
+    with record_shoes(case) as walk:
         plans = fault_plans(case, walk.shoes.rig, walk.shoes.duration)
-        return case.row(faults={label: _result(plan, walk, walk.truth()) for label, plan in plans.items()})
+        return case.row(faults={label: _run_with_fault(plan, walk, walk.truth()) for label, plan in plans.items()})
 
 
-def _result(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     """Figures of one fault, or `error`, the message with which the filter refuses.
 
-    `two_feet.figures`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each other).
+    `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each
+    other).
     """
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
@@ -66,7 +67,7 @@ def _result(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) 
     except StrideTwinError as error:
         return {"error": str(error)}
     ground = [paths[f].trajectory.covariance for f in FEET]
-    return figures(paths, truth) | {
+    return score_paths(paths, truth) | {
         "sd_max_m": max(math.sqrt(float((P[:, 0, 0] + P[:, 1, 1]).max())) for P in ground if P is not None),
         "apart_sd_mean_m": float(np.mean(estimator.apart_sd)),
         "apart_sd_max_m": max(estimator.apart_sd),
@@ -75,18 +76,18 @@ def _result(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, means over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
-    return by_fault(results, _mean)
+    return summarize_by_fault(results, _mean_figures)
 
 
-def _mean(found: list[dict[str, Any]]) -> dict[str, Any]:
-    errors = [f["error"] for f in found if "error" in f]
+def _mean_figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    errors = [f["error"] for f in rows if "error" in f]
     if errors:
-        return {"error": errors[0], "refused": len(errors), "of": len(found)}
-    ends: Array = np.array([f["end_error_m"] for f in found])
+        return {"error": errors[0], "refused": len(errors), "of": len(rows)}
+    ends: Array = np.array([f["end_error_m"] for f in rows])
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),
         "end_height_error_m": np.abs(ends[:, :, 2]).mean(axis=0).tolist(),
-        **{k: np.mean([f[k] for f in found], axis=0).tolist() for k in _OF_FEET},
-        **{k: float(np.mean([f[k] for f in found])) for k in ("feet_disagree_rms_m", "apart_sd_mean_m")},
-        **{k: max(f[k] for f in found) for k in ("sd_max_m", "apart_sd_max_m")},
+        **{k: np.mean([f[k] for f in rows], axis=0).tolist() for k in _OF_FEET},
+        **{k: float(np.mean([f[k] for f in rows])) for k in ("feet_disagree_rms_m", "apart_sd_mean_m")},
+        **{k: max(f[k] for f in rows) for k in ("sd_max_m", "apart_sd_max_m")},
     }

@@ -28,7 +28,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
@@ -37,12 +37,12 @@ from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
-from stridetwin.studies.case import Case
-from stridetwin.studies.placement.visibility import in_image
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.placement.visibility import is_in_image
 from stridetwin.studies.tables import table_lines
 
 FEET = ("l", "r")
-REPORTED = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
+REPORTED_METHODS = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
 STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100
 _SWING_SHARE = 0.55  # of a stride's duration
 _SEPARATION_M = 0.20  # from the right foot's line to the left's
@@ -133,7 +133,7 @@ def _paper_rig() -> Rig:
     )
 
 
-class Simulation:
+class JaoSimulation:
     """Truth of a walk, computed once, and any number of noisy runs of it."""
 
     def __init__(self, walk: SteadyWalk) -> None:
@@ -171,10 +171,10 @@ class Simulation:
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
-    def aids(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
+    def aiding_measurements(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
         """Measurements of cameras and sonars in one run."""
         sd = _RELATIVE_POSITION_SD_M
-        aids: list[BoardObservation | RelativePosition | Range] = []
+        aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
             t_ns, relative, points, rays, depth = self._views[foot]
             relative = relative + rng.normal(0.0, sd, relative.shape)
@@ -182,21 +182,23 @@ class Simulation:
             rays = rays + rng.standard_normal(rays.shape) * ray_sd[:, :, None]
             topic = f"/foot_{foot}/camera"
             for i, t in enumerate(t_ns.tolist()):
-                aids += [
+                aiding_measurements += [
                     RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd),
                     BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i]),
                 ]
         t_sonar, distance = self._echoes
         for foot in FEET:
             heard = distance + rng.normal(0.0, _SONAR_SD_M, len(distance))
-            aids += [Range(topic=f"/foot_{foot}/sonar", t_ns=t, distance=d) for t, d in zip(t_sonar.tolist(), heard)]
-        return aids
+            aiding_measurements += [
+                Range(topic=f"/foot_{foot}/sonar", t_ns=t, distance=d) for t, d in zip(t_sonar.tolist(), heard)
+            ]
+        return aiding_measurements
 
     def end_error(self, foot: str, p_imu_in_world: Array) -> Array:
         """(3,) north, west, up, m."""
         return p_imu_in_world - self.imus[foot].p_body_in_world[-1]
 
-    def floor_of(self, noises: dict[str, Array]) -> tuple[Array, float]:
+    def noise_floor_m(self, noises: dict[str, Array]) -> tuple[Array, float]:
         """End error to the west, m, from the gyros' noise: (2,) for each foot alone, and for both coupled."""
         dt = np.diff(self.t_ns)[:, None] * 1e-9
         walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
@@ -221,32 +223,38 @@ class Simulation:
             (S,) times; (S, 3) the other IMU in this one, m; (4, 3) the board's outer corners in the board's frame, m;
             (S, 4, 2) their rays; (S, 4) their depths, m.
         """
-        other = "r" if foot == "l" else "l"
-        camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other}"]
+        other_foot = "r" if foot == "l" else "l"
+        camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other_foot}"]
         half = board.square_m * (np.array(board.squares) / 2 - 1)
         points = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
         T_world_camera = self.walk.foot(foot, t_ns).to_sensor(camera.mount.T_body_sensor).poses()
-        T_world_board = self.walk.foot(other, t_ns).to_sensor(board.mount.T_body_sensor).poses()
+        T_world_board = self.walk.foot(other_foot, t_ns).to_sensor(board.mount.T_body_sensor).poses()
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
-        seen = facing & np.all(in_image(camera, in_camera), axis=1)
-        own, others = self._imu(foot, t_ns), self._imu(other, t_ns)
-        relative = own.rotation.inv().apply(others.p_body_in_world - own.p_body_in_world)
-        in_camera = in_camera[seen]
-        return t_ns[seen], relative[seen], points, in_camera[..., :2] / in_camera[..., 2:], in_camera[..., 2]
+        is_visible = facing & np.all(is_in_image(camera, in_camera), axis=1)
+        imu, other_imu = self._imu(foot, t_ns), self._imu(other_foot, t_ns)
+        relative = imu.rotation.inv().apply(other_imu.p_body_in_world - imu.p_body_in_world)
+        in_camera = in_camera[is_visible]
+        return (
+            t_ns[is_visible],
+            relative[is_visible],
+            points,
+            in_camera[..., :2] / in_camera[..., 2:],
+            in_camera[..., 2],
+        )
 
 
-_simulation = cache(Simulation)
+_simulation = cache(JaoSimulation)
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """The paper's set-up, and under `unequal` the same noise with g-sensitivities that cause a common drift."""
     return run_seed(case.seed) | {"unequal": run_seed(case.seed, UNEQUAL)["methods"]}
 
 
 def run_seed(
-    seed: int, g_sensitivity: tuple[float, float] = OPPOSITE, methods: tuple[str, ...] = REPORTED
+    seed: int, g_sensitivity: tuple[float, float] = OPPOSITE, methods: tuple[str, ...] = REPORTED_METHODS
 ) -> dict[str, Any]:
     """One run with noise of this seed, estimated by some methods of the filter.
 
@@ -256,23 +264,23 @@ def run_seed(
     """
     simulation, rng = _simulation(SteadyWalk()), np.random.default_rng(seed)
     blocks, noises = simulation.inertial(rng, g_sensitivity)
-    aids = simulation.aids(rng)
-    alone, together = simulation.floor_of(noises)
-    found: dict[str, Any] = {}
+    aiding_measurements = simulation.aiding_measurements(rng)
+    alone, together = simulation.noise_floor_m(noises)
+    figures: dict[str, Any] = {}
     for method in methods:
         estimator = FootToFoot(
             simulation.rig, options=Options(method=method), start=simulation.start(),
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
         )  # fmt: skip
-        paths, errors, nees = estimator.run(blocks, aids), [], []
+        paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
         for foot in FEET:
             covariance = paths[foot].trajectory.covariance
             assert covariance is not None
             error = simulation.end_error(foot, paths[foot].trajectory.p_frame_in_world[-1])
             errors.append(error.tolist())
             nees.append(float(error @ np.linalg.solve(covariance[-1, :3, :3], error)))
-        found[method] = {"end_error_m": errors, "end_nees": nees}
-    return {"seed": seed, "floor_m": [*alone.tolist(), together], "methods": found}
+        figures[method] = {"end_error_m": errors, "end_nees": nees}
+    return {"seed": seed, "floor_m": [*alone.tolist(), together], "methods": figures}
 
 
 def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -291,13 +299,13 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         },
         "mean_end_error_unequal_m": unequal["mean_end_error_m"],
     }
-    paper = reference("jao2020")["jao_simulation"]
+    paper = read_reference("jao2020")["jao_simulation"]
     return {"summary": summary, "paper": {k: v for k, v in paper.items() if k in summary}}
 
 
 def _summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """By method: horizontal mean of the end errors (left, right), components, SDs in the order of the paper."""
-    found: dict[str, Any] = {}
+    summary: dict[str, Any] = {}
     for method in runs[0]:
         errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
         ddof = min(1, len(errors) - 1)
@@ -309,8 +317,8 @@ def _summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "mean_abs_up_error_m": np.abs(errors[:, :, 2]).mean(axis=0),
         }
         for name, values in figures.items():
-            found.setdefault(name, {})[method] = values.tolist()
-    return found
+            summary.setdefault(name, {})[method] = values.tolist()
+    return summary
 
 
 _COLUMNS = (
@@ -325,6 +333,6 @@ _COLUMNS = (
 def table(result: dict[str, Any]) -> list[str]:
     """Our figures and the paper's, as lines of text; pairs are left and right."""
     summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
-    rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED]
+    rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED_METHODS]
     floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
     return [f"{len(result['cases'])} runs; m", *table_lines(_COLUMNS, rows, 24), *floors]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from stridetwin.outputs.truth import FOOTPRINTS
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array, Image, Sample
-from stridetwin.studies.case import Case
-from stridetwin.studies.jao2020.two_feet import METHODS, every_method, figures, true_start
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.jao2020.two_feet import METHODS, run_every_method, score_paths, true_start
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.walks import RecordedWalk, recorded_shoes
+from stridetwin.studies.walks import RecordedWalk, record_shoes
 
 CASES = {
     "unclipped": "gyros without saturation",
@@ -26,28 +26,30 @@ CASES = {
 }
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """Simulates one walk and runs every method on it, in each of `CASES`.
 
     Returns:
         The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
-        `two_feet.figures`.
+        `two_feet.score_paths`.
     """
-    with recorded_shoes(case) as walk:
+    with record_shoes(case) as walk:
         truth = walk.truth()
         start = true_start(truth)
-        found: dict[str, Any] = {}
+        figures_of_case: dict[str, Any] = {}
         for name in CASES:
             wide = name != "clipped"
             samples = walk.samples(wide=wide)
             if name == "half_blind":
-                samples = without_every_second_step(samples, touches_ns(walk))
-            paths, seen = every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
-            found[name] = {m: figures(p, truth) for m, p in paths.items()} | {"sightings": seen}
-        return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=found)
+                samples = without_every_second_step(samples, touch_down_times_ns(walk))
+            paths, observation_count = run_every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
+            figures_of_case[name] = {m: score_paths(p, truth) for m, p in paths.items()} | {
+                "sightings": observation_count
+            }
+        return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=figures_of_case)
 
 
-def touches_ns(walk: RecordedWalk) -> Array:
+def touch_down_times_ns(walk: RecordedWalk) -> Array:
     """(N,) times of touch-downs."""
     return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
 
@@ -69,7 +71,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": reference("jao2020").get(results[0]["scenario"], {})}
+    return {"summary": summary, "paper": read_reference("jao2020").get(results[0]["scenario"], {})}
 
 
 def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
@@ -106,16 +108,16 @@ _COLUMNS = (
 
 def table(result: dict[str, Any]) -> list[str]:
     """Our figures and the paper's, as lines of text; pairs are left and right."""
-    summary, theirs = result["summary"], result["paper"].get("mean_end_error_m", {})
+    summary, paper_errors = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
-    for case, words in CASES.items():
+    for case, description in CASES.items():
         suffix = "" if case == "unclipped" else f"_{case}"
         columns = {
             "end": summary[f"mean_end_error{suffix}_m"], "up": summary[f"mean_abs_up_error{suffix}_m"],
             "share": summary[f"mean_end_error{suffix}_pct"], "rms": summary[f"feet_disagree_rms{suffix}_m"],
             "largest": summary[f"feet_disagree_max{suffix}_m"], "nees": summary[f"end_nees{suffix}_mean"],
-            "paper": {} if case == "half_blind" else theirs,
+            "paper": {} if case == "half_blind" else paper_errors,
         }  # fmt: skip
         rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in METHODS]
-        lines += ["", words, *table_lines(_COLUMNS, rows, 24)]
+        lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

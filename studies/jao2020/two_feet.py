@@ -16,7 +16,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
 from stridetwin.outputs.alignment import Rigid, vertical_rotation
-from stridetwin.outputs.path.scores import CHI2_3_95, Comparison, compare, nees_position
+from stridetwin.outputs.path.scores import CHI2_3_95, PathComparison, compare, nees_position
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
@@ -25,12 +25,12 @@ FEET = ("l", "r")
 PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
 METHODS = (*PUBLISHED, "proposed")
 _NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
-_TURNED = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
+_ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
-Paths = dict[str, FootInsPath]
+FootPaths = dict[str, FootInsPath]
 
 
-class Witness(FootToFoot):
+class MeasurementRecorder(FootToFoot):
     """Our filter, which also records the measurements that the published one would derive from the observed boards.
 
     Args:
@@ -55,17 +55,17 @@ class Witness(FootToFoot):
             assert estimate is not None
             self.observations += 1
             foot = self._rig.cameras[observation.topic].mount.body[len("foot_")]
-            other = FEET[1 - FEET.index(foot)]
+            other_foot = FEET[1 - FEET.index(foot)]
             T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[observation.topic].mount)
-            T_other_board = _in_imu(self._rig, other, self._rig.boards[f"foot_{other}"].mount)
+            T_other_board = _in_imu(self._rig, other_foot, self._rig.boards[f"foot_{other_foot}"].mount)
             R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
-            R_imu_other = (R_world[foot].inv() * R_world[other]).as_matrix()
+            R_imu_other = (R_world[foot].inv() * R_world[other_foot]).as_matrix()
             relative = RelativePosition.of_observation(
                 observation,
                 T_imu_camera=T_imu_camera,
                 T_other_board=T_other_board,
                 R_camera_board=T_imu_camera[:3, :3].T @ R_imu_other @ T_other_board[:3, :3],
-                rotation_sd=_TURNED,
+                rotation_sd=_ROTATION_SD_RAD,
             )
             self.relative += [relative] if relative else []
         return estimate
@@ -83,9 +83,9 @@ def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
     }
 
 
-def every_method(
+def run_every_method(
     rig: Rig, imus: Mapping[str, Block[Imu]], samples: Iterable[Sample], start: Mapping[str, StartPose]
-) -> tuple[dict[str, Paths], int]:
+) -> tuple[dict[str, FootPaths], int]:
     """Paths of both feet by each of `METHODS`, and the number of board observations.
 
     Args:
@@ -94,16 +94,16 @@ def every_method(
         samples: The same with images and sonar ranges, in time order.
         start: Pose of each foot's IMU at its first sample.
     """
-    witness, echoes = Witness(rig, start), list[Range]()
-    ours = follow(witness, _heard(samples, echoes))
-    found = {
-        method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*witness.relative, *echoes])
+    recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
+    proposed = follow(recorder, _record_echoes(samples, echoes))
+    paths = {
+        method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*recorder.relative, *echoes])
         for method in PUBLISHED
     }
-    return found | {"proposed": ours}, witness.observations
+    return paths | {"proposed": proposed}, recorder.observations
 
 
-def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
+def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
     """Passes on the samples and records their sonar ranges."""
     for sample in samples:
         if isinstance(sample, Range):
@@ -111,7 +111,7 @@ def _heard(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[Sample]:
         yield sample
 
 
-def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     """Scores of the paths of both feet, ready for JSON; pairs are left and right.
 
     Returns:
@@ -125,25 +125,25 @@ def figures(paths: Paths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
     for foot, compared in in_world.items():
         nees, end_m = nees_position(compared), compared.error_m[-1]
         ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
-        whole, last = truth[foot].t_ns, compared.truth.t_ns[-1]
+        t_ns, last = truth[foot].t_ns, compared.truth.t_ns[-1]
         values = {
             "end_error_m": end_m.tolist(),
             "end_error_pct": 100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m),
             "end_nees": float(nees[-1]),
             "nees_mean": float(nees.mean()),
             "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95)),
-            "coverage_pct": 100.0 * float((last - whole[0]) / (whole[-1] - whole[0])),
+            "coverage_pct": 100.0 * float((last - t_ns[0]) / (t_ns[-1] - t_ns[0])),
         }
         for name, value in values.items():
             result.setdefault(name, []).append(value)
-    apart = feet_disagree(in_world)
+    apart = feet_disagreement_m(in_world)
     return result | {
         "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
         "feet_disagree_max_m": float(apart.max()),
     }
 
 
-def feet_disagree(in_world: Mapping[str, Comparison]) -> Array:
+def feet_disagreement_m(in_world: Mapping[str, PathComparison]) -> Array:
     """(K,) m, error of the right IMU's position relative to the left one, at common stamps.
 
     Both are rotated about the vertical so that the left one's heading is correct, because a common heading drift is no

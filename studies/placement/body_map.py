@@ -23,8 +23,8 @@ from stridetwin.sim.wearer.limbs import find_shapes
 from stridetwin.sim.wearer.sensor_bodies import UPPERS, add_rig
 from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
-from stridetwin.studies.placement.measure import Measured
-from stridetwin.studies.placement.problem_file import Place, Problem, scenario_at
+from stridetwin.studies.placement.measure import MeasuredPlaces
+from stridetwin.studies.placement.problem_file import Place, PlacementProblem, scenario_at
 
 _SIZE = 620
 _BAR = 110  # pixels for the legend
@@ -47,7 +47,7 @@ class BodyImage(NamedTuple):
     """A map: the bytes of its PNG file, and a description of the content."""
 
     png: bytes
-    words: str
+    description: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class _Dot:
     origin: Array | None = None
 
 
-def body_map(problem: Problem, folder: Path, searched: Measured, best: Place) -> BodyImage | None:
+def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place) -> BodyImage | None:
     """The map of all places, with the sensors of the best one; None if no place moves a sensor."""
     dots = _dots(problem, folder, searched)
     if not dots:
@@ -82,47 +82,50 @@ def body_map(problem: Problem, folder: Path, searched: Measured, best: Place) ->
     bodies = sorted({dot.body for dot in dots})
     span = min(d.loss for d in dots), max(d.loss for d in dots)
     panels = [
-        _panel(config, body, [d for d in dots if d.body == body], view, span)
+        _draw_panel(config, body, [d for d in dots if d.body == body], view, span)
         for body in bodies
         for view in _VIEWS[: 1 if len(bodies) > 2 else 2]
     ]
-    image = np.concatenate([*panels, _key(sign * span[0], sign * span[1], name)], axis=1)
-    where = "Sensor positions: circles are cameras and IMUs, squares are boards"
+    image = np.concatenate([*panels, _draw_color_key(sign * span[0], sign * span[1], name)], axis=1)
+    caption = "Sensor positions: circles are cameras and IMUs, squares are boards"
     if any(dot.origin is not None for dot in dots):
-        where += ", dots at the end of a line are viewing directions"
-    words = (
-        f"{where}. The colour is the best {name} found with a sensor there; yellow is the best. The body shows the "
+        caption += ", dots at the end of a line are viewing directions"
+    description = (
+        f"{caption}. The colour is the best {name} found with a sensor there; yellow is the best. The body shows the "
         "sensors of the best place."
     )
-    return BodyImage(cv2.imencode(".png", image)[1].tobytes(), words)
+    return BodyImage(cv2.imencode(".png", image)[1].tobytes(), description)
 
 
-def _dots(problem: Problem, folder: Path, searched: Measured) -> list[_Dot]:
+def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> list[_Dot]:
     """One dot per sensor and position, or viewing direction if there is one position; worst first.
 
     Sensors with one of each have none.
     """
     moving = [knob.name for free in problem.free for knob in free.knobs
               if any(word in f".{path.text}" for path in free.paths for word in _MOVED)]  # fmt: skip
-    known: dict[str, list[tuple[str, Mount, bool]]] = {}
+    mounts_by_values: dict[str, list[tuple[str, Mount, bool]]] = {}
     positions: dict[tuple[str, ...], _Dot] = {}
     directions: dict[tuple[str, ...], _Dot] = {}
     for i in np.flatnonzero(np.isfinite(searched.losses)).tolist() if moving else ():
         place, loss = searched.places[i], float(searched.losses[i])
         key = json.dumps([place.values.get(name) for name in moving])
-        if key not in known:
-            known[key] = list(_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
-        for name, mount, board in known[key]:
+        if key not in mounts_by_values:
+            mounts_by_values[key] = list(_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
+        for name, mount, board in mounts_by_values[key]:
             p, ahead = mount.T_body_sensor[:3, 3], mount.T_body_sensor[:3, 2]
-            there = _Dot(body=mount.body, p_in_body=p, loss=loss, board=board)
-            for best, dot in (positions, there), (directions, replace(there, p_in_body=p + _RAY_M * ahead, origin=p)):
+            position_dot = _Dot(body=mount.body, p_in_body=p, loss=loss, board=board)
+            for best, dot in (
+                (positions, position_dot),
+                (directions, replace(position_dot, p_in_body=p + _RAY_M * ahead, origin=p)),
+            ):
                 at = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
                 if at not in best or loss < best[at].loss:
                     best[at] = dot
     moved, turned = (Counter(name for name, *_ in dots) for dots in (positions, directions))
-    several = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
-    several += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
-    return sorted(several, key=lambda dot: -dot.loss)
+    dots = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
+    dots += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
+    return sorted(dots, key=lambda dot: -dot.loss)
 
 
 def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
@@ -138,11 +141,11 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
             yield "board", board.mount, True
 
 
-def _panel(
+def _draw_panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
     """A view (`_VIEWS`) of the dots on one opaque body; the best and the worst loss of all dots span the colours."""
-    model, data = _standing(config, body)
+    model, data = _pose_standing(config, body)
     T = data.body(body)
     rotation = T.xmat.reshape(3, 3)
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
@@ -164,11 +167,11 @@ def _panel(
     colours = _viridis((worst - losses) / (worst - best) if worst > best else np.ones(len(dots)))
     for at, start, colour, dot in zip(uv, from_uv, colours, dots):
         cv2.line(image, np.rint(start).astype(int), np.rint(at).astype(int), colour, 1, cv2.LINE_AA)
-        _mark(image, at, _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4, colour, dot.board)
+        _draw_mark(image, at, _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4, colour, dot.board)
     return image
 
 
-def _standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
     spec.add_texture(
@@ -214,7 +217,7 @@ def _viridis(share: Array) -> list[Any]:
     return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].tolist()
 
 
-def _mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
+def _draw_mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
     """Draws a dot at a pixel, with a thick outline around the best one."""
     line = 2 if size == _BEST_PX else 1
     u, v = np.rint(16 * at).astype(int).tolist()
@@ -227,7 +230,7 @@ def _mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
             cv2.circle(image, (u, v), 16 * size, paint, thickness, cv2.LINE_AA, 4)
 
 
-def _key(best: float, worst: float, name: str) -> Rgb:
+def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
     """The colour bar with its values."""
     image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18

@@ -27,7 +27,7 @@ SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
 
 
-def on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
+def point_on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
     """A point on a surface, or off it.
 
     Args:
@@ -103,16 +103,16 @@ class Knob:
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
         if count > _MOST_STEPS:
             raise self.at.error(self.step, f"at most {_MOST_STEPS} steps")
-        return [self._rounded(self.low + i * self.step) for i in range(count)]
+        return [self._round(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
         """The number at the fraction u (0-1) from low to high."""
         value = self.low + u * (self.high - self.low)
         if self.step is not None:
             value = self.low + self.step * round((value - self.low) / self.step)
-        return self._rounded(value)
+        return self._round(value)
 
-    def _rounded(self, value: float) -> float:
+    def _round(self, value: float) -> float:
         """The number rounded to a few digits and limited to the bounds; -0 becomes 0, so that both are one place."""
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high) + 0.0
 
@@ -133,7 +133,7 @@ def grid_size(knobs: list[Knob]) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Free:
+class FreeField:
     """A free field.
 
     Attributes:
@@ -161,13 +161,13 @@ class Free:
         place = {**self.fixed, **{k.name.rpartition("/")[2]: chosen[k.name] for k in self.knobs}}
         around_rad, up_m, off_m = math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
         try:
-            p = on_surface(self.surface, person, around_rad, up_m, off_m)
+            p = point_on_surface(self.surface, person, around_rad, up_m, off_m)
         except StrideTwinError as error:
             raise self.at.error(place, f"a point on it ({error})") from error
         return [round(float(x), _MM_DIGITS) for x in 1e3 * p]
 
 
-def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+def _check_order(span: tuple[float, float]) -> tuple[float, float]:
     if span[0] >= span[1]:
         raise refused(list(span), "two numbers, the lower one first")
     return span
@@ -181,7 +181,7 @@ class Between(FileModel):
         step: Only the lowest and its multiples above it; any number where it is missing.
     """
 
-    between: Annotated[tuple[_Any, _Any], AfterValidator(_ordered)]
+    between: Annotated[tuple[_Any, _Any], AfterValidator(_check_order)]
     step: Annotated[float, number(1e-9, 1e6)] | None = None
 
 
@@ -216,7 +216,7 @@ class Over(FileModel):
     up_mm: _Coordinate
     off_mm: _Coordinate = 0.0
 
-    def checked(self) -> Over:
+    def check_free(self) -> Over:
         """Itself; refused if no coordinate is free."""
         if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
             raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
@@ -233,7 +233,7 @@ def _form(node: object) -> str:
 
 
 FreeInFile = Annotated[
-    Annotated[Over, AfterValidator(Over.checked), Tag("=over")]
+    Annotated[Over, AfterValidator(Over.check_free), Tag("=over")]
     | Annotated[Among, Tag("=choice")]
     | Annotated[Between, Tag("=between")],
     Discriminator(_form),
@@ -241,19 +241,19 @@ FreeInFile = Annotated[
 """Type of what a file says of a free field."""
 
 
-def free_field(paths: tuple[FieldPath, ...], said: Between | Among | Over, at: Where) -> Free:
+def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: Where) -> FreeField:
     """A free field from what a file says of it."""
     name = ", ".join(path.text for path in paths).replace("sensors.", "")
-    if isinstance(said, Among):
-        return Free(paths=paths, knobs=(Knob(name=name, values=said.choice, at=at),), at=at)
-    if isinstance(said, Between):
-        return Free(paths=paths, knobs=(_number(name, said, at),), at=at)
-    place = {key: getattr(said, key) for key in _COORDINATES}
+    if isinstance(spec, Among):
+        return FreeField(paths=paths, knobs=(Knob(name=name, values=spec.choice, at=at),), at=at)
+    if isinstance(spec, Between):
+        return FreeField(paths=paths, knobs=(_number(name, spec, at),), at=at)
+    place = {key: getattr(spec, key) for key in _COORDINATES}
     free = {key: value for key, value in place.items() if isinstance(value, Between)}
     knobs = tuple(_number(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
     fixed = {"off_mm": 0.0} | {key: value for key, value in place.items() if key not in free}
-    return Free(paths=paths, knobs=knobs, surface=said.over, fixed=fixed, at=at)
+    return FreeField(paths=paths, knobs=knobs, surface=spec.over, fixed=fixed, at=at)
 
 
-def _number(name: str, said: Between, at: Where) -> Knob:
-    return Knob(name=name, low=said.between[0], high=said.between[1], step=said.step, at=at)
+def _number(name: str, spec: Between, at: Where) -> Knob:
+    return Knob(name=name, low=spec.between[0], high=spec.between[1], step=spec.step, at=at)

@@ -21,8 +21,7 @@ from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_o
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import Batch, Progress
 from stridetwin.batch.versions import code_versions
-from stridetwin.gate.walk_scores import Job as ScoreJob
-from stridetwin.gate.walk_scores import score_walk, scoring_versions
+from stridetwin.gate.walk_scores import ScoringJob, score_walk, scoring_versions
 from stridetwin.scenarios.campaign.named_files import SCENARIOS
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
@@ -33,9 +32,9 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
 from stridetwin.studies.placement.free import grid_size
-from stridetwin.studies.placement.problem_file import Place, Problem, plain_of
-from stridetwin.studies.placement.scores import GEOMETRIC, Score, Seeing
-from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, posed_walk
+from stridetwin.studies.placement.problem_file import Place, PlacementProblem, plain_of
+from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, PlaceScore, Seeing
+from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, pose_walk
 
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _MAX_PLACES = 200  # that are measured before the next ones are read
@@ -44,7 +43,7 @@ _MAX_POSED_WALKS = 64  # that a process holds in memory, some 20 MB each
 _MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand: some seconds, some 15 ms each
 
 
-def placement_forecast(problem: Problem, measured: int) -> Forecast:
+def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
     """The forecast of a placement, of which so many walks are measured; warns of a long one."""
     places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
     walks = len(problem.bases) * len(problem.seeds)
@@ -94,7 +93,7 @@ def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> R
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
             path = Path(name) / "walk.mcap"
             record(make_twin(visit.needed, visit.seed), path, lambda *_: None)
-            scored = score_walk(ScoreJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
+            scored = score_walk(ScoringJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
     except StrideTwinError as error:
         return row | {"failed": {"walk": _one_line(error, folder)}}
     except OSError as error:
@@ -114,7 +113,7 @@ def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) ->
     """
     row: Row = {"walk": visit.label, "scores": {}}
     try:
-        walk = _posed_walk(run, visit) if any(GEOMETRIC[name][0] for name in names) else None
+        walk = _plan_walk_once(run, visit) if any(GEOMETRIC_SCORES[name][0] for name in names) else None
         row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
     except StrideTwinError as error:
         row["failed"] = {"walk": str(error)}
@@ -125,7 +124,7 @@ _posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
 """The walks of one run, or the messages of infeasible ones, by the run's and the walk's names."""
 
 
-def _posed_walk(run: str, visit: Visit) -> PosedWalk:
+def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
     """The walk, planned once in each process for all places that share it.
 
     Raises:
@@ -133,10 +132,10 @@ def _posed_walk(run: str, visit: Visit) -> PosedWalk:
     """
     key = run, visit.walk
     if key not in _posed_walks:
-        if len(_posed_walks) == _MAX_POSED_WALKS or any(other != run for other, _ in _posed_walks):
+        if len(_posed_walks) == _MAX_POSED_WALKS or any(cached_run != run for cached_run, _ in _posed_walks):
             _posed_walks.clear()
         try:
-            _posed_walks[key] = posed_walk(visit.scenario, visit.seed)
+            _posed_walks[key] = pose_walk(visit.scenario, visit.seed)
         except StrideTwinError as error:
             _posed_walks[key] = " ".join(str(error).split())
     walk = _posed_walks[key]
@@ -146,7 +145,7 @@ def _posed_walk(run: str, visit: Visit) -> PosedWalk:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
+class MeasuredPlaces:
     """Scores of P places on W walks.
 
     Attributes:
@@ -157,7 +156,7 @@ class Measured:
         failed: Reason for a missing score, by the place's number.
     """
 
-    scores: tuple[Score, ...]
+    scores: tuple[PlaceScore, ...]
     places: list[Place]
     walks: list[str]
     values: Array
@@ -184,11 +183,11 @@ class Measured:
         """(P, S) means over walks; NaN where one is missing."""
         return np.asarray(self.values.mean(axis=1))
 
-    def part(self, numbers: Sequence[int]) -> Measured:
+    def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
         """Some of the places, in this order."""
         failed = {k: self.failed[i] for k, i in enumerate(numbers) if i in self.failed}
         places, values = [self.places[i] for i in numbers], self.values[numbers]
-        return Measured(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
+        return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
 
 
 def mean_losses(losses: Array) -> Array:
@@ -210,7 +209,9 @@ class Measure:
         keys: Keys of the rows of all measured places, in order.
     """
 
-    def __init__(self, problem: Problem, folder: Path, rows: RowLines, executor: Executor, progress: Progress) -> None:
+    def __init__(
+        self, problem: PlacementProblem, folder: Path, rows: RowLines, executor: Executor, progress: Progress
+    ) -> None:
         self._problem, self._folder, self._rows = problem, folder.absolute(), rows
         self._executor, self._progress = executor, progress
         self._names = tuple(s.name for s in problem.scores if s.geometric)
@@ -220,7 +221,7 @@ class Measure:
         self._run_name, self._is_checked = uuid4().hex, False
         self.keys: list[str] = []
 
-    def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> Measured:
+    def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> MeasuredPlaces:
         """Scores of places on the walks of all scenarios with these seeds."""
         scores = self._problem.scores
         walks = [f"{base.name}, seed {seed}" for base in self._problem.bases for seed in seeds]
@@ -238,7 +239,7 @@ class Measure:
                 if row["failed"] and np.isnan(values[visit.at]).any():
                     why = "; ".join(f"{name}: {reason}" for name, reason in row["failed"].items())
                     failed.setdefault(visit.at[0], why)
-        return Measured(scores=scores, places=list(places), walks=walks, values=values, failed=failed)
+        return MeasuredPlaces(scores=scores, places=list(places), walks=walks, values=values, failed=failed)
 
     def _visits(
         self, places: Iterable[tuple[int, Place]], seeds: Sequence[int], failed: dict[int, str]
@@ -300,7 +301,7 @@ class Measure:
     def _check_scores(self, rows: Sequence[Row]) -> None:
         """Refuses a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
-            reported = [score.reported(row) for row in rows]
+            reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"
                 raise ConfigError(self._problem.path, "scores", score.name, valid)

@@ -12,15 +12,17 @@ from stridetwin.pages.html import data_uri, multiples, page, render_template, se
 from stridetwin.pages.plot import ERROR, PALETTE, Plot
 from stridetwin.studies.placement.body_map import BodyImage
 from stridetwin.studies.placement.free import Knob
-from stridetwin.studies.placement.measure import Measured
-from stridetwin.studies.placement.problem_file import AS_IT_IS, Problem, format_value
-from stridetwin.studies.significance import front, interval_text, intervals
+from stridetwin.studies.placement.measure import MeasuredPlaces
+from stridetwin.studies.placement.problem_file import AS_IT_IS, PlacementProblem, format_value
+from stridetwin.studies.significance import interval_text, intervals, pareto_front
 
 _DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
 _MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
 
 
-def placement_page(problem: Problem, searched: Measured, result: Mapping[str, Any], image: BodyImage | None) -> str:
+def placement_page(
+    problem: PlacementProblem, searched: MeasuredPlaces, result: Mapping[str, Any], image: BodyImage | None
+) -> str:
     """The page of a placement: all places, the result of `run_placement`, and the body map."""
     chips = [f"{result['tried']} places and as it is", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
@@ -35,7 +37,9 @@ def placement_page(problem: Problem, searched: Measured, result: Mapping[str, An
     ]  # fmt: skip
     if image is not None:
         tag = Markup('<div style="overflow-x:auto"><img src="{}" alt="{}" style="width:100%;min-width:640px"></div>')
-        sections.append(section("On the body", image.words, tag.format(data_uri(image.png, "image/png"), image.words)))
+        sections.append(
+            section("On the body", image.description, tag.format(data_uri(image.png, "image/png"), image.description))
+        )
     if drawn := _value_map(problem, searched):
         sections.append(section("Score over two values", "The other values are the best ones.", drawn))
     if profiles := _profiles(problem, searched):
@@ -46,13 +50,13 @@ def placement_page(problem: Problem, searched: Measured, result: Mapping[str, An
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
 
 
-def _table(problem: Problem, result: Mapping[str, Any]) -> str:
+def _table(problem: PlacementProblem, result: Mapping[str, Any]) -> str:
     knobs = [knob.name for knob in problem.knobs]
     head = ("place", *knobs, *(s.name for s in problem.scores))
     rows = [
         (
             Markup("<br>").join([str(row["rank"]), *([row["failed"]] if "failed" in row else [])]),
-            *(said_value(row["values"], name) for name in knobs),
+            *(value_text(row["values"], name) for name in knobs),
             *(interval_text(row["scores"].get(s.name)) for s in problem.scores),
         )
         for row in result["table"]
@@ -60,32 +64,32 @@ def _table(problem: Problem, result: Mapping[str, Any]) -> str:
     return table(head, rows, range(1, len(head)))
 
 
-def said_value(values: Mapping[str, Any], name: str) -> str:
+def value_text(values: Mapping[str, Any], name: str) -> str:
     """The value of a knob in a table."""
     return format_value(values[name]) if values else AS_IT_IS
 
 
-def _changed(searched: Measured) -> list[int]:
+def _find_scored(searched: MeasuredPlaces) -> list[int]:
     """Numbers of the places with a score, without the unchanged one; best first."""
     return [i for i in searched.best_first if searched.places[i].values and np.isfinite(searched.losses[i])]
 
 
-def _weighing(problem: Problem) -> int:
+def _first_weighted(problem: PlacementProblem) -> int:
     return next(i for i, score in enumerate(problem.scores) if score.weight)
 
 
-def _value_map(problem: Problem, searched: Measured) -> str:
+def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     """The first weighted score over the first two numbers of a sweep, at the best other values."""
-    numbers, there = [knob for knob in problem.knobs if not knob.values], _changed(searched)
-    if problem.search is not None or len(numbers) < 2 or not there:
+    numbers, places = [knob for knob in problem.knobs if not knob.values], _find_scored(searched)
+    if problem.search is not None or len(numbers) < 2 or not places:
         return ""
-    (across, up), k = numbers[:2], _weighing(problem)
+    (across, up), k = numbers[:2], _first_weighted(problem)
     xs, ys = across.grid, up.grid
     best = np.full((len(ys), len(xs)), np.nan)
-    for i in reversed(there):
+    for i in reversed(places):
         values = searched.places[i].values
         best[ys.index(values[up.name]), xs.index(values[across.name])] = searched.means[i, k]
-    score, top = problem.scores[k], searched.places[there[0]].values
+    score, top = problem.scores[k], searched.places[places[0]].values
     plot = Plot(
         title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name, height=440
     )  # fmt: skip
@@ -94,30 +98,30 @@ def _value_map(problem: Problem, searched: Measured) -> str:
     return plot.html()
 
 
-def _profiles(problem: Problem, searched: Measured) -> list[str]:
+def _profiles(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
     """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
-    there, k = _changed(searched), _weighing(problem)
-    return [(_over_choices if knob.values else _over_numbers)(knob, searched, there, k)
-            for knob in problem.knobs if there]  # fmt: skip
+    numbers, k = _find_scored(searched), _first_weighted(problem)
+    return [(_over_choices if knob.values else _over_numbers)(knob, searched, numbers, k)
+            for knob in problem.knobs if numbers]  # fmt: skip
 
 
-def _over_choices(knob: Knob, searched: Measured, there: list[int], k: int) -> str:
+def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
     best: dict[int, int] = {}
-    for i in there:
+    for i in numbers:
         best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
-    found = intervals(searched.values[list(best.values()), :, k].T)
+    column_intervals = intervals(searched.values[list(best.values()), :, k].T)
     plot = Plot(
         title=knob.name, x=(-0.5, len(knob.values) - 0.5), x_label=knob.name, y_label=searched.scores[k].name,
         x_names=[format_value(value) for value in knob.values],
     )  # fmt: skip
-    ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in found]
+    ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in column_intervals]
     plot.curves([[(x, low), (x, high)] for x, (low, high) in zip(best, ends)], _BEST, width=3, label="95 % interval")
-    plot.dots(list(best), [interval.mean for interval in found], _BEST, size=10, label="best place")
+    plot.dots(list(best), [interval.mean for interval in column_intervals], _BEST, size=10, label="best place")
     return plot.html()
 
 
-def _over_numbers(knob: Knob, searched: Measured, there: list[int], k: int) -> str:
-    shown = there[:_MOST_DOTS]
+def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
+    shown = numbers[:_MOST_DOTS]
     x, means = [searched.places[i].values[knob.name] for i in shown], searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)
     plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
@@ -127,7 +131,7 @@ def _over_numbers(knob: Knob, searched: Measured, there: list[int], k: int) -> s
     return plot.html()
 
 
-def _best_label(searched: Measured) -> str:
+def _best_label(searched: MeasuredPlaces) -> str:
     """Name of the best place of a figure without the unchanged one, which may be better."""
     return "best but for the unchanged" if searched.best_first[0] == 0 else "best"
 
@@ -136,23 +140,23 @@ def _dot_px(count: int) -> int:
     return _DOT_PX if count > _FEW_DOTS else 2 * _DOT_PX
 
 
-def _fronts(searched: Measured) -> list[Markup]:
+def _fronts(searched: MeasuredPlaces) -> list[Markup]:
     """The first score against each of the others: all places and the Pareto front."""
     plots = []
     for k in range(1, len(searched.scores)):
         scores, (x, y) = [searched.scores[i] for i in (0, k)], searched.means[:, [0, k]].T
-        there = np.isfinite(x) & np.isfinite(y)
-        if not there.any() or not (np.ptp(x[there]) and np.ptp(y[there])):  # without a choice between the two
+        has_both = np.isfinite(x) & np.isfinite(y)
+        if not has_both.any() or not (np.ptp(x[has_both]) and np.ptp(y[has_both])):  # without a choice between the two
             continue
         losses = np.column_stack([score.losses(side) for score, side in zip(scores, (x, y))])
-        best = sorted(front(np.where(there[:, None], losses, np.inf)), key=lambda i: x[i])
-        rows = [i for i in searched.best_first if there[i]][:_MOST_DOTS]
+        best = sorted(pareto_front(np.where(has_both[:, None], losses, np.inf)), key=lambda i: x[i])
+        rows = [i for i in searched.best_first if has_both[i]][:_MOST_DOTS]
         names = [score.name for score in scores]
         plot = Plot(title=" and ".join(names), x_label=names[0], y_label=names[1], height=320)
         plot.dots(x[rows], y[rows], _DOT, size=_dot_px(len(rows)), label="place")
         plot.line(x[best], y[best], _BEST, width=1.2, label="Pareto front")
         plot.dots(x[best], y[best], _BEST, size=8, label="Pareto front")
-        if there[0]:
+        if has_both[0]:
             plot.dots(x[:1], y[:1], _AS_IT_IS, size=10, symbol="diamond", label="unchanged")
         plots.append(plot.html())
     return plots

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path, put
+from stridetwin.scenarios.campaign.field_paths import field_path, set_value
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -35,11 +35,11 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
 from stridetwin.streams.fields import OneKey, text, whole, words
 from stridetwin.streams.validation import suggest, validated
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
-from stridetwin.studies.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
-from stridetwin.studies.placement.scores import Score, ScoresInFile, Seeing
+from stridetwin.studies.placement.free import Among, Between, FreeField, FreeInFile, Knob, Over, free_field, grid_size
+from stridetwin.studies.placement.scores import PlaceScore, ScoresInFile, Seeing
 from stridetwin.studies.seeds import SeedsInFile
 
-MOST_PLACES = 100_000
+MAX_PLACES = 100_000
 _SUFFIXES = (".yaml", ".yml")
 AS_IT_IS = "as it is"
 """Label of the unchanged scenario."""
@@ -54,7 +54,7 @@ class Optimise:
         starts: Number of restarts, among which the budget is divided.
     """
 
-    budget: Annotated[int, whole(1, MOST_PLACES)]
+    budget: Annotated[int, whole(1, MAX_PLACES)]
     starts: Annotated[int, whole(1, 100)] = 3
 
 
@@ -72,7 +72,7 @@ class Confirm:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
+class PlacementProblem:
     """What a placement file says; `scores`, `seeds`, `seeing` and `confirm` are as in `PlacementFile`.
 
     Attributes:
@@ -82,20 +82,20 @@ class Problem:
         variables: Set at every place.
         free: What is chosen.
         search: How places are found; None for a sweep over all.
-        own: Files of the user's own by the names that they get in the output folder.
+        user_files: Files of the user's own by the names that they get in the output folder.
     """
 
     path: Path
     description: str
     bases: tuple[Base, ...]
     variables: tuple[Variable, ...]
-    free: tuple[Free, ...]
-    scores: tuple[Score, ...]
+    free: tuple[FreeField, ...]
+    scores: tuple[PlaceScore, ...]
     seeds: tuple[int, ...]
     seeing: Seeing
     search: Optimise | None
     confirm: Confirm | None
-    own: dict[str, Path]
+    user_files: dict[str, Path]
 
     @property
     def knobs(self) -> list[Knob]:
@@ -152,7 +152,7 @@ def find_problem(name: str) -> Path:
     raise StrideTwinError(f"invalid placement {name!r}: expected {suggest(name, problems())}, or a .yaml file")
 
 
-def read_problem(path: Path) -> Problem:
+def read_problem(path: Path) -> PlacementProblem:
     """Reads one placement file.
 
     Raises:
@@ -168,29 +168,29 @@ def read_problem(path: Path) -> Problem:
     for variable in (*common, *(v for base in bases for v in base.variables)):
         if variable.varies:
             raise variable.at.error("a distribution", "one value; free variables belong in free")
-    problem = Problem(
+    problem = PlacementProblem(
         path=path,
         description=file.placement,
         bases=bases,
         variables=common,
-        free=tuple(_free(files, name, said, where.key("free").key(name)) for name, said in file.free.items()),
+        free=tuple(_free(files, name, spec, where.key("free").key(name)) for name, spec in file.free.items()),
         **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
         search=file.method,
-        own=files.own,
+        user_files=files.user_files,
     )
     names = [knob.name for knob in problem.knobs]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise where.key("free").error(twice[0], "every field once")
+    if repeated_names := [name for name in names if names.count(name) > 1]:
+        raise where.key("free").error(repeated_names[0], "every field once")
     if problem.search is None:
-        if (count := grid_size(problem.knobs)) > MOST_PLACES:
-            raise where.key("free").error(f"{count} places", f"up to {MOST_PLACES} places")
+        if (count := grid_size(problem.knobs)) > MAX_PLACES:
+            raise where.key("free").error(f"{count} places", f"up to {MAX_PLACES} places")
     elif all(knob.values for knob in problem.knobs):
         raise where.key("method").error("optimise", "sweep, as all free variables are choices")
     check_budget(problem, where.key("method").key("optimise").key("budget"))
     return problem
 
 
-def check_budget(problem: Problem, at: Where) -> None:
+def check_budget(problem: PlacementProblem, at: Where) -> None:
     """Whether a search comes to every start, and to every combination of choices.
 
     Raises:
@@ -199,18 +199,18 @@ def check_budget(problem: Problem, at: Where) -> None:
     if problem.search is None:
         return
     combinations = math.prod(len(knob.values) for knob in problem.knobs if knob.values)
-    least = max(combinations, problem.search.starts)
-    if problem.search.budget < least:
+    min_budget = max(combinations, problem.search.starts)
+    if problem.search.budget < min_budget:
         why = f"{combinations} combinations of choices, {problem.search.starts} starts"
-        raise at.error(problem.search.budget, f"{least} or more ({why})")
+        raise at.error(problem.search.budget, f"{min_budget} or more ({why})")
 
 
-def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where) -> Free:
+def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where) -> FreeField:
     """A free field, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
-    if isinstance(said, Among) and names_files(paths):
-        said = Among(choice=tuple(files.own_files(list(said.choice), at)))
-    return free_field(paths, said, at)
+    if isinstance(spec, Among) and names_files(paths):
+        spec = Among(choice=tuple(files.with_output_names(list(spec.choice), at)))
+    return free_field(paths, spec, at)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +238,7 @@ def format_value(value: Any) -> str:
     return text.removeprefix(f"../{FILES}/")
 
 
-def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
+def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, Any]:
     """Plain data of a place's scenario file.
 
     Raises:
@@ -247,22 +247,22 @@ def plain_of(problem: Problem, base: Base, place: Place) -> dict[str, Any]:
     plain = copy.deepcopy(base.scenario)
     for variable in (*problem.variables, *base.variables):
         for path in variable.paths:
-            put(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
+            set_value(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
     if place.values:
         person = _person(plain, problem.free, base)
         for free in problem.free:
             value = free.value(place.values, person)
             for path in free.paths:
-                put(plain, path, copy.deepcopy(value), free.at)
+                set_value(plain, path, copy.deepcopy(value), free.at)
     return plain
 
 
-def scenario_at(problem: Problem, base: Base, place: Place, folder: Path) -> Scenario:
+def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Path) -> Scenario:
     """A place's scenario; the folder contains the user's parts."""
     return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
-def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
+def _person(plain: dict[str, Any], free: Sequence[FreeField], base: Base) -> Person:
     """The walker; the default person where no field is on a surface."""
     if all(f.surface is None for f in free):
         return Person()
@@ -270,7 +270,7 @@ def _person(plain: dict[str, Any], free: Sequence[Free], base: Base) -> Person:
     return scenario_of({**steps, **{k: plain[k] for k in ("person",) if k in plain}}, Path(base.name)).config.person
 
 
-def check_ends(problem: Problem, folder: Path) -> None:
+def check_ends(problem: PlacementProblem, folder: Path) -> None:
     """Checks the unchanged scenarios, then the ends of every range with the other values at their middle.
 
     Raises:
@@ -284,7 +284,7 @@ def check_ends(problem: Problem, folder: Path) -> None:
             try:
                 scenario_at(problem, base, place, folder)
             except ConfigError as error:
-                raise errors_in_user_files(error, problem.own) or _refusal(base, changed, error) from error
+                raise errors_in_user_files(error, problem.user_files) or _refusal(base, changed, error) from error
 
 
 def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:

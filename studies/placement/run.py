@@ -18,11 +18,11 @@ from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, sce
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import json_text, whole_file
 from stridetwin.studies.placement.body_map import body_map
-from stridetwin.studies.placement.measure import Measure, Measured, mean_losses
+from stridetwin.studies.placement.measure import Measure, MeasuredPlaces, mean_losses
 from stridetwin.studies.placement.page import placement_page
-from stridetwin.studies.placement.problem_file import Place, Problem, check_ends, format_value, plain_of
+from stridetwin.studies.placement.problem_file import Place, PlacementProblem, check_ends, format_value, plain_of
 from stridetwin.studies.placement.search import grid, optimise
-from stridetwin.studies.significance import compared, front, in_words, intervals
+from stridetwin.studies.significance import compare_places, comparison_text, intervals, pareto_front
 
 _USED = "another placement uses it: expected a folder of its own"
 _SHOWN = 10
@@ -31,7 +31,7 @@ _ALIKE = 0.05  # share of every range: closer places count as one in the table o
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(BatchOptions):
+class PlacementOptions(BatchOptions):
     """Options of a placement run.
 
     Attributes:
@@ -44,7 +44,7 @@ class Options(BatchOptions):
     walks: int | None = None
     resume: bool = False
 
-    def of(self, problem: Problem) -> Problem:
+    def of(self, problem: PlacementProblem) -> PlacementProblem:
         """The problem with these seeds."""
         seeds = problem.seeds if self.walks is None else tuple(range(self.walks))
         if self.seed is not None:
@@ -52,7 +52,7 @@ class Options(BatchOptions):
         return replace(problem, seeds=seeds)
 
 
-def run_placement(problem: Problem, options: Options, progress: Progress) -> dict[str, Any]:
+def run_placement(problem: PlacementProblem, options: PlacementOptions, progress: Progress) -> dict[str, Any]:
     """Searches places and compares them.
 
     Returns:
@@ -66,13 +66,13 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
     with hold_folder(folder, (folder / ROWS).exists, _USED) as unfinished:
         _check_folder(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)
-        copy_files(folder, problem.own)
+        copy_files(folder, problem.user_files)
         check_ends(problem, folder)
         write_request(folder, _request(problem))
         rows = RowLines(folder / ROWS, unfinished)
         with open_executor(options.workers, options.scheduler) as executor:
             measure = Measure(problem, folder, rows, executor, progress)
-            searched = _searched(problem, measure)
+            searched = _search(problem, measure)
             if not np.isfinite(searched.losses).any():
                 weighing = ", ".join(score.name for score in problem.scores if score.weight)
                 why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
@@ -84,7 +84,7 @@ def run_placement(problem: Problem, options: Options, progress: Progress) -> dic
     return result
 
 
-def _request(problem: Problem) -> dict[str, Any]:
+def _request(problem: PlacementProblem) -> dict[str, Any]:
     """What binds a folder to a placement; another number of walks or a larger budget continues it."""
     return {
         "placement": problem.description,
@@ -95,7 +95,7 @@ def _request(problem: Problem) -> dict[str, Any]:
     }
 
 
-def _check_folder(folder: Path, problem: Problem, resume: bool) -> None:
+def _check_folder(folder: Path, problem: PlacementProblem, resume: bool) -> None:
     """Refuses results of another command, a placement that is not to be continued, and another placement."""
     previous = read_request(folder)
     if previous is not None and not (isinstance(previous, dict) and "placement" in previous):
@@ -103,16 +103,16 @@ def _check_folder(folder: Path, problem: Problem, resume: bool) -> None:
     if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
         raise StrideTwinError(f"{folder}: holds a placement: expected --resume to continue it, or another folder")
     if previous is not None and (keys := differing_keys(_request(problem), previous)):
-        other = f"{previous['placement']!r} (other {', '.join(keys)})"
-        raise StrideTwinError(f"{folder}: holds another placement, {other}: expected another folder")
+        description = f"{previous['placement']!r} (other {', '.join(keys)})"
+        raise StrideTwinError(f"{folder}: holds another placement, {description}: expected another folder")
 
 
-def _searched(problem: Problem, measure: Measure) -> Measured:
+def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
     """The unchanged place, then all others."""
 
     def losses(places: list[Place]) -> list[float]:
-        found: list[float] = measure(places, problem.seeds, "search").losses.tolist()
-        return found
+        losses_of_places: list[float] = measure(places, problem.seeds, "search").losses.tolist()
+        return losses_of_places
 
     if problem.search is None:
         places = grid(problem.knobs)
@@ -121,9 +121,9 @@ def _searched(problem: Problem, measure: Measure) -> Measured:
     return measure([Place(), *places], problem.seeds, "places")
 
 
-def _finalists(problem: Problem, searched: Measured, measure: Measure) -> Measured:
+def _finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Measure) -> MeasuredPlaces:
     """The places of the table, the unchanged one among them, best first; on new walks with `confirm`."""
-    shown = _apart(problem, searched, _SHOWN if problem.confirm is None else problem.confirm.places)
+    shown = _distinct_best(problem, searched, _SHOWN if problem.confirm is None else problem.confirm.places)
     final = searched.part(shown if 0 in shown else [*shown, 0])
     if problem.confirm is not None:
         first = max(problem.seeds) + 1
@@ -131,29 +131,31 @@ def _finalists(problem: Problem, searched: Measured, measure: Measure) -> Measur
     return final.part(final.best_first)
 
 
-def _apart(problem: Problem, searched: Measured, count: int) -> list[int]:
+def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: int) -> list[int]:
     """Numbers of the best places; in a search without those close to a better one."""
-    kept: list[int] = []
+    numbers: list[int] = []
     for i in searched.best_first:
-        if len(kept) == count or not np.isfinite(searched.losses[i]):
+        if len(numbers) == count or not np.isfinite(searched.losses[i]):
             break
-        if problem.search is None or not any(_alike(problem, searched.places[i], searched.places[k]) for k in kept):
-            kept.append(i)
-    return kept
+        if problem.search is None or not any(
+            _are_alike(problem, searched.places[i], searched.places[k]) for k in numbers
+        ):
+            numbers.append(i)
+    return numbers
 
 
-def _alike(problem: Problem, a: Place, b: Place) -> bool:
+def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
     """Whether two changed places have the same choices and nearly the same numbers."""
     if not a.values or not b.values:
         return False
     pairs = [(knob, a.values[knob.name], b.values[knob.name]) for knob in problem.knobs]
     return all(
-        one == other if knob.values else abs(one - other) <= _ALIKE * (knob.high - knob.low)
-        for knob, one, other in pairs
+        first == second if knob.values else abs(first - second) <= _ALIKE * (knob.high - knob.low)
+        for knob, first, second in pairs
     )
 
 
-def _result(problem: Problem, searched: Measured, final: Measured) -> dict[str, Any]:
+def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> dict[str, Any]:
     names = [score.name for score in problem.scores]
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
     table = []
@@ -161,11 +163,11 @@ def _result(problem: Problem, searched: Measured, final: Measured) -> dict[str, 
         scores = {name: asdict(column[i]) for name, column in zip(names, columns) if np.isfinite(column[i].mean)}
         row = {"rank": i + 1, "label": place.label, "values": dict(place.values), "scores": scores}
         table.append(row | ({"failed": final.failed[i]} if i in final.failed else {}))
-    pairs = compared(final.losses_of_walks)
+    pairs = compare_places(final.losses_of_walks)
     labels = [place.label for place in final.places]
     called = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
     losses = [mean_losses(score.losses(searched.values[..., s])) for s, score in enumerate(problem.scores)]
-    best = front(np.column_stack(losses)) if len(names) > 1 else []
+    best = pareto_front(np.column_stack(losses)) if len(names) > 1 else []
     return {
         "placement": problem.description,
         "scores": [
@@ -184,7 +186,7 @@ def _result(problem: Problem, searched: Measured, final: Measured) -> dict[str, 
              "p": p.p, "significant": p.significant}
             for p in pairs
         ],
-        "words": in_words(pairs, called, len(final.walks)),
+        "words": comparison_text(pairs, called, len(final.walks)),
         "pareto": [
             {"label": searched.places[i].label, "values": dict(searched.places[i].values),
              "scores": {name: float(values.mean()) for name, values in zip(names, searched.values[i].T)}}
@@ -193,7 +195,9 @@ def _result(problem: Problem, searched: Measured, final: Measured) -> dict[str, 
     }  # fmt: skip
 
 
-def _write(problem: Problem, folder: Path, searched: Measured, best: Place, result: dict[str, Any]) -> None:
+def _write(
+    problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place, result: dict[str, Any]
+) -> None:
     """Writes all files and adds their names to the result."""
     texts = {
         f"{SCENARIOS}/best_{base.name}.yaml": scenario_text(plain_of(problem, base, best)) for base in problem.bases
@@ -214,7 +218,7 @@ def _write(problem: Problem, folder: Path, searched: Measured, best: Place, resu
             file.write_text(text, encoding="utf-8")
 
 
-def _csv(problem: Problem, searched: Measured) -> str:
+def _csv(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     """Every place, best first: its values, and the mean of each score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

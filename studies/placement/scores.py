@@ -16,7 +16,7 @@ from stridetwin.streams.fields import DEG, FileModel, number, refused, text
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
-GEOMETRIC = {
+GEOMETRIC_SCORES = {
     "visibility_pct": ("foot_camera", True, "share of the time in which a shoe's camera sees the other's whole board"),
     "sharp_pct": ("foot_camera", True, "the same, with little motion blur"),
     "occlusion_pct": ("foot_camera", False, "share of the time with a board in view in which limbs occlude it"),
@@ -45,11 +45,11 @@ class Seeing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class PlaceScore:
     """A score of a place.
 
     Attributes:
-        name: Of `GEOMETRIC`, or ESTIMATOR.METRIC.
+        name: Of `GEOMETRIC_SCORES`, or ESTIMATOR.METRIC.
         weight: In the objective; 0 for a score that is only reported.
     """
 
@@ -59,13 +59,13 @@ class Score:
     @property
     def geometric(self) -> bool:
         """Whether it needs no recording."""
-        return self.name in GEOMETRIC
+        return self.name in GEOMETRIC_SCORES
 
     @property
     def higher_is_better(self) -> bool:
         """Whether more is better."""
         if self.geometric:
-            return GEOMETRIC[self.name][1]
+            return GEOMETRIC_SCORES[self.name][1]
         scale = scale_of(self.metric)
         return scale is not None and scale.higher_is_better
 
@@ -82,24 +82,26 @@ class Score:
         """The value in the row of a place on a walk: the mean of both feet where there are two, NaN if missing."""
         if self.geometric:
             return float(row.get("scores", {}).get(self.name, math.nan))
-        found = [own[self.metric] for own in self._of_estimator(row) if self.metric in own]
-        return sum(found) / len(found) if found else math.nan
+        values = [
+            output_scores[self.metric] for output_scores in self._of_estimator(row) if self.metric in output_scores
+        ]
+        return sum(values) / len(values) if values else math.nan
 
-    def reported(self, row: Row) -> set[str]:
+    def find_reported(self, row: Row) -> set[str]:
         """The scores in a row that its estimator reports."""
-        return {metric for own in self._of_estimator(row) for metric in own}
+        return {metric for output_scores in self._of_estimator(row) for metric in output_scores}
 
     def _of_estimator(self, row: Row) -> list[Mapping[str, float]]:
         name, outputs = self.name.partition(".")[0], row.get("estimators", {})
         return [outputs[key] for key in ([name] if name in outputs else [f"{name}_l", f"{name}_r"]) if key in outputs]
 
 
-def _known(name: str) -> str:
+def _check_score_name(name: str) -> str:
     estimator, dot, metric = name.partition(".")
-    if name in GEOMETRIC or (dot and estimator and metric and scale_of(metric) is not None):
+    if name in GEOMETRIC_SCORES or (dot and estimator and metric and scale_of(metric) is not None):
         return name
-    others = "or ESTIMATOR.METRIC as `score` reports them, such as foot_ins.end_error_m"
-    raise refused(name, f"{suggest(name, GEOMETRIC)}, {others}")
+    alternatives = "or ESTIMATOR.METRIC as `score` reports them, such as foot_ins.end_error_m"
+    raise refused(name, f"{suggest(name, GEOMETRIC_SCORES)}, {alternatives}")
 
 
 class _Weighed(FileModel):
@@ -110,7 +112,7 @@ class _Weighed(FileModel):
         weight: In the sum that the search minimises; 0 for a score that is only reported.
     """
 
-    score: Annotated[str, text(), AfterValidator(_known)]
+    score: Annotated[str, text(), AfterValidator(_check_score_name)]
     weight: Annotated[float, number(0, 1e9)] | None = None
 
 
@@ -118,14 +120,14 @@ def _short(node: object) -> object:
     return {"score": node} if isinstance(node, str) else node
 
 
-def _scores(items: tuple[_Weighed, ...]) -> tuple[Score, ...]:
+def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
     """Scores, each once; without weights only the first counts."""
-    scores: list[Score] = []
+    scores: list[PlaceScore] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):
             raise refused(item.score, "every score once", i, "score")
         weight = item.weight if item.weight is not None else 0.0 if i else 1.0
-        scores.append(Score(name=item.score, weight=weight))
+        scores.append(PlaceScore(name=item.score, weight=weight))
     if not any(score.weight for score in scores):
         raise refused([score.name for score in scores], "at least one score with a weight above 0")
     return tuple(scores)

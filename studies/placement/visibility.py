@@ -22,7 +22,7 @@ from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array
-from stridetwin.studies.placement.scores import GEOMETRIC, Seeing
+from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, Seeing
 
 RATE_HZ = 50.0
 AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
@@ -58,7 +58,7 @@ class PosedWalk:
         return len(self.ground)
 
 
-def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
+def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     """The walk of a scenario, independent of its sensors.
 
     Raises:
@@ -81,7 +81,7 @@ def posed_walk(scenario: Scenario, seed: int) -> PosedWalk:
     return PosedWalk(bodies=bodies, limbs=Limbs.of(twin.model, q, v), terrain=twin.terrain, ground=ground)
 
 
-def in_image(camera: CameraCalibration, points: Array) -> Flags:
+def is_in_image(camera: CameraCalibration, points: Array) -> Flags:
     """(...) whether points (..., 3) m of the optical frame are in the image and at least `NEAR_M` in front of it."""
     z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.nan)
     pixels = DistortionModel(camera).pixels((points[..., :2] / z[..., None]).reshape(-1, 2))
@@ -90,7 +90,7 @@ def in_image(camera: CameraCalibration, points: Array) -> Flags:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sight:
+class BoardVisibility:
     """What a camera sees of a board at N instants.
 
     Attributes:
@@ -110,11 +110,13 @@ class Sight:
     blur_px: Array
 
 
-def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing) -> Sight:
+def see_board(
+    walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing
+) -> BoardVisibility:
     """What a camera on one body, with this exposure, sees of a board on another one."""
-    carrier, other = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
+    carrier, board_body = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
     T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
-    T_world_board = other.poses() @ board.mount.T_body_sensor
+    T_world_board = board_body.poses() @ board.mount.T_body_sensor
     eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
     half = np.array([*board.squares, 0.0]) * board.square_m / 2
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
@@ -129,35 +131,35 @@ def see_board(walk: PosedWalk, camera: CameraCalibration, board: Board, exposure
     focal = math.sqrt(camera.intrinsics[0] * camera.intrinsics[1])
     px = focal * board.square_m / z
     in_view = (
-        in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
+        is_in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
     )
 
-    turning = np.cross(_rate(carrier), middle - eye)
-    relative = _velocity(other, middle) - _velocity(carrier, eye) - turning
+    rotation_velocity = np.cross(_angular_rate(carrier), middle - eye)
+    relative = _velocity(board_body, middle) - _velocity(carrier, eye) - rotation_velocity
     vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
     blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
 
-    behind, buried = np.zeros_like(in_view), np.zeros_like(in_view)
+    behind_limbs, behind_ground = np.zeros_like(in_view), np.zeros_like(in_view)
     rows = np.flatnonzero(in_view)
     if len(rows):
-        behind[rows] = walk.limbs.occludes(rows, eye[rows], points[rows]).any(axis=1)
-        buried[rows] = _buried(walk, eye[rows], points[rows]).any(axis=1)
-    seen = in_view & ~behind & ~buried
+        behind_limbs[rows] = walk.limbs.occludes(rows, eye[rows], points[rows]).any(axis=1)
+        behind_ground[rows] = _is_behind_ground(walk, eye[rows], points[rows]).any(axis=1)
+    seen = in_view & ~behind_limbs & ~behind_ground
     sharp = seen & (blur_px < seeing.blur_squares * px)
-    return Sight(in_view=in_view, behind_limbs=behind, seen=seen, sharp=sharp, px=px, blur_px=blur_px)
+    return BoardVisibility(in_view=in_view, behind_limbs=behind_limbs, seen=seen, sharp=sharp, px=px, blur_px=blur_px)
 
 
-def _rate(body: Track) -> Array:
+def _angular_rate(body: Track) -> Array:
     """(N, 3) rad/s, world axes."""
     return np.asarray(np.einsum("nij,nj->ni", body.rotation.as_matrix(), body.w_body))
 
 
 def _velocity(body: Track, p_in_world: Array) -> Array:
     """(N, 3) m/s, velocities of (N, 3) points fixed to a body."""
-    return body.v_body_in_world + np.cross(_rate(body), p_in_world - body.p_body_in_world)
+    return body.v_body_in_world + np.cross(_angular_rate(body), p_in_world - body.p_body_in_world)
 
 
-def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
+def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
@@ -166,7 +168,7 @@ def _buried(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     return np.asarray(hit < length - _SHORT_OF_M)
 
 
-def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
+def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
     """What a depth camera of this range sees over a walk.
 
     Returns:
@@ -177,8 +179,8 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
     eye, R = T[:, :3, 3], T[:, :3, :3]
     ground = walk.ground[rows]
     seen_from = (ground - eye[:, None]) @ R
-    seen = in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
-    seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_buried(walk, eye, ground)
+    seen = is_in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
+    seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_is_behind_ground(walk, eye, ground)
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
@@ -189,7 +191,7 @@ def look_ahead(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float,
 def geometric_scores(
     sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
-    """Scores of a place, by name of `GEOMETRIC`; undefined scores (no board ever in view) are left out.
+    """Scores of a place, by name of `GEOMETRIC_SCORES`; undefined scores (no board ever in view) are left out.
 
     The walk is None where only weights are needed.
 
@@ -197,45 +199,45 @@ def geometric_scores(
         StrideTwinError: A sensor that a score needs is off, or a part has no weight.
     """
     groups = {sensor.group for sensor in sensor_rig.sensors.values()}
-    needed = {name: GEOMETRIC[name][0] for name in names}
+    needed = {name: GEOMETRIC_SCORES[name][0] for name in names}
     for name, group in needed.items():
         if group and group not in groups:
             raise StrideTwinError(f"{name} needs {group}, which is off")
-    found: dict[str, float] = {}
+    scores: dict[str, float] = {}
     if walk is not None and "foot_camera" in needed.values():
-        found |= _score_boards(sensor_rig, walk, seeing)
+        scores |= _score_boards(sensor_rig, walk, seeing)
     if walk is not None and "head_camera" in needed.values():
-        found |= _score_outlook(sensor_rig, walk)
+        scores |= _score_outlook(sensor_rig, walk)
     for name, body in (("weight_g", None), ("foot_weight_g", "foot_l")):
         if name in names:
-            found[name] = _weight_g(sensor_rig, body)
-    return {name: found[name] for name in names if name in found}
+            scores[name] = _weight_g(sensor_rig, body)
+    return {name: scores[name] for name in names if name in scores}
 
 
 def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
-    sights = []
+    visibilities = []
     for topic, camera in sensor_rig.rig.cameras.items():
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
         if board is not None and isinstance(part, CameraPart):
-            sights.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
-    seen = np.array([s.seen for s in sights])
-    in_view = sum(int(s.in_view.sum()) for s in sights)
-    found = {
+            visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
+    seen = np.array([s.seen for s in visibilities])
+    in_view = sum(int(s.in_view.sum()) for s in visibilities)
+    scores = {
         "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),
-        "sharp_pct": 100.0 * float(np.array([s.sharp for s in sights]).any(axis=0).mean()),
+        "sharp_pct": 100.0 * float(np.array([s.sharp for s in visibilities]).any(axis=0).mean()),
     }
     if in_view:
-        found["occlusion_pct"] = 100.0 * sum(int(s.behind_limbs.sum()) for s in sights) / in_view
+        scores["occlusion_pct"] = 100.0 * sum(int(s.behind_limbs.sum()) for s in visibilities) / in_view
     if seen.any():
-        found["square_px"] = float(np.concatenate([s.px[s.seen] for s in sights]).mean())
-    return found
+        scores["square_px"] = float(np.concatenate([s.px[s.seen] for s in visibilities]).mean())
+    return scores
 
 
 def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
     topic, camera = next((topic, camera) for topic, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)
-    ahead, own_body = look_ahead(walk, camera, (part.depth.range_min, part.depth.range_max))
+    ahead, own_body = measure_outlook(walk, camera, (part.depth.range_min, part.depth.range_max))
     return {"ahead_pct": 100.0 * ahead, "own_body_pct": 100.0 * own_body}
 
 

@@ -9,26 +9,26 @@ from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain
 from stridetwin.outputs.steps.scores import ScoredStep, false_steps, percent, score_steps, step_figures
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
-from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import by_fault, fault_plans
-from stridetwin.studies.shim2019.shim_table5 import walked
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.shim2019.shim_table5 import simulate_walk
 
 USUAL = "usual"
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """One subject's walks: the usual manner of walking with each fault, any other manner without.
 
     Returns:
         The case's row with `fell`, `faults`: label of the fault or the manner to the rows of all steps; and
         `false_steps`: label to the number of estimated steps that did not happen.
     """
-    found: dict[str, list[dict[str, Any]]] = {}
-    false: dict[str, int] = {}
+    rows_of_fault: dict[str, list[dict[str, Any]]] = {}
+    false_counts: dict[str, int] = {}
     fell = []
     for walk in case.walks():
         twin = Twin(walk.config, case.seed)
-        samples, footprints = walked(twin)
+        samples, footprints = simulate_walk(twin)
         manner = walk.labels["manner"]
         plans = fault_plans(case, twin.rig, twin.duration_s)
         if manner != USUAL:
@@ -36,27 +36,29 @@ def run_case(case: Case) -> dict[str, Any]:
         for label, plan in plans.items():
             exo = nominal_geometry(twin.size, plan.rig, case.seed, [fault for fault, _ in plan.planned])
             estimates = ContactTerrain(plan.rig, exoskeleton=exo).run(plan.samples(samples))
-            found.setdefault(label, []).extend(s.row() for s in score_steps(footprints, estimates))
-            false[label] = false.get(label, 0) + false_steps(footprints, estimates)
+            rows_of_fault.setdefault(label, []).extend(s.row() for s in score_steps(footprints, estimates))
+            false_counts[label] = false_counts.get(label, 0) + false_steps(footprints, estimates)
         if twin.fell_at is not None:
             fell.append(f"{walk.config.name} {manner}")
-    return case.row(fell=fell, faults=found, false_steps=false)
+    return case.row(fell=fell, faults=rows_of_fault, false_steps=false_counts)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over the steps of all walks: errors, coverage and classes."""
-    collected = by_fault(results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows]))
+    collected = summarize_by_fault(
+        results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows])
+    )
     for name, figures in collected["summary"].items():
         figures["false_steps"] = sum(r["false_steps"][name] for r in results)
     return collected
 
 
 def _figures(steps: list[ScoredStep]) -> dict[str, float]:
-    seen = [s for s in steps if s.seen]
+    matched = [s for s in steps if s.is_matched]
     return {
         **step_figures(steps, []),
-        "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in seen), default=0.0),
-        "elevation_max_mm": max((abs(1e3 * s.elevation_error) for s in seen), default=0.0),
+        "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in matched), default=0.0),
+        "elevation_max_mm": max((abs(1e3 * s.elevation_error) for s in matched), default=0.0),
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
-        "wrong_pct": percent(s.seen and s.estimated_mode not in (s.mode, UNKNOWN) for s in steps),
+        "wrong_pct": percent(s.is_matched and s.estimated_mode not in (s.mode, UNKNOWN) for s in steps),
     }

@@ -52,7 +52,7 @@ def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
     figures = []
     for walk, title in SHOWN.items():
         steps = [ScoredStep(**row) for row in case["walks"][walk][method]]
-        if any(s.seen for s in steps):
+        if any(s.is_matched for s in steps):
             figures.append(steps_from_aside(lay_out(load_scenario(walk).config.route), steps, title))
     return figures
 
@@ -67,10 +67,10 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
     for k, method in enumerate((METHODS[0], *METHODS)):
         name = f"estimated_{quantity}" if k else quantity
         values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
-        at = np.array([i for i, own in enumerate(values) if own])
-        means = np.array([np.mean(own) for own in values if own])
+        at = np.array([i for i, case_values in enumerate(values) if case_values])
+        means = np.array([np.mean(case_values) for case_values in values if case_values])
         if k:
-            sd = [np.std(own) for own in values if own]
+            sd = [np.std(case_values) for case_values in values if case_values]
             plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
         else:
             plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
@@ -79,7 +79,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
 
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     """Steps in the plane of normalised slope and elevation."""
-    steps = [s for case in cases for walk in case["walks"].values() for s in _seen(walk[method])]
+    steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
@@ -88,17 +88,19 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
         y_label=f"{method}: elevation / largest elevation", height=380,
     )  # fmt: skip
     for mode, color in _COLORS.items():
-        own = np.flatnonzero(modes == mode)
-        if len(own):
-            own = own[np.unique(np.linspace(0, len(own) - 1, min(len(own), DOTS)).astype(int))]
-            plot.dots(points[own, 0], points[own, 1], color, size=4, label=mode)
+        step_numbers = np.flatnonzero(modes == mode)
+        if len(step_numbers):
+            step_numbers = step_numbers[
+                np.unique(np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int))
+            ]
+            plot.dots(points[step_numbers, 0], points[step_numbers, 1], color, size=4, label=mode)
     return plot.html()
 
 
 def _of_case(cases: Sequence[dict[str, Any]], method: str, name: str) -> list[ScoredStep]:
     walk, mode = CASES[name]
-    return [s for case in cases for s in _seen(case["walks"][walk][method]) if not mode or s.mode == mode]
+    return [s for case in cases for s in _select_matched(case["walks"][walk][method]) if not mode or s.mode == mode]
 
 
-def _seen(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
-    return (s for s in (ScoredStep(**row) for row in rows) if s.seen)
+def _select_matched(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
+    return (s for s in (ScoredStep(**row) for row in rows) if s.is_matched)

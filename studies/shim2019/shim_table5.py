@@ -2,7 +2,7 @@
 
 A case is one trial of one subject: level, stair and three ramps, each walked once (stair and ramps up and down). Steps
 belong to a case of the table by their mode, which includes those onto and off a terrain. The estimators get a nominal
-exoskeleton with measurement errors (`exo_geometry.measured`).
+exoskeleton with measurement errors (`exo_geometry.simulate_measurement`).
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain
 from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
+    align_yaw,
     displacement_errors,
     false_steps,
     percent,
     score_steps,
     step_figures,
-    yaw_aligned,
 )
-from stridetwin.reference.norms import reference, reference_rows
+from stridetwin.reference.norms import read_reference, read_reference_rows
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Footprint, Sample
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.tables import table_lines
 
 CASES = {
@@ -51,7 +51,7 @@ _Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to 
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """One trial of one subject.
 
     Returns:
@@ -63,11 +63,11 @@ def run_case(case: Case) -> dict[str, Any]:
     false = dict.fromkeys(methods, 0)
     for walk in case.walks():
         twin = Twin(walk.config, case.seed)
-        samples, footprints = walked(twin)
+        samples, footprints = simulate_walk(twin)
         exo = nominal_geometry(twin.size, twin.rig, case.seed, ())
         walks[walk.config.name] = {}
         for method in methods:
-            estimates = estimated_steps(method, twin.rig, exo, samples)
+            estimates = estimate_steps(method, twin.rig, exo, samples)
             walks[walk.config.name][method] = [s.row() for s in score_steps(footprints, estimates)]
             false[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:
@@ -75,13 +75,13 @@ def run_case(case: Case) -> dict[str, Any]:
     return case.row(fell=fell, walks=walks, false_steps=false)
 
 
-def estimated_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
+def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
     """The last estimate of each step by one of `METHODS`, or of an installed estimator of steps."""
     if name in METHODS:
         return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo).run(iter(samples))
-    found = registry.estimator(name)
-    options = Options(method=found.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
-    estimator = found(rig, options=options)
+    estimator_class = registry.estimator(name)
+    options = Options(method=estimator_class.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
+    estimator = estimator_class(rig, options=options)
     last: dict[int, StepEstimate] = {}
     for sample in samples:
         if (estimate := estimator.update(sample)) is not None and estimate.step > 0:
@@ -89,7 +89,7 @@ def estimated_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sam
     return [last[step] for step in sorted(last)]
 
 
-def walked(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
+def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
     """The samples of a walk in time order, and the true footprints."""
     samples: list[Sample] = []
     footprints = []
@@ -109,35 +109,40 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             for r in results
         ]
         subjects = {who for who, _ in trials}
-        trials, classed = _classified(trials) if method == "published" else (trials, subjects)
+        trials, classed = _classify_steps(trials) if method == "published" else (trials, subjects)
         summary[method] = _table(trials, classed)
         summary[method]["all"]["false_steps"] = sum(r["false_steps"][method] for r in results)
         by_subject[method] = {
             f"S{who}": _table([(w, walks) for w, walks in trials if w == who], classed) for who in sorted(subjects)
         }
-    return {"summary": summary, "paper": {"Shim et al. 2019": paper("Stotal")}, "by_subject": by_subject}
+    return {"summary": summary, "paper": {"Shim et al. 2019": read_paper_figures("Stotal")}, "by_subject": by_subject}
 
 
-def _classified(trials: _Trials) -> tuple[_Trials, set[int]]:
+def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
     """Steps classified by a support vector machine, trained on every other subject (Table 7).
 
     Also the subjects with a result: training data from the other subjects may be insufficient.
     """
     machines = {}
     for who in {w for w, _ in trials}:
-        steps = [s for w, walks in trials if w != who for own in walks.values() for s in own if s.seen]
+        steps = [
+            s for w, walks in trials if w != who for walk_steps in walks.values() for s in walk_steps if s.is_matched
+        ]
         if len({s.mode for s in steps}) > 1:
             slopes, elevations = [s.estimated_slope for s in steps], [s.estimated_elevation for s in steps]
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
-    def classified(who: int, step: ScoredStep) -> ScoredStep:
+    def classify(who: int, step: ScoredStep) -> ScoredStep:
         machine = machines.get(who)
-        if machine is None or not step.seen:
+        if machine is None or not step.is_matched:
             return step
         return replace(step, estimated_mode=machine.classify(step.estimated_slope, step.estimated_elevation))
 
-    found = [(who, {walk: [classified(who, s) for s in own] for walk, own in walks.items()}) for who, walks in trials]
-    return found, set(machines)
+    classified_trials = [
+        (who, {walk: [classify(who, s) for s in walk_steps] for walk, walk_steps in walks.items()})
+        for who, walks in trials
+    ]
+    return classified_trials, set(machines)
 
 
 def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
@@ -147,14 +152,16 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
         places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
         rows[case] = _figures(chosen, places, classed)
-        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(yaw_aligned(walks[walk]), mode)]
+        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(align_yaw(walks[walk]), mode)]
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
-    everything = [(who, own) for who, walks in trials for own in walks.values()]
-    rows["all"] = _figures(everything, [], classed)
-    known = [s for who, own in everything if who in classed for s in own]
-    if known:
+    all_walks = [(who, walk_steps) for who, walks in trials for walk_steps in walks.values()]
+    rows["all"] = _figures(all_walks, [], classed)
+    classified_steps = [s for who, walk_steps in all_walks if who in classed for s in walk_steps]
+    if classified_steps:
         for mode in MODES:
-            rows["all"][f"accuracy_{mode}_pct"] = percent(s.estimated_mode == s.mode for s in known if s.mode == mode)
+            rows["all"][f"accuracy_{mode}_pct"] = percent(
+                s.estimated_mode == s.mode for s in classified_steps if s.mode == mode
+            )
     return rows
 
 
@@ -162,19 +169,21 @@ def _figures(
     walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
 ) -> dict[str, float]:
     """`step_figures`, but classes only from the subjects in `classed`."""
-    figures = step_figures([s for _, own in walks for s in own], places)
-    known = [s for who, own in walks if who in classed for s in own]
+    figures = step_figures([s for _, walk_steps in walks for s in walk_steps], places)
+    classified_steps = [s for who, walk_steps in walks if who in classed for s in walk_steps]
     del figures[_CLASSES]
-    return figures | ({_CLASSES: percent(s.estimated_mode == s.mode for s in known)} if known else {})
+    return figures | (
+        {_CLASSES: percent(s.estimated_mode == s.mode for s in classified_steps)} if classified_steps else {}
+    )
 
 
-def paper(who: str) -> dict[str, dict[str, float]]:
+def read_paper_figures(who: str) -> dict[str, dict[str, float]]:
     """The paper's table: case to figures.
 
     Args:
         who: Subject, S1-S7, or Stotal.
     """
-    rows = [row for row in reference_rows("shim2019_table5") if row["subject"] == who]
+    rows = [row for row in read_reference_rows("shim2019_table5") if row["subject"] == who]
     return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
 
 
@@ -198,7 +207,7 @@ _COLUMNS = (
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each method and the paper, as lines of text."""
-    theirs = result["paper"]["Shim et al. 2019"]
+    paper_figures = result["paper"]["Shim et al. 2019"]
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
         "d, h, y: RMS error of the displacement per step, forward, up and left",
@@ -206,7 +215,7 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
     for method, summary in result["summary"].items():
         rows = [
-            (case, {**{f"paper_{f}": theirs.get(case, {}).get(f, "") for f in FIGURES}, **row})
+            (case, {**{f"paper_{f}": paper_figures.get(case, {}).get(f, "") for f in FIGURES}, **row})
             for case, row in summary.items()
         ]
         lines += ["", *table_lines(_COLUMNS, rows, 12, method)]
@@ -214,31 +223,31 @@ def table(result: dict[str, Any]) -> list[str]:
         modes = "  ".join(f"{mode} {_percent(summary['all'], f'accuracy_{mode}_pct')}" for mode in MODES)
         lines.append(f"correct classes by mode, %: {modes}")
         people = result["by_subject"][method].items()
-        by_subject = "  ".join(f"{who} {_percent(own['all'], _CLASSES)}" for who, own in people)
+        by_subject = "  ".join(f"{who} {_percent(subject_figures['all'], _CLASSES)}" for who, subject_figures in people)
         lines.append(f"correct classes by subject, %: {by_subject}")
     return [*lines, "", *_mean_errors(result["summary"])]
 
 
 def _mean_errors(summary: dict[str, Any]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
-    theirs = reference("shim2019")
-    huo = theirs["huo_et_al"]
+    paper_errors = read_reference("shim2019")
+    huo = paper_errors["huo_et_al"]
     quoted = [
-        ("elevation_mm", "LW", ("LW",), theirs["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
-        ("elevation_mm", "SA", ("SA",), theirs["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),
-        ("elevation_mm", "SD", ("SD",), theirs["elevation_error_mm"]["SD"], huo["elevation_error_mm"]["SA_SD"]),
+        ("elevation_mm", "LW", ("LW",), paper_errors["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
+        ("elevation_mm", "SA", ("SA",), paper_errors["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),
+        ("elevation_mm", "SD", ("SD",), paper_errors["elevation_error_mm"]["SD"], huo["elevation_error_mm"]["SA_SD"]),
         (
-            "slope_deg", "LW, SA, SD", ("LW", "SA", "SD"), theirs["slope_error_deg"]["LW_SA_SD"],
+            "slope_deg", "LW, SA, SD", ("LW", "SA", "SD"), paper_errors["slope_error_deg"]["LW_SA_SD"],
             huo["slope_error_deg"]["LW_SA_SD"],
         ),
     ]  # fmt: skip
     heads = [*summary, "Shim et al. 2019", "Huo et al."]
     lines = [f"{'error, mean ± sd':<26}" + "".join(f"{head:>19}" for head in heads)]
-    for figure, words, cases, *papers in quoted:
+    for figure, case_names, cases, *papers in quoted:
         pairs = [_mean_and_sd([rows[case] for case in cases], figure) for rows in summary.values()] + papers
         name, unit = figure.split("_")
         cells = "".join(f"{f'{mean:.2f} ± {sd:.2f}':>19}" for mean, sd in pairs)
-        lines.append(f"{f'{name} {unit}, {words}':<26}{cells}")
+        lines.append(f"{f'{name} {unit}, {case_names}':<26}{cells}")
     return lines
 
 

@@ -15,7 +15,7 @@ from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import Scale, scale_of
 from stridetwin.outputs.base import CLAIM, Scores
 from stridetwin.streams.samples import Array
-from stridetwin.studies.significance import Difference, differences, interval_text, intervals, why_untested
+from stridetwin.studies.significance import Difference, differences, interval_text, intervals, untested_reason
 from stridetwin.studies.study_file.study import Study
 
 _MAX_PCT = 200.0
@@ -41,8 +41,8 @@ def score_values(study: Study, rows: Sequence[Row]) -> Array:
 def _mean_of_outputs(outputs: dict[str, Scores], score: str) -> float:
     """The mean over outputs, such as both feet; a score whose sign has a meaning counts without it."""
     scale = scale_of(score)
-    found = [scores[score] for scores in outputs.values() if score in scores]
-    return float(np.mean(np.abs(found) if scale is not None and scale.signed else found)) if found else np.nan
+    values = [scores[score] for scores in outputs.values() if score in scores]
+    return float(np.mean(np.abs(values) if scale is not None and scale.signed else values)) if values else np.nan
 
 
 def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
@@ -80,8 +80,8 @@ def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])
         if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
-            first, other = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
-            columns.append(np.subtract(other, first))
+            first, current = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
+            columns.append(np.subtract(current, first))
             scales.append(scale)
             levels = dict(study.combinations[c].labels)
             places.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
@@ -102,7 +102,7 @@ def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
 
 def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
-    first, why = study.methods[0].name, why_untested(len(study.seeds))
+    first, why = study.methods[0].name, untested_reason(len(study.seeds))
     if why or len(study.methods) == 1:
         return [why] if why else []
     texts = []
@@ -130,7 +130,10 @@ def _describe_failures(failed: Sequence[dict[str, Any]]) -> list[str]:
     reasons: dict[str, list[str]] = {}
     for failure in failed:
         reasons.setdefault(failure["method"], []).append(failure["reason"])
-    return [f"{name} failed on {len(every)} walks, first: {every[0]}" for name, every in reasons.items()]
+    return [
+        f"{name} failed on {len(method_reasons)} walks, first: {method_reasons[0]}"
+        for name, method_reasons in reasons.items()
+    ]
 
 
 def table_head(result: dict[str, Any]) -> list[str]:

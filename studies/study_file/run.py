@@ -25,13 +25,13 @@ from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
 from stridetwin.studies.study_file.results import collect_result, csv_text
 from stridetwin.studies.study_file.study import Study
-from stridetwin.studies.study_file.walk import WALK, Walk, keep_needed_sensors, run_walk, why_unfed
+from stridetwin.studies.study_file.walk import WALK, StudyWalk, keep_needed_sensors, missing_sensors_reason, run_walk
 
-FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
+STUDY_FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(BatchOptions):
+class StudyOptions(BatchOptions):
     """Options of a study's run.
 
     Attributes:
@@ -53,13 +53,13 @@ class Options(BatchOptions):
 
     def command(self, study: Study) -> str:
         """The command that gives the same result."""
-        given = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
-        words = [str(word) for name, value in given.items() if value is not None for word in (name, value)]
-        return shlex.join(["stridetwin", "experiment", study.path.name, *words])
+        option_values = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
+        arguments = [str(word) for name, value in option_values.items() if value is not None for word in (name, value)]
+        return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
 
 
-def run_study(study: Study, options: Options, progress: Progress) -> dict[str, Any]:
-    """Runs the walks of a study and writes `FILES` into the folder.
+def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[str, Any]:
+    """Runs the walks of a study and writes `STUDY_FILES` into the folder.
 
     Returns:
         As `results.collect_result`, with `files`.
@@ -71,7 +71,7 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
     with hold_folder(folder, (folder / ROWS).exists) as unfinished:
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")
-        copy_files(folder, study.own)
+        copy_files(folder, study.user_files)
         walks = _list_walks(study, folder, options.physics)
         _check_sensors(study, walks)
         versions = partial(_versions, tuple(sorted({method.estimator for method in study.methods})))
@@ -81,12 +81,12 @@ def run_study(study: Study, options: Options, progress: Progress) -> dict[str, A
         results = Batch(jobs, store).run_with(options, work, study.path.stem, progress, "--resume continues")
         store.sort([job.key for job in jobs])
         rows = [{"scores": {}, "failed": {WALK: r.reason}} if isinstance(r, Failure) else r for r in results]
-        result = {**collect_result(study, rows), "files": list(FILES)}
+        result = {**collect_result(study, rows), "files": list(STUDY_FILES)}
         _write(study, options, rows, result)
     return result
 
 
-def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, Walk]]:
+def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, StudyWalk]]:
     """All walks with their names: those of the first combination, then of the next ones."""
     walks, scenarios = [], dict[str, Scenario]()
     for combination in study.combinations:
@@ -95,15 +95,17 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
             name = ", ".join([combination.base.name, *(level.name for level in of_seed.levels)])
             if name not in scenarios:
                 scenarios[name] = make_scenario(study, of_seed, folder, physics)
-            walks.append((f"{name}, seed {seed}", Walk(scenario=scenarios[name], seed=seed, methods=study.methods)))
+            walks.append(
+                (f"{name}, seed {seed}", StudyWalk(scenario=scenarios[name], seed=seed, methods=study.methods))
+            )
     return walks
 
 
-def _check_sensors(study: Study, walks: Sequence[tuple[str, Walk]]) -> None:
+def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None:
     """Refuses a method that no combination has the sensors for."""
     first_walks = [walk for _, walk in walks[:: len(study.seeds)]]
     for method in study.methods:
-        reasons = [why_unfed(method, walk.scenario) for walk in first_walks]
+        reasons = [missing_sensors_reason(method, walk.scenario) for walk in first_walks]
         if all(reasons):
             at = Where(source=str(study.path)).key("methods").key(method.name).key("estimator")
             raise at.error(method.estimator, f"an estimator that a combination feeds ({reasons[0]})")
@@ -114,14 +116,14 @@ def _versions(estimators: Sequence[str]) -> dict[str, str]:
     return scoring_versions(walk_module.__name__, sorted(estimators_of(estimators)))
 
 
-def _make_job(name: str, walk: Walk, versions: dict[str, str]) -> Job[Walk]:
+def _make_job(name: str, walk: StudyWalk, versions: dict[str, str]) -> Job[StudyWalk]:
     """A walk with the sensors alone that its methods read."""
     task = replace(walk, scenario=keep_needed_sensors(walk.scenario, walk.methods))
     key = content_key(repr(task.scenario.config), walk.seed, repr(walk.methods), versions)
     return Job(name=name, key=key, task=task)
 
 
-def _write(study: Study, options: Options, rows: Sequence[Row], result: dict[str, Any]) -> None:
+def _write(study: Study, options: StudyOptions, rows: Sequence[Row], result: dict[str, Any]) -> None:
     text = Path(study.path).read_text(encoding="utf-8")
     texts = {
         REPORT: study_page(result, text, options.command(study)),

@@ -66,8 +66,8 @@ def read_study(path: Path) -> Study:
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validated(StudyFile, data, path)
     methods = tuple(
-        make_method(name, said.estimator, said.method, said.parameters, where.key("methods").key(name))
-        for name, said in file.methods.items()
+        make_method(name, spec.estimator, spec.method, spec.parameters, where.key("methods").key(name))
+        for name, spec in file.methods.items()
     )
     _check_scores(file, methods, where.key("scores"))
     return Study(**vars(read_design(file, data, path)), methods=methods, scores=file.scores)

@@ -23,7 +23,7 @@ WALK = "walk"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk:
+class StudyWalk:
     """A walk to run.
 
     Attributes:
@@ -37,7 +37,7 @@ class Walk:
     methods: tuple[Method, ...]
 
 
-def why_unfed(method: Method, scenario: Scenario) -> str:
+def missing_sensors_reason(method: Method, scenario: Scenario) -> str:
     """Why the sensors of a scenario do not feed a method; "" if they do."""
     try:
         return "" if sensors_of(estimators_of([method.estimator]), scenario.config) else "needs no sensors"
@@ -47,11 +47,11 @@ def why_unfed(method: Method, scenario: Scenario) -> str:
 
 def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenario:
     """The scenario with the sensors alone that the methods that it feeds read; all if it feeds none."""
-    fed = [method.estimator for method in methods if not why_unfed(method, scenario)]
+    fed = [method.estimator for method in methods if not missing_sensors_reason(method, scenario)]
     return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
 
 
-def run_walk(folder: Path, walk: Walk) -> Row:
+def run_walk(folder: Path, walk: StudyWalk) -> Row:
     """The row of a walk: `scores` by method and output, and `failed` with a reason by method, or for the walk.
 
     Args:
@@ -85,5 +85,5 @@ def run_walk(folder: Path, walk: Walk) -> Row:
 
 def _one_line(error: Exception, path: Path) -> str:
     """The message on one line, without a path on this machine."""
-    words = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
-    return " ".join(words.replace(f"{path}: ", "").replace(f"{path}/", "").split())
+    text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
+    return " ".join(text.replace(f"{path}: ", "").replace(f"{path}/", "").split())

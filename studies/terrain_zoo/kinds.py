@@ -1,8 +1,7 @@
 """The kinds of walks: what each changes in a walk that is otherwise drawn at random.
 
-Every walk has its own person, speed, gaze, mount, surroundings, light, and calibration errors (`anyone`); a kind then
-replaces what it is about. Parameters are never tuned on kinds with
-`tuned=False`.
+Every walk has its own person, speed, gaze, mount, surroundings, light, and calibration errors (`draw_base_walk`); a
+kind then replaces what it is about. Parameters are never tuned on kinds with `tuned=False`.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.studies.zhao2023.mode_walks import MOUNTS
 
 Rng = np.random.Generator
-Kind = Callable[[TwinConfig, Rng], TwinConfig]
+MakeWalk = Callable[[TwinConfig, Rng], TwinConfig]
 
 CALIBRATED = CalibrationSd(
     rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3, readout=0.03
@@ -45,7 +44,7 @@ _BMI = (19.0, 30.0)
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
-def anyone(rng: Rng) -> TwinConfig:
+def draw_base_walk(rng: Rng) -> TwinConfig:
     """Anyone on level ground: person, gait, camera and surroundings are drawn."""
     height_m = float(rng.uniform(1.52, 1.93))
     mass_kg = float(np.clip(rng.uniform(*_BMI) * height_m**2, 45.0, 110.0))
@@ -64,13 +63,13 @@ def anyone(rng: Rng) -> TwinConfig:
     )  # fmt: skip
 
 
-def _over(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: float = 2.5) -> TwinConfig:
+def _with_terrain(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: float = 2.5) -> TwinConfig:
     """The walk over segments, with level ground before and after them."""
     segments = (Level(length_m=before_m), *middle, Level(length_m=after_m))
     return replace(config, route=replace(config.route, segments=segments))
 
 
-def _seen_by(config: TwinConfig, **changes: Any) -> TwinConfig:
+def _with_camera(config: TwinConfig, **changes: Any) -> TwinConfig:
     """The walk with a changed camera."""
     camera = replace(config.fittings["head_camera"], **changes)
     return replace(config, fittings={**config.fittings, "head_camera": camera})
@@ -82,12 +81,12 @@ def _ramp(rng: Rng, low_deg: float, high_deg: float, length_m: float = 4.0, *, d
     return Ramp(angle_rad=angle, rise_m=max(0.06, length_m * math.tan(angle)), down=down)
 
 
-def _ramps(low_deg: float, high_deg: float) -> Kind:
+def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
     """Up, a landing, and down."""
 
     def make(config: TwinConfig, rng: Rng) -> TwinConfig:
         up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
-        return _over(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
+        return _with_terrain(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
 
     return make
 
@@ -100,10 +99,10 @@ def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float
 
 
 def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
-    return _over(config, stair, Level(length_m=float(rng.uniform(1.5, 2.5))), replace(stair, down=True))
+    return _with_terrain(config, stair, Level(length_m=float(rng.uniform(1.5, 2.5))), replace(stair, down=True))
 
 
-def _stairs(riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Kind:
+def _stairs(riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> MakeWalk:
     """A stair up, a landing, and down."""
     return lambda config, rng: _up_and_down(config, rng, _stair(rng, riser_mm, tread_mm, risers))
 
@@ -114,15 +113,15 @@ def _usual_stair(rng: Rng) -> Stairs:
 
 def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg: float = 8.0) -> TwinConfig:
     """Up a usual stair, a landing, and down a ramp."""
-    return _over(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
+    return _with_terrain(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
-def _camera(**changes: Any) -> Kind:
+def _camera(**changes: Any) -> MakeWalk:
     """A stair and a ramp, seen by a changed camera."""
-    return lambda config, rng: _stair_and_ramp(_seen_by(config, **changes), rng)
+    return lambda config, rng: _stair_and_ramp(_with_camera(config, **changes), rng)
 
 
-def _as_drawn(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _keep_walk(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The random walk itself, on level ground."""
     del rng
     return config
@@ -132,10 +131,10 @@ def _ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Two ramps of one direction."""
     down = bool(rng.integers(2))
     first = _ramp(rng, 4.0, 8.0, 3.0, down=down)
-    return _over(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
+    return _with_terrain(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
 
 
-def _cambered(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _camber(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Level along, tilted across."""
     cross = math.radians(float(rng.choice([-1, 1]) * rng.uniform(1.0, 4.0)))
     segments = (Level(length_m=3.0), Level(length_m=5.0, cross_slope_rad=cross), Level(length_m=3.0))
@@ -146,13 +145,13 @@ def _ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Without a landing between them."""
     stair = replace(_usual_stair(rng), down=bool(rng.integers(2)))
     ramp = _ramp(rng, 4.0, 9.0, 3.0, down=bool(rng.integers(2)))
-    return _over(config, *((ramp, stair) if rng.integers(2) else (stair, ramp)))
+    return _with_terrain(config, *((ramp, stair) if rng.integers(2) else (stair, ramp)))
 
 
 def _crest(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A crest or a dip between slopes."""
     up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=way) for way in (False, True))
-    return _over(config, *((up, down) if rng.integers(2) else (down, up)))
+    return _with_terrain(config, *((up, down) if rng.integers(2) else (down, up)))
 
 
 def _uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -167,7 +166,7 @@ def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
     step = _stair(rng, (90, 140), (300, 300), (1, 1))
     steps = replace(_stair(rng, (130, 180), (280, 330), (3, 3)), down=True)
     landing = Level(length_m=float(rng.uniform(1.5, 2.2)))
-    return _over(config, step, landing, _ramp(rng, 3.5, 6.0, 3.0, down=False), landing, steps)
+    return _with_terrain(config, step, landing, _ramp(rng, 3.5, 6.0, 3.0, down=False), landing, steps)
 
 
 def _step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -196,7 +195,7 @@ def _shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Short flat steps."""
     gait = replace(config.gait, shuffle=float(rng.uniform(0.3, 0.8)), speed_mps=float(rng.uniform(0.5, 0.9)))
     ramp = _ramp(rng, 4.0, 7.0, 3.0, down=False)
-    return _over(replace(config, gait=gait), ramp, Level(length_m=1.5), replace(_usual_stair(rng), down=True))
+    return _with_terrain(replace(config, gait=gait), ramp, Level(length_m=1.5), replace(_usual_stair(rng), down=True))
 
 
 def _stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -214,7 +213,7 @@ def _fast(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The stair comes into view late."""
     turn = Turn(angle_rad=math.radians(float(rng.choice([-1, 1]) * rng.uniform(60, 100))), radius_m=1.2)
-    return _over(config, turn, Level(length_m=float(rng.uniform(1.0, 2.0))), _usual_stair(rng))
+    return _with_terrain(config, turn, Level(length_m=float(rng.uniform(1.0, 2.0))), _usual_stair(rng))
 
 
 def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -223,12 +222,12 @@ def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
     chains = ((stair,), (ramp,), (Level(length_m=3.0),))
     order = rng.permutation(3)
     side_by_side = Lanes(lanes=tuple(chains[i] for i in order), walk=int(rng.integers(3)))
-    return _over(replace(config, route=replace(config.route, scenery="outdoor", width_m=1.2)), side_by_side)
+    return _with_terrain(replace(config, route=replace(config.route, scenery="outdoor", width_m=1.2)), side_by_side)
 
 
 def _mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The camera's nominal pose is wrong by 2° (standard deviation) about each axis, and 10 mm."""
-    wrong = _seen_by(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
+    wrong = _with_camera(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
     return _stair_and_ramp(wrong, rng)
 
 
@@ -241,8 +240,8 @@ def _dim(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
     """Noisy depth outdoors, with shadows."""
     route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
-    seen = _seen_by(replace(config, route=route), part=load_part("D455-sunlight"), shadows=True)
-    return _stair_and_ramp(seen, rng, 3.5, 8.0)
+    sunlit = _with_camera(replace(config, route=route), part=load_part("D455-sunlight"), shadows=True)
+    return _stair_and_ramp(sunlit, rng, 3.5, 8.0)
 
 
 def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -271,12 +270,12 @@ def _clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
     return replace(config, route=replace(route, scenery="outdoor"))
 
 
-def _cluttered_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
+def _clutter_before_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """A real stair among things that resemble one."""
     width_m = float(rng.uniform(2.0, 2.4))
     route = replace(config.route, things=_scatter_things(rng, 1.0, 5.0), width_m=width_m, bystanders=2)
     config = replace(config, route=replace(route, scenery="outdoor"))
-    return _over(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
+    return _with_terrain(config, replace(_usual_stair(rng), down=bool(rng.integers(2))), before_m=6.0)
 
 
 def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -295,61 +294,61 @@ def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 @dataclass(frozen=True)
-class Entry:
+class WalkKind:
     """A kind in the catalogue.
 
     Attributes:
-        words: Description, for tables.
+        description: Description, for tables.
         make: From a random walk to one of this kind.
         tuned: Whether parameters may be tuned on walks of this kind.
     """
 
-    words: str
-    make: Kind
+    description: str
+    make: MakeWalk
     tuned: bool = True
 
 
-KINDS = {
-    "level": Entry("level, 15 m straight", _as_drawn),
-    "ramp_2_3": Entry("ramps of 2-3.5°", _ramps(2.0, 3.5)),
-    "ramp_3_6": Entry("ramps of 3.5-6°", _ramps(3.5, 6.0)),
-    "ramp_6_16": Entry("ramps of 6-16°", _ramps(6.0, 16.0)),
-    "ramp_with_landing": Entry("a ramp of 4-8° with a landing", _ramp_with_landing),
-    "cambered": Entry("a path with a cross slope of 1-4°", _cambered),
-    "ramp_at_stair": Entry("a ramp directly before or after a stair", _ramp_at_stair),
-    "crest": Entry("a ramp up directly followed by one down", _crest, tuned=False),
-    "stair": Entry("stairs of 100-220 mm", _stairs((100, 220), (250, 350), (3, 6))),
-    "low_stair": Entry("stairs of 60-120 mm", _stairs((60, 120), (300, 450), (3, 6))),
-    "deep_stair": Entry("stairs with treads of 400-600 mm", _stairs((90, 160), (400, 600), (3, 4))),
-    "uneven_stair": Entry("uneven stairs", _uneven_stair),
-    "kerb": Entry("a kerb of 80-150 mm", _stairs((80, 150), (300, 300), (1, 1))),
-    "threshold": Entry("thresholds of 20-45 mm", _stairs((20, 45), (300, 300), (1, 1))),
-    "street": Entry("a kerb, a gentle ramp, three steps down", _street, tuned=False),
-    "step_by_step": Entry("stairs step by step", _step_by_step),
-    "two_at_a_time": Entry("stairs two at a time", _two_at_a_time),
-    "limp": Entry("a limp on stairs and a ramp", _limp),
-    "shuffle": Entry("shuffling over a ramp and a stair", _shuffle),
-    "stroll": Entry("a stroll with pauses", _stroll),
-    "fast": Entry("fast over stairs", _fast),
-    "turn_at_stair": Entry("a turn just before a stair", _turn_at_stair),
-    "lanes": Entry("stair, ramp and level side by side", _lanes, tuned=False),
-    "mount_off": Entry("a mount 2° off", _mount_off),
-    "d435": Entry("camera D435", _camera(part=load_part("D435"))),
-    "d435i": Entry("camera D435i, infrared", _camera(part=load_part("D435i")), tuned=False),
-    "oak_d": Entry("camera OAK-D", _camera(part=load_part("OAK-D")), tuned=False),
-    "azure_kinect": Entry("camera Azure Kinect", _camera(part=load_part("Azure-Kinect")), tuned=False),
-    "slow_camera": Entry("15 images per second", _camera(rate_hz=15.0), tuned=False),
-    "dim": Entry("white walls in dim light", _dim),
-    "sunlight": Entry("sunlight", _sunlight),
-    "crowd": Entry("people walking about", _crowd),
-    "clutter": Entry("a table, paint, a shadow, a wall at the end", _clutter),
-    "cluttered_stair": Entry("clutter before a stair, bystanders", _cluttered_stair, tuned=False),
-    "furniture": Entry("chairs, crates, a black mat", _furniture, tuned=False),
+WALK_KINDS = {
+    "level": WalkKind("level, 15 m straight", _keep_walk),
+    "ramp_2_3": WalkKind("ramps of 2-3.5°", _ramps(2.0, 3.5)),
+    "ramp_3_6": WalkKind("ramps of 3.5-6°", _ramps(3.5, 6.0)),
+    "ramp_6_16": WalkKind("ramps of 6-16°", _ramps(6.0, 16.0)),
+    "ramp_with_landing": WalkKind("a ramp of 4-8° with a landing", _ramp_with_landing),
+    "cambered": WalkKind("a path with a cross slope of 1-4°", _camber),
+    "ramp_at_stair": WalkKind("a ramp directly before or after a stair", _ramp_at_stair),
+    "crest": WalkKind("a ramp up directly followed by one down", _crest, tuned=False),
+    "stair": WalkKind("stairs of 100-220 mm", _stairs((100, 220), (250, 350), (3, 6))),
+    "low_stair": WalkKind("stairs of 60-120 mm", _stairs((60, 120), (300, 450), (3, 6))),
+    "deep_stair": WalkKind("stairs with treads of 400-600 mm", _stairs((90, 160), (400, 600), (3, 4))),
+    "uneven_stair": WalkKind("uneven stairs", _uneven_stair),
+    "kerb": WalkKind("a kerb of 80-150 mm", _stairs((80, 150), (300, 300), (1, 1))),
+    "threshold": WalkKind("thresholds of 20-45 mm", _stairs((20, 45), (300, 300), (1, 1))),
+    "street": WalkKind("a kerb, a gentle ramp, three steps down", _street, tuned=False),
+    "step_by_step": WalkKind("stairs step by step", _step_by_step),
+    "two_at_a_time": WalkKind("stairs two at a time", _two_at_a_time),
+    "limp": WalkKind("a limp on stairs and a ramp", _limp),
+    "shuffle": WalkKind("shuffling over a ramp and a stair", _shuffle),
+    "stroll": WalkKind("a stroll with pauses", _stroll),
+    "fast": WalkKind("fast over stairs", _fast),
+    "turn_at_stair": WalkKind("a turn just before a stair", _turn_at_stair),
+    "lanes": WalkKind("stair, ramp and level side by side", _lanes, tuned=False),
+    "mount_off": WalkKind("a mount 2° off", _mount_off),
+    "d435": WalkKind("camera D435", _camera(part=load_part("D435"))),
+    "d435i": WalkKind("camera D435i, infrared", _camera(part=load_part("D435i")), tuned=False),
+    "oak_d": WalkKind("camera OAK-D", _camera(part=load_part("OAK-D")), tuned=False),
+    "azure_kinect": WalkKind("camera Azure Kinect", _camera(part=load_part("Azure-Kinect")), tuned=False),
+    "slow_camera": WalkKind("15 images per second", _camera(rate_hz=15.0), tuned=False),
+    "dim": WalkKind("white walls in dim light", _dim),
+    "sunlight": WalkKind("sunlight", _sunlight),
+    "crowd": WalkKind("people walking about", _crowd),
+    "clutter": WalkKind("a table, paint, a shadow, a wall at the end", _clutter),
+    "cluttered_stair": WalkKind("clutter before a stair, bystanders", _clutter_before_stair, tuned=False),
+    "furniture": WalkKind("chairs, crates, a black mat", _furniture, tuned=False),
 }
 """By name, in the order of the seeds."""
 
 
-def drawn(name: str, seed: int) -> TwinConfig:
+def draw_walk(name: str, seed: int) -> TwinConfig:
     """The walk of a kind and a seed."""
     rng = np.random.default_rng([seed, sum(name.encode())])
-    return replace(KINDS[name].make(anyone(rng), rng), name=name)
+    return replace(WALK_KINDS[name].make(draw_base_walk(rng), rng), name=name)

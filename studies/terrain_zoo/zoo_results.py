@@ -13,8 +13,8 @@ from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
 from stridetwin.pages.html import page, section, text_block
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.terrain_zoo.kinds import KINDS
-from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion, confusion_table, lead_plot
+from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS
+from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_lines, confusion_table, lead_plot
 
 _SURE = 0.9
 _OURS, _PUBLISHED = METHODS
@@ -28,9 +28,9 @@ def collect(results: list[Row]) -> Row:
     """Figures over all walks, over the kinds outside the tuning set, and by kind; and of the odometry."""
     groups: dict[str, Callable[[Row], bool]] = {
         _ALL: lambda row: True,
-        _UNTUNED: lambda row: not KINDS[row["kind"]].tuned,
+        _UNTUNED: lambda row: not WALK_KINDS[row["kind"]].tuned,
     }
-    kinds = [name for name in KINDS if any(row["kind"] == name for row in results)]
+    kinds = [name for name in WALK_KINDS if any(row["kind"] == name for row in results)]
     of = {name: [row for row in results if inside(row)] for name, inside in groups.items()}
     of |= {name: [row for row in results if row["kind"] == name] for name in kinds}
     return {
@@ -51,50 +51,50 @@ def _figures(rows: list[Row]) -> Row:
     """Figures of our method over walks, and the published method's share of right steps."""
     walks = _scores(rows, _OURS)
     steps = [step for walk in walks for step in walk.steps]
-    ours, theirs = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
-    right = sum(step.right for step in steps)
+    proposed, published = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
+    right = sum(step.is_correct for step in steps)
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
     slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
     slope_rms = rms([error for error, _ in slopes])
     return {
         "walks": len(rows),
         "steps": len(steps),
-        "right_pct": ours["accuracy_pct"],
-        "strict_pct": ours["strict_accuracy_pct"],
+        "right_pct": proposed["accuracy_pct"],
+        "strict_pct": proposed["strict_accuracy_pct"],
         "low_pct": None if interval is None else 100.0 * interval.low,
         "high_pct": None if interval is None else 100.0 * interval.high,
-        "worst_pct": min(100.0 * sum(s.right for s in w.steps) / max(len(w.steps), 1) for w in walks),
-        "transitions": ours["transitions"],
-        "transitions_pct": ours["transition_accuracy_pct"],
-        "lead_median_s": ours["lead_time_s"]["median"],
-        "lead_p5_s": ours["lead_time_s"]["p5"],
+        "worst_pct": min(100.0 * sum(s.is_correct for s in w.steps) / max(len(w.steps), 1) for w in walks),
+        "transitions": proposed["transitions"],
+        "transitions_pct": proposed["transition_accuracy_pct"],
+        "lead_median_s": proposed["lead_time_s"]["median"],
+        "lead_p5_s": proposed["lead_time_s"]["p5"],
         "sure_and_wrong_pct": _sure_and_wrong(steps),
-        "calibration_error": ours["calibration_error"],
+        "calibration_error": proposed["calibration_error"],
         "slope_rms_deg": None if slope_rms is None else math.degrees(slope_rms),
         "slope_inside_pct": inside_pct(slopes),
-        "riser_rms_mm": ours["riser_rmse_mm"],
-        "published_pct": theirs["accuracy_pct"],
+        "riser_rms_mm": proposed["riser_rmse_mm"],
+        "published_pct": published["accuracy_pct"],
     }
 
 
 def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
     """Share of the steps with a wrong mode of a probability above 0.9, %."""
-    wrong = [not s.right and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
+    wrong = [not s.is_correct and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
 
 
 def _odometry(rows: list[Row]) -> Row:
     """End height relative to the distance, tilt after 5 m, the share inside the 95 % bound, and the mount's error."""
-    found = [row["odometry"] for row in rows]
-    height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in found]
-    tilt = [math.degrees(o["tilt_rad"]) for o in found if math.isfinite(o["tilt_rad"])]
-    mount = [math.degrees(o["mount_rad"]) for o in found if "mount_rad" in o]
+    rows_of_odometry = [row["odometry"] for row in rows]
+    height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in rows_of_odometry]
+    tilt = [math.degrees(o["tilt_rad"]) for o in rows_of_odometry if math.isfinite(o["tilt_rad"])]
+    mount = [math.degrees(o["mount_rad"]) for o in rows_of_odometry if "mount_rad" in o]
     return {
         "height_median_pct": float(np.median(height)),
         "height_worst_pct": max(height),
         "tilt_median_deg": float(np.median(tilt)) if tilt else None,
         "tilt_worst_deg": max(tilt, default=None),
-        "inside_pct": float(np.mean([o["inside_pct"] for o in found])),
+        "inside_pct": float(np.mean([o["inside_pct"] for o in rows_of_odometry])),
         "mount_median_deg": float(np.median(mount)) if mount else None,
         "mount_worst_deg": max(mount, default=None),
     }
@@ -129,10 +129,10 @@ _WIDTH = 46
 
 def table(result: Row) -> list[str]:
     """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
-    return [*overall(result), "", *odometry(result), "", *confusion(result["summary"]["confusion"])]
+    return [*overall_lines(result), "", *odometry_lines(result), "", *confusion_lines(result["summary"]["confusion"])]
 
 
-def overall(result: Row) -> list[str]:
+def overall_lines(result: Row) -> list[str]:
     """Figures by kind; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
@@ -145,7 +145,7 @@ def overall(result: Row) -> list[str]:
     ]
 
 
-def odometry(result: Row) -> list[str]:
+def odometry_lines(result: Row) -> list[str]:
     """Figures of the odometry."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
@@ -156,9 +156,9 @@ def odometry(result: Row) -> list[str]:
 
 
 def _label(name: str) -> str:
-    if name not in KINDS:
+    if name not in WALK_KINDS:
         return name
-    return KINDS[name].words + ("" if KINDS[name].tuned else " *")
+    return WALK_KINDS[name].description + ("" if WALK_KINDS[name].tuned else " *")
 
 
 def report(result: Row) -> str:
@@ -166,8 +166,9 @@ def report(result: Row) -> str:
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
     sections = [
-        section("By kind", "Steps predicted right, ours and the published method.", text_block(overall(result))),
-        section("Odometry", "Height and tilt of the camera's path.", text_block(odometry(result))),
+        section("By kind", "Steps predicted right, ours and the published method.",
+                text_block(overall_lines(result))),
+        section("Odometry", "Height and tilt of the camera's path.", text_block(odometry_lines(result))),
         section("Confusion matrix", "Steps by true mode and by the last mode predicted before touch-down.",
                 confusion_table(result["summary"]["confusion"])),
         section("Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.",
@@ -176,5 +177,5 @@ def report(result: Row) -> str:
                 calibration_plot(steps[_OURS])),
     ]  # fmt: skip
     chips = [f"{len(cases)} walks", f"{len(steps[_OURS])} steps", f"{cases[0]['physics']} physics"]
-    words = "The results of every walk are in JSON files beside this page."
-    return page(name.replace("_", " ").capitalize(), result["description"], chips, sections, words)
+    closing = "The results of every walk are in JSON files beside this page."
+    return page(name.replace("_", " ").capitalize(), result["description"], chips, sections, closing)

@@ -18,17 +18,17 @@ from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Odometry
 from stridetwin.streams.trajectory import Pose, trajectory_of
-from stridetwin.studies.case import Case, CaseWalk
-from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored_rows, sole_length_m
+from stridetwin.studies.case import CaseWalk, ExperimentCase
+from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS, draw_walk
+from stridetwin.studies.walks import fell_at_s, record_walk
+from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_rows, sole_length_m
 
 _SETTLED_M = 5.0
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
 
 
-def run_case(case: Case, kinds: str = "all") -> dict[str, Any]:
+def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
     """One walk; consecutive seeds are of consecutive kinds.
 
     Args:
@@ -41,11 +41,11 @@ def run_case(case: Case, kinds: str = "all") -> dict[str, Any]:
     """
     names = kinds_of(kinds)
     kind = names[case.seed % len(names)]
-    config = replace(drawn(kind, case.seed), physics=case.physics)
+    config = replace(draw_walk(kind, case.seed), physics=case.physics)
     mount, poses = config.rig_mount, list[Pose]()
-    with recorded(CaseWalk(name=kind, labels={}, config=config), case) as recording:
+    with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
-            posed(recording, mount, "dvio", seen=poses.append), recording, (*METHODS, *case.estimators)
+            samples_with_poses(recording, mount, "dvio", on_pose=poses.append), recording, (*METHODS, *case.estimators)
         )
         odometry = odometry_figures(poses[::_EVERY], recording, mount)
         return case.row(
@@ -53,13 +53,13 @@ def run_case(case: Case, kinds: str = "all") -> dict[str, Any]:
             mount=mount,
             fell_at_s=fell_at_s(recording),
             odometry=odometry | {"mount_rad": mount_error(predictions.camera, config)},
-            methods=scored_rows(predictions, recording, sole_length_m(config)),
+            methods=score_rows(predictions, recording, sole_length_m(config)),
         )
 
 
 def kinds_of(kinds: str) -> list[str]:
     """Names of kinds: `all`, `tuned` (those on which parameters may be tuned), or one by its name."""
-    return [name for name, entry in KINDS.items() if kinds in ("all", name) or (kinds == "tuned" and entry.tuned)]
+    return [name for name, entry in WALK_KINDS.items() if kinds in ("all", name) or (kinds == "tuned" and entry.tuned)]
 
 
 def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dict[str, float]:
@@ -69,10 +69,10 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
         `distance_m`; `end_height_m`, signed; `tilt_rad`, the RMS error of the vertical after 5 m; `inside_pct`, the
         share of the walk with the position within its own 95 % bound.
     """
-    found = compare(trajectory_of(poses), TruePath.of(recording.block(f"/truth/{mount}/imu/odometry")))
-    tilt = _tilt(found.estimate.q_world_frame, found.truth.q_world_frame)
-    settled = found.distance_m - found.distance_m[0] > _SETTLED_M
-    scores = score(found)
+    comparison = compare(trajectory_of(poses), TruePath.of(recording.block(f"/truth/{mount}/imu/odometry")))
+    tilt = _tilt(comparison.estimate.q_world_frame, comparison.truth.q_world_frame)
+    settled = comparison.distance_m - comparison.distance_m[0] > _SETTLED_M
+    scores = score(comparison)
     return {
         "distance_m": scores["distance_m"],
         "end_height_m": scores["end_height_error_m"],

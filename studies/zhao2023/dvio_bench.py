@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.zhao2023.odometry_walks import mean, worst_time
+from stridetwin.studies.zhao2023.odometry_walks import mean, summarize_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,24 +24,24 @@ class Sequence:
 
     Attributes:
         like: The sequence of EuRoC of similar difficulty.
-        words: Description.
+        description: Description.
     """
 
     like: str
-    words: str
+    description: str
 
 
 SEQUENCES = {
-    "dvio_stroll": Sequence(like="MH_01", words="slow stroll"),
-    "dvio_walk": Sequence(like="MH_02", words="usual speed"),
-    "dvio_brisk": Sequence(like="MH_03", words="brisk"),
-    "dvio_jog": Sequence(like="MH_04", words="fastest walk, dim"),
-    "dvio_white": Sequence(like="MH_05", words="all white, dim, abrupt turns"),
-    "dvio_stairs": Sequence(like="V1_01", words="stairs up and down"),
-    "dvio_look": Sequence(like="V1_02", words="looks about, 0.9 rad/s"),
-    "dvio_shake": Sequence(like="V1_03", words="head shaken, 2 rad/s"),
-    "dvio_wander": Sequence(like="V2_01", words="wanders, quick glances"),
-    "dvio_crowd": Sequence(like="V2_02", words="among four people"),
+    "dvio_stroll": Sequence(like="MH_01", description="slow stroll"),
+    "dvio_walk": Sequence(like="MH_02", description="usual speed"),
+    "dvio_brisk": Sequence(like="MH_03", description="brisk"),
+    "dvio_jog": Sequence(like="MH_04", description="fastest walk, dim"),
+    "dvio_white": Sequence(like="MH_05", description="all white, dim, abrupt turns"),
+    "dvio_stairs": Sequence(like="V1_01", description="stairs up and down"),
+    "dvio_look": Sequence(like="V1_02", description="looks about, 0.9 rad/s"),
+    "dvio_shake": Sequence(like="V1_03", description="head shaken, 2 rad/s"),
+    "dvio_wander": Sequence(like="V2_01", description="wanders, quick glances"),
+    "dvio_crowd": Sequence(like="V2_02", description="among four people"),
 }
 """Sequences by the name of the walk in the catalogue."""
 
@@ -58,42 +58,42 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             **{figure: _by_sequence(by_name, figure) for figure in ("ape_rmse_m", "rpe_5m_pct")},
             "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in by_name.items()},
         }
-    summary["time_ms"] = worst_time(r["methods"]["proposed"] for r in results)
+    summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": paper()}
+    return {"summary": summary, "paper": read_paper_figures()}
 
 
 def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
     """Mean over the walks of each sequence, and over the sequences; None if no walk has the figure."""
-    values = {name: mean(own, figure) for name, own in walks.items()}
-    known = [v for v in values.values() if v is not None]
-    return {**values, "mean": float(np.mean(known)) if known else None}
+    values = {name: mean(sequence_walks, figure) for name, sequence_walks in walks.items()}
+    defined = [v for v in values.values() if v is not None]
+    return {**values, "mean": float(np.mean(defined)) if defined else None}
 
 
-def paper() -> dict[str, Any]:
+def read_paper_figures() -> dict[str, Any]:
     """Table IV: EuRoC, and the mean of the ten."""
-    found: dict[str, Any] = {}
-    for method, figures in reference("zhao2023")["dvio_bench"].items():
+    figures_of_method: dict[str, Any] = {}
+    for method, figures in read_reference("zhao2023")["dvio_bench"].items():
         ape = figures["ape_rmse_m"]
-        found[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
-    return found
+        figures_of_method[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
+    return figures_of_method
 
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each sequence and the one of EuRoC of similar difficulty, as lines of text."""
-    summary, theirs = result["summary"], result["paper"]
+    summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
     time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
     columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
     rows = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
-        sequence = SEQUENCES.get(name, Sequence(like="mean", words=""))
+        sequence = SEQUENCES.get(name, Sequence(like="mean", description=""))
         figures: dict[str, Any] = {"like": sequence.like.removeprefix("mean"), "rate": rates.get(name)}
         for m in methods:
             figures[m] = _error(summary[m], name)
-            figures[f"paper_{m}"] = theirs.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)
-        rows.append((f"{name:<13}{sequence.words}", figures))
+            figures[f"paper_{m}"] = paper_figures.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)
+        rows.append((f"{name:<13}{sequence.description}", figures))
     return [
         "RMS of the absolute position error, m; x: lost or over 2 m away. In brackets the paper's results on EuRoC;",
         "its motion and cameras differ, so compare the order of the methods.",
@@ -104,7 +104,7 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def _error(own: dict[str, Any], name: str) -> str:
-    value = own["ape_rmse_m"].get(name)
+def _error(figures: dict[str, Any], name: str) -> str:
+    value = figures["ape_rmse_m"].get(name)
     text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"
-    return text + ("x" if own["failures"].get(name) else " ")
+    return text + ("x" if figures["failures"].get(name) else " ")

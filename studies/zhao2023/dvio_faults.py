@@ -8,58 +8,58 @@ from __future__ import annotations
 
 from typing import Any
 
-from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import by_fault, fault_plans
-from stridetwin.studies.walks import recorded
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.walks import record_walk
 from stridetwin.studies.zhao2023.odometry_walks import (
     FIGURES,
     Maker,
-    figures,
-    follow,
+    make_odometer,
     mean,
-    odometer,
     odometry_samples,
+    run_odometry,
+    score_odometry,
+    summarize_time,
     true_path,
-    worst_time,
 )
 
 DRIFT_RATIO = 3.0
-NOMINAL = "no fault"
+NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""
 
 
-def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
+def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
     """One walk, with each fault.
 
     Returns:
-        The case's row with `faults`: label to `odometry_walks.figures`.
+        The case's row with `faults`: label to `odometry_walks.score_odometry`.
     """
     (walk,) = case.walks()
-    mount, found = walk.config.rig_mount, {}
-    with recorded(walk, case) as recording:
+    mount, figures_of_fault = walk.config.rig_mount, {}
+    with record_walk(walk, case) as recording:
         truth = true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
             samples = plan.samples(odometry_samples(recording, mount))
-            found[label] = figures(follow(make("proposed", plan.rig, mount), samples), truth)
-    return case.row(faults=found)
+            figures_of_fault[label] = score_odometry(run_odometry(make("proposed", plan.rig, mount), samples), truth)
+    return case.row(faults=figures_of_fault)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, means over the walks; `borne` counts the walks that tolerate it."""
-    nominal = [r["faults"][NOMINAL] for r in results]
+    nominal = [r["faults"][NO_FAULT] for r in results]
 
     def fault_figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
         return {
             **{figure: mean(walks, figure) for figure in (*FIGURES, "unhealthy_s", "nees_within_95_pct")},
             "failures": sum(bool(w["failure"]) for w in walks),
-            "borne": sum(map(_tolerated, walks, nominal)),
-            "time_ms": worst_time(walks),
+            "borne": sum(map(_is_tolerated, walks, nominal)),
+            "time_ms": summarize_time(walks),
         }
 
-    return by_fault(results, fault_figures)
+    return summarize_by_fault(results, fault_figures)
 
 
-def _tolerated(walk: dict[str, Any], nominal: dict[str, Any]) -> bool:
+def _is_tolerated(walk: dict[str, Any], nominal: dict[str, Any]) -> bool:
     if walk["failure"] == "lost":
         return bool(walk["recovered"])
     if walk["failure"] or "loop_drift_m" not in nominal:

@@ -25,57 +25,63 @@ from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.streams.pose_restart import restart_poses
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
-from stridetwin.studies.case import Case
-from stridetwin.studies.fault_injection import by_fault, fault_plans
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored, sole_length_m, trajectory
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.walks import fell_at_s, record_walk
+from stridetwin.studies.zhao2023.mode_walks import (
+    predict,
+    samples_with_poses,
+    score_predictions,
+    sole_length_m,
+    trajectory,
+)
 
-BEFORE_S = 3.0
+FAULT_LEAD_S = 3.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
 SURE = 0.9
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """All walks, with each fault.
 
     Returns:
         The case's row with `fell`, and `faults`: label to the rows of each walk.
     """
-    found: dict[str, list[dict[str, Any]]] = {}
+    rows_of_fault: dict[str, list[dict[str, Any]]] = {}
     fell = []
     for walk in case.walks():
-        with recorded(walk, case) as recording:
-            feed = [s for s in posed(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
+        with record_walk(walk, case) as recording:
+            feed = [s for s in samples_with_poses(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
             poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
             topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
-            times = partial(repeat, begins_s=begins_s(recording))
+            times = partial(repeat_fault, times_s=fault_times_s(recording))
             for label, plan in fault_plans(case, recording.rig, recording.duration, times).items():
                 samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
                 predictions = predict(plan.samples(samples), recording)
-                rows = scored(predictions, recording, sole_length_m(walk.config))["proposed"].rows()
-                found.setdefault(label, []).append(rows)
+                rows = score_predictions(predictions, recording, sole_length_m(walk.config))["proposed"].rows()
+                rows_of_fault.setdefault(label, []).append(rows)
             if fell_at_s(recording) is not None:
                 fell.append(walk.config.name)
-    return case.row(fell=fell, faults=found)
+    return case.row(fell=fell, faults=rows_of_fault)
 
 
-def repeat(fault: Fault, begins_s: Sequence[float]) -> list[Fault]:
+def repeat_fault(fault: Fault, times_s: Sequence[float]) -> list[Fault]:
     """A temporary fault at each of these instants, s; any other one as it is."""
     if isinstance(fault, TimedFault) and fault.duration_s is not None:
-        return [replace(fault, at_s=t, name=f"{fault.full_name} {t:.3f}") for t in begins_s]
+        return [replace(fault, at_s=t, name=f"{fault.full_name} {t:.3f}") for t in times_s]
     return [fault]
 
 
-def begins_s(recording: Recording) -> list[float]:
+def fault_times_s(recording: Recording) -> list[float]:
     """When a fault begins: before each first step up or down."""
     prints = true_footprints(recording)
     firsts = [b.t_ns * 1e-9 for a, b in pairwise(prints) if a.mode == "LG" != b.mode]
-    return [t - BEFORE_S for t in firsts]
+    return [t - FAULT_LEAD_S for t in firsts]
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """By fault, over all walks."""
-    return by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
+    return summarize_by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -86,8 +92,8 @@ def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]
-    predicted = [(max(s.probabilities), s.right) for s in steps if s.probabilities]
-    right, wrong = ([p for p, right in predicted if right is which] for which in (True, False))
+    predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities]
+    right, wrong = ([p for p, right in predicted if right is outcome] for outcome in (True, False))
     return {
         **mode_figures(walks),
         "probability_right": float(np.mean(right)) if right else None,

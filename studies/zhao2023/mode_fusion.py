@@ -16,12 +16,12 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
 from stridetwin.outputs.truth import true_footprints
-from stridetwin.scenarios.exo_geometry import of_recording
+from stridetwin.scenarios.exo_geometry import exo_from_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
-from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored, sole_length_m
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.walks import fell_at_s, record_walk
+from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
 LIGHTS = ("light", "dark")
 BY = ("camera", "both", "legs")
@@ -31,36 +31,38 @@ _WORDS = {
 }  # fmt: skip
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """All walks, in light and in darkness.
 
     Returns:
         The case's row with `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`: true
         mode, that of the previous step, and the legs' prediction, for every step.
     """
-    found: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
+    predicted_rows: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
     legs: list[tuple[str, str, str]] = []
     fell = []
     for walk in case.walks():
-        with recorded(walk, case) as recording:
-            seen = list(posed(recording, walk.config.rig_mount, "dvio"))
+        with record_walk(walk, case) as recording:
+            feed = list(samples_with_poses(recording, walk.config.rig_mount, "dvio"))
             steps = leg_steps(recording)
             for light in LIGHTS:
-                samples = seen if light == "light" else list(_dark(seen, _first_up_ns(recording)))
+                samples = feed if light == "light" else list(_darken(feed, _first_up_ns(recording)))
                 for by in BY[:2]:
                     both: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
                     both.sort(key=lambda s: s.t_ns)
-                    rows = scored(predict(both, recording, ("proposed",)), recording, sole_length_m(walk.config))
-                    found[light][by].append(rows["proposed"].rows())
-            legs += _like_the_last(recording, steps)
+                    rows = score_predictions(
+                        predict(both, recording, ("proposed",)), recording, sole_length_m(walk.config)
+                    )
+                    predicted_rows[light][by].append(rows["proposed"].rows())
+            legs += _predict_like_last(recording, steps)
             if fell_at_s(recording) is not None:
                 fell.append(walk.config.name)
-    return case.row(fell=fell, predicted=found, legs=legs)
+    return case.row(fell=fell, predicted=predicted_rows, legs=legs)
 
 
 def leg_steps(recording: Recording) -> list[StepEstimate]:
     """All step estimates from the legs, in time order."""
-    exo = of_recording(recording)
+    exo = exo_from_recording(recording)
     legs = ContactTerrain(recording.rig, exoskeleton=exo)
     return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
 
@@ -69,20 +71,20 @@ def _first_up_ns(recording: Recording) -> int:
     return next(f.t_ns for f in true_footprints(recording) if f.mode in ("SA", "RA"))
 
 
-def _dark(samples: Iterable[Sample], since_ns: int) -> Iterator[Sample]:
+def _darken(samples: Iterable[Sample], since_ns: int) -> Iterator[Sample]:
     for s in samples:
         yield replace(s, depth=np.zeros_like(s.depth)) if isinstance(s, Depth) and s.t_ns >= since_ns else s
 
 
-def _like_the_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
+def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
     """True mode of each step, that of the previous one, and the last mode estimated from the legs before touch-down."""
     t_ns = np.array([s.t_ns for s in steps])
-    found, before = [], "LG"
+    predictions, before = [], "LG"
     for print_ in true_footprints(recording)[2:]:
         last = int(np.searchsorted(t_ns, print_.t_ns)) - 1
-        found.append((print_.mode, before, steps[last].mode if last >= 0 else "LG"))
+        predictions.append((print_.mode, before, steps[last].mode if last >= 0 else "LG"))
         before = print_.mode
-    return found
+    return predictions
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -93,9 +95,11 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         }
         for light in LIGHTS
     }
-    seen = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
+    camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
-    right = [(mode in s.allowed, s.transition) for s, mode in zip(seen, predicted, strict=True)]  # as for the camera
+    right = [
+        (mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)
+    ]  # as for the camera
     summary["legs"] = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),

@@ -13,34 +13,35 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
 from stridetwin.outputs.modes.scores import ScoredMode
-from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.mode_walks import posed, predict, scored, sole_length_m
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.walks import fell_at_s, record_walk
+from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> dict[str, Any]:
     """One walk per trap.
 
     Returns:
         The case's row with `fell`, and `traps`: trap to method to `steps` (rows of `ScoredMode`) and `alarms_pct`, the
         share of the estimates that predict any other mode than LG.
     """
-    found: dict[str, dict[str, Any]] = {}
+    figures_of_trap: dict[str, dict[str, Any]] = {}
     fell = []
     for walk in case.walks():
         trap = walk.labels["trap"]
-        with recorded(walk, case) as recording:
-            predictions = predict(posed(recording, walk.config.rig_mount, "dvio"), recording)
-            scores = scored(predictions, recording, sole_length_m(walk.config))
+        with record_walk(walk, case) as recording:
+            predictions = predict(samples_with_poses(recording, walk.config.rig_mount, "dvio"), recording)
+            scores = score_predictions(predictions, recording, sole_length_m(walk.config))
             if fell_at_s(recording) is not None:
                 fell.append(trap)
-        found[trap] = {
-            m: {"steps": scores[m].rows()["steps"], "alarms_pct": _alarms(predictions.estimates[m])} for m in METHODS
+        figures_of_trap[trap] = {
+            m: {"steps": scores[m].rows()["steps"], "alarms_pct": _alarm_share_pct(predictions.estimates[m])}
+            for m in METHODS
         }
-    return case.row(fell=fell, traps=found)
+    return case.row(fell=fell, traps=figures_of_trap)
 
 
-def _alarms(estimates: list[ModeEstimate]) -> float:
+def _alarm_share_pct(estimates: list[ModeEstimate]) -> float:
     wrong = sum(e.change is not None or any(s.mode != "LG" for s in e.steps) for e in estimates)
     return 100.0 * wrong / max(len(estimates), 1)
 
@@ -61,7 +62,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),
-        "accuracy_pct": 100.0 * sum(s.right for s in steps) / max(len(steps), 1),
+        "accuracy_pct": 100.0 * sum(s.is_correct for s in steps) / max(len(steps), 1),
         "predicted": {m: predicted[m] for m in (*MODES, "")},
         "none": predicted[""],
         "least_probability": min(probabilities, default=None),

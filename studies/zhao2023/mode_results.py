@@ -16,12 +16,12 @@ from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures
 from stridetwin.pages.html import boxes, page, section, text_block
 from stridetwin.pages.html import table as html_table
 from stridetwin.pages.plot import INK, MUTED, PALETTE, Plot
-from stridetwin.reference.norms import reference, reference_rows
-from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, GROUPS, MOUNTS, together
+from stridetwin.reference.norms import read_reference, read_reference_rows
+from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, HEIGHT_GROUPS, MOUNTS, combine_spreads
 
-TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
-PATTERNS = ("wander", "walk", "jog")
-Walk = tuple[dict[str, Any], ModeScores]
+PAPER_TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
+GAIT_PATTERNS = ("wander", "walk", "jog")
+ScoredWalk = tuple[dict[str, Any], ModeScores]
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
@@ -59,7 +59,7 @@ _MOUNT_NOTE = (
 
 
 def collect(results: list[dict[str, Any]], trial: str = "") -> dict[str, Any]:
-    """Figures of an experiment by method over all walks, by condition and cell; with the paper's, see `paper`."""
+    """Figures by method over all walks, by condition and cell; with the paper's, see `read_paper_figures`."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
@@ -73,26 +73,26 @@ def collect(results: list[dict[str, Any]], trial: str = "") -> dict[str, Any]:
         }
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
-    summary["spread"] = {q: together([r["spread"][q] for r in results]) for q in EDGES}
-    return {"summary": summary, "paper": paper(trial)}
+    summary["spread"] = {q: combine_spreads([r["spread"][q] for r in results]) for q in EDGES}
+    return {"summary": summary, "paper": read_paper_figures(trial)}
 
 
 def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
     """Rows of Table III: name to the key of a case and its values; also the groups."""
-    stairs, ramps = (tuple(t for t in TERRAINS if t.startswith(kind)) for kind in ("stair", "ramp"))
+    stairs, ramps = (tuple(t for t in PAPER_TERRAINS if t.startswith(kind)) for kind in ("stair", "ramp"))
     return {
-        **{t: ("terrain", (t,)) for t in TERRAINS},
+        **{t: ("terrain", (t,)) for t in PAPER_TERRAINS},
         "stairs": ("terrain", stairs),
         "ramps": ("terrain", ramps),
-        **{p: ("pattern", (p,)) for p in PATTERNS},
+        **{p: ("pattern", (p,)) for p in GAIT_PATTERNS},
         **{m: ("mount", (m,)) for m in MOUNTS},
-        **{f"group_{g}": ("height_group", (g,)) for g in GROUPS},
+        **{f"group_{g}": ("height_group", (g,)) for g in HEIGHT_GROUPS},
     }
 
 
 def _share(walk: ModeScores, *, strict: bool = False) -> float:
     """Share of its steps that are right, %."""
-    return 100.0 * sum(s.strictly_right if strict else s.right for s in walk.steps) / max(len(walk.steps), 1)
+    return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
 def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:
@@ -101,11 +101,11 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
     Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
     walker is unknown.
     """
-    of: dict[Any, list[float]] = {}
+    by_group: dict[Any, list[float]] = {}
     is_known = any(k in rows[0] for k in _WHO)
     for row, share in zip(rows, shares):
-        of.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
-    means = [float(np.mean(own)) for own in of.values()]
+        by_group.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
+    means = [float(np.mean(shares_of_group)) for shares_of_group in by_group.values()]
     n = len(means)
     half = float(student_t.ppf(0.975, n - 1) * np.std(means, ddof=1) / math.sqrt(n)) if n > 1 else None
     return {
@@ -117,19 +117,19 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
     }
 
 
-def _by_condition(walks: Sequence[Walk]) -> dict[str, float]:
+def _by_condition(walks: Sequence[ScoredWalk]) -> dict[str, float]:
     """Accuracy by row of `conditions`, if any walk has it."""
     shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
-    return {name: float(np.mean(found)) for name, found in shares.items() if found}
+    return {name: float(np.mean(values)) for name, values in shares.items() if values}
 
 
-def _cells(walks: Sequence[Walk]) -> dict[str, float]:
+def _cells(walks: Sequence[ScoredWalk]) -> dict[str, float]:
     """Accuracy by cell of Table II, over walks that belong to one."""
-    found: dict[str, list[float]] = {}
+    shares_of_cell: dict[str, list[float]] = {}
     for r, w in walks:
         if all(k in r for k in _CELL):
-            found.setdefault(_cell_name(r), []).append(_share(w))
-    return {name: float(np.mean(shares)) for name, shares in sorted(found.items())}
+            shares_of_cell.setdefault(_cell_name(r), []).append(_share(w))
+    return {name: float(np.mean(shares)) for name, shares in sorted(shares_of_cell.items())}
 
 
 def _cell_name(row: dict[str, Any]) -> str:
@@ -139,42 +139,42 @@ def _cell_name(row: dict[str, Any]) -> str:
 @cache
 def table_2() -> dict[str, float]:
     """Table II of the paper by cell, %."""
-    return {_cell_name(row): float(row["accuracy_pct"]) for row in reference_rows("zhao2023_table2")}
+    return {_cell_name(row): float(row["accuracy_pct"]) for row in read_reference_rows("zhao2023_table2")}
 
 
-def paper(trial: str = "") -> dict[str, Any]:
+def read_paper_figures(trial: str = "") -> dict[str, Any]:
     """The paper's accuracy: over all walks, by condition and by cell; its Figure 4 and its time.
 
     Args:
         trial: Key in `reference/zhao2023.yaml` of one of the three trials; "" for the test of generality.
     """
-    theirs = reference("zhao2023")
+    figures = read_reference("zhao2023")
     if trial:
-        published = {"accuracy_pct": theirs[trial], "accuracy_by_condition_pct": {}, "cells_pct": {}}
-        return {"published": published, "time_ms": theirs["time_ms"]}
-    generality = theirs["generality"]
+        published = {"accuracy_pct": figures[trial], "accuracy_by_condition_pct": {}, "cells_pct": {}}
+        return {"published": published, "time_ms": figures["time_ms"]}
+    generality = figures["generality"]
     published = {
         "accuracy_pct": generality["accuracy_pct"],
-        "accuracy_by_condition_pct": {k: v[0] for k, v in theirs["accuracy_by_condition_pct"].items()},
+        "accuracy_by_condition_pct": {k: v[0] for k, v in figures["accuracy_by_condition_pct"].items()},
         "cells_pct": table_2(),
     }
-    return {"published": published, "time_ms": theirs["time_ms"], "spread": {q: generality[q] for q in EDGES}}
+    return {"published": published, "time_ms": figures["time_ms"], "spread": {q: generality[q] for q in EDGES}}
 
 
 def table(result: dict[str, Any]) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
     counts = result["summary"][methods(result)[0]]["confusion"]
-    blocks = [overall(result), [*ahead(result), "", *spreads(result)], confusion(counts)]
-    if len(by_condition(result)) > 1:
-        blocks[1:1] = [[conditions_title(result), *by_condition(result)]]
-    if by_cell(result):
-        blocks[-2:-2] = [["Table II", *by_cell(result)]]
+    blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
+    if len(condition_lines(result)) > 1:
+        blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
+    if cell_lines(result):
+        blocks[-2:-2] = [["Table II", *cell_lines(result)]]
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
 
-def overall(result: dict[str, Any]) -> list[str]:
+def overall_lines(result: dict[str, Any]) -> list[str]:
     """Number of walks and steps, accuracy and lead time."""
-    summary, theirs = result["summary"], result["paper"]["published"]["accuracy_pct"]
+    summary, paper_accuracy = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
     ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
     fell = [str(case["seed"]) for case in result["cases"] if case["fell_at_s"] is not None]
@@ -188,15 +188,15 @@ def overall(result: dict[str, Any]) -> list[str]:
         "",
         _head(result),
         *(
-            f"{words:<{_NAME}}"
-            + "".join(_cell(_at(summary[m], keys)) for m in columns)
-            + (f"{_cell(theirs['mean'], 9)} ± {theirs['sd']:.2f}" if keys == _ACCURACIES[0][1] else "")
-            for words, keys in _ACCURACIES
+            f"{title:<{_NAME}}"
+            + "".join(_cell(_figure_at(summary[m], keys)) for m in columns)
+            + (f"{_cell(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}" if keys == _ACCURACIES[0][1] else "")
+            for title, keys in _ACCURACIES
         ),
         *(
-            f"{words + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_NAME}}"
+            f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_NAME}}"
             + "".join(_cell(summary[m][lead][key]) for m in columns)
-            for words, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
+            for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
             for key in ("median", "p5")
         ),
         "accuracy and strict: means over the walks; others: shares of all steps",
@@ -204,24 +204,24 @@ def overall(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def ahead(result: dict[str, Any]) -> list[str]:
+def ahead_lines(result: dict[str, Any]) -> list[str]:
     """Our estimates of terrain changes 1.5 s before a foot landed beyond them, and of the next footprint."""
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
-        *(f"{words:<{_NAME}}{_cell(_at(ours, keys, factor))}" for words, keys, factor in _AHEAD),
+        *(f"{title:<{_NAME}}{_cell(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
         "",
         f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
         *(
-            f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(own['seen_pct'])}{_cell(own['rmse'], 16)}"
-            f"{_cell(own['all_rmse'], 23)}"
+            f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(size_figures['seen_pct'])}"
+            f"{_cell(size_figures['rmse'], 16)}{_cell(size_figures['all_rmse'], 23)}"
             for size, ways in ours["sizes"].items()
-            for way, own in ways.items()
+            for way, size_figures in ways.items()
         ),
     ]
 
 
-def _at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
+def _figure_at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
     for key in keys:
         figures = figures[key]
     return None if figures is None else factor * float(figures)
@@ -232,35 +232,35 @@ def conditions_title(result: dict[str, Any]) -> str:
     return "Table III" if result["paper"]["published"]["accuracy_by_condition_pct"] else "By mount and group"
 
 
-def by_condition(result: dict[str, Any]) -> list[str]:
+def condition_lines(result: dict[str, Any]) -> list[str]:
     """Accuracy by condition, %."""
-    summary, theirs = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
+    summary, paper_figures = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
     names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
-    return _rows(result, "accuracy_by_condition_pct", names, theirs)
+    return _rows(result, "accuracy_by_condition_pct", names, paper_figures)
 
 
-def by_cell(result: dict[str, Any]) -> list[str]:
+def cell_lines(result: dict[str, Any]) -> list[str]:
     """Accuracy by cell, %."""
     cells = result["summary"][methods(result)[0]]["cells_pct"]
     return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
 
 
-def spreads(result: dict[str, Any]) -> list[str]:
+def spread_lines(result: dict[str, Any]) -> list[str]:
     """Figure 4: camera pitch (down positive) and speed of the walks."""
-    ours, theirs = result["summary"]["spread"], result["paper"].get("spread", {})
+    walk_spread, paper_spread = result["summary"]["spread"], result["paper"].get("spread", {})
     return [
         f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
         *(
-            f"{words if who == 'ours' else '  paper':<{_NAME}}"
+            f"{title if source == 'ours' else '  paper':<{_NAME}}"
             + "".join(f"{spread[k]:>8.2f}" for k in ("mean", "sd", "min", "max"))
-            for quantity, words in QUANTITIES.items()
-            for who, spread in (("ours", ours[quantity]), ("paper", theirs.get(quantity)))
+            for quantity, title in QUANTITIES.items()
+            for source, spread in (("ours", walk_spread[quantity]), ("paper", paper_spread.get(quantity)))
             if spread is not None
         ),
     ]
 
 
-def confusion(counts: dict[str, dict[str, int]]) -> list[str]:
+def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
     """Steps by true and predicted mode, as lines of text."""
     lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
     return lines + [
@@ -277,10 +277,10 @@ def _head(result: dict[str, Any]) -> str:
     return " " * _NAME + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
 
 
-def _rows(result: dict[str, Any], key: str, names: Sequence[str], theirs: dict[str, float]) -> list[str]:
+def _rows(result: dict[str, Any], key: str, names: Sequence[str], paper_figures: dict[str, float]) -> list[str]:
     columns = [result["summary"][m][key] for m in methods(result)]
     return [
-        f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(theirs.get(name), 9)
+        f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(paper_figures.get(name), 9)
         for name in names
     ]
 
@@ -297,14 +297,14 @@ def report(result: dict[str, Any]) -> str:
     lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
     lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
     sections = [
-        section("Accuracy", "Ours, the published method, and the paper.", text_block(overall(result))),
+        section("Accuracy", "Ours, the published method, and the paper.", text_block(overall_lines(result))),
         _conditions(result),
         _table_2(result),
         section("Confusion matrix", lead_confusion, confusion_table(result["summary"][ours]["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
-            boxes([text_block(spreads(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            boxes([text_block(spread_lines(result)), *(_spread(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
         section("Lead time", lead_lead, lead_plot(steps)),
@@ -324,7 +324,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
     return html_table(head, rows, range(1, len(head)))
 
 
-def _two(value: str, below: str) -> Markup:
+def _two_lines(value: str, below: str) -> Markup:
     """A cell with a second value in small print below."""
     return Markup("{}<br><small>{}</small>").format(value, below)
 
@@ -336,10 +336,10 @@ def _number(value: float | None) -> str:
 def _conditions(result: dict[str, Any]) -> str:
     """Table III."""
     key, columns = "accuracy_by_condition_pct", methods(result)
-    theirs = result["paper"]["published"][key]
+    paper_figures = result["paper"]["published"][key]
     ours = result["summary"][columns[0]][key]
     rows = [
-        [name, *(_number(result["summary"][m][key].get(name)) for m in columns), _number(theirs.get(name))]
+        [name, *(_number(result["summary"][m][key].get(name)) for m in columns), _number(paper_figures.get(name))]
         for name in conditions()
         if name in ours
     ]
@@ -353,16 +353,16 @@ def _conditions(result: dict[str, Any]) -> str:
 
 def _table_2(result: dict[str, Any]) -> str:
     """Table II, in the paper's layout."""
-    ours, theirs = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
+    ours, paper_cells = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
     if not ours:
         return ""
-    columns = [(terrain, mount) for terrain in TERRAINS for mount in MOUNTS]
+    columns = [(terrain, mount) for terrain in PAPER_TERRAINS for mount in MOUNTS]
     rows = []
-    for group in GROUPS:
-        for pattern in PATTERNS:
+    for group in HEIGHT_GROUPS:
+        for pattern in GAIT_PATTERNS:
             cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
-            pairs = [(ours[c], theirs[c]) if c in ours else None for c in cells]
-            shown = ["" if pair is None else _two(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
+            pairs = [(ours[c], paper_cells[c]) if c in ours else None for c in cells]
+            shown = ["" if pair is None else _two_lines(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
             rows.append([f"{group} {pattern}", *shown])
     head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
     return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table(head, rows))
@@ -373,7 +373,7 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
 
     def cell(row: dict[str, int], mode: str) -> str:
         share = 100.0 * row[mode] / max(sum(row.values()), 1)
-        return _two(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
+        return _two_lines(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
 
     rows = [[true, *(cell(row, mode) for mode in (*MODES, ""))] for true, row in counts.items()]
     return _table(["true / predicted", *MODES, "none"], rows)
@@ -381,18 +381,18 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
 
 def _spread(quantity: str, result: dict[str, Any]) -> str:
     """Histogram of pitch or speed, with mean and standard deviation, ours and the paper's."""
-    ours, edges = result["summary"]["spread"][quantity], EDGES[quantity]
-    theirs = result["paper"].get("spread", {}).get(quantity)
-    shares = 100.0 * np.array(ours["bins"]) / ours["count"]
+    walk_spread, edges = result["summary"]["spread"][quantity], EDGES[quantity]
+    paper_spread = result["paper"].get("spread", {}).get(quantity)
+    shares = 100.0 * np.array(walk_spread["bins"]) / walk_spread["count"]
     top = 1.25 * float(shares.max())
     plot = Plot(
         title=QUANTITIES[quantity], x=(float(edges[0]), float(edges[-1])), y=(0.0, top), x_label=QUANTITIES[quantity],
         y_label="share of the time, %", height=260,
     )  # fmt: skip
     plot.bars(edges[:-1], edges[1:], 0.0, shares, PALETTE[4], label="ours")
-    for found, at, color, label in ((ours, 0.90, INK, "ours"), (theirs, 0.96, PALETTE[1], "paper")):
-        if found is not None:
-            mean, sd = found["mean"], found["sd"]
+    for spread, at, color, label in ((walk_spread, 0.90, INK, "ours"), (paper_spread, 0.96, PALETTE[1], "paper")):
+        if spread is not None:
+            mean, sd = spread["mean"], spread["sd"]
             plot.line([mean - sd, mean, mean + sd], [at * top] * 3, color, width=2.0, label=f"{label}: mean ± SD")
             plot.dots([mean], [at * top], color, size=8, label=f"{label}: mean ± SD")
     return plot.html()
@@ -404,9 +404,9 @@ def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
         title="Lead time", x=(0.0, 5.0), x_label="time before touch-down, s", y_label="share of the steps, %",
         height=280,
     )  # fmt: skip
-    for (method, own), color in zip(steps.items(), PALETTE):
-        counts = np.histogram(np.clip([s.lead_s for s in own], 0.0, 4.999), _LEAD_EDGES)[0]
-        shares = np.repeat(100.0 * counts / max(len(own), 1), 2)
+    for (method, method_steps), color in zip(steps.items(), PALETTE):
+        counts = np.histogram(np.clip([s.lead_s for s in method_steps], 0.0, 4.999), _LEAD_EDGES)[0]
+        shares = np.repeat(100.0 * counts / max(len(method_steps), 1), 2)
         plot.line(np.repeat(_LEAD_EDGES, 2)[1:-1], shares, color, width=2.0, label=WORDS.get(method, method))
     return plot.html()
 

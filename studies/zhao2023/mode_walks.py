@@ -23,7 +23,7 @@ from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMo
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.alignment import MovingAlignment
-from stridetwin.outputs.chosen_poses import given_poses
+from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.modes.scores import ModeScores, score_modes
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
@@ -34,9 +34,9 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Depth, Image, Imu, Insole, Odometry, Sample
 from stridetwin.streams.terrain_truth import terrain_layout
 from stridetwin.streams.trajectory import Pose, Trajectory
-from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s, recorded
-from stridetwin.studies.zhao2023.odometry_walks import odometer
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.walks import fell_at_s, record_walk
+from stridetwin.studies.zhao2023.odometry_walks import make_odometer
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
 """Edges of the histograms' bins; values beyond count in the outermost bins."""
@@ -57,8 +57,8 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
     way = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world
     speed = np.linalg.norm(way[:, :2], axis=1) / _OVER_S
     return {
-        "camera_pitch_rad": spread(pitch_down(truth.at(t_ns).q_world_frame), EDGES["camera_pitch_rad"]),
-        "speed_mps": spread(speed, EDGES["speed_mps"]),
+        "camera_pitch_rad": compute_spread(pitch_down(truth.at(t_ns).q_world_frame), EDGES["camera_pitch_rad"]),
+        "speed_mps": compute_spread(speed, EDGES["speed_mps"]),
     }
 
 
@@ -68,7 +68,7 @@ def pitch_down(q_world_camera: Array) -> Array:
     return -np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0))
 
 
-def spread(values: Array, edges: Array) -> Spread:
+def compute_spread(values: Array, edges: Array) -> Spread:
     """The spread of (N,) values, N > 0."""
     bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
     return {
@@ -77,7 +77,7 @@ def spread(values: Array, edges: Array) -> Spread:
     }  # fmt: skip
 
 
-def together(parts: Sequence[Spread]) -> Spread:
+def combine_spreads(parts: Sequence[Spread]) -> Spread:
     """The combined spread of the parts, at least one."""
     counts = np.array([p["count"] for p in parts], float)
     means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
@@ -91,18 +91,18 @@ def together(parts: Sequence[Spread]) -> Spread:
 
 
 MOUNTS = ("head", "chest")
-GROUPS = ("I", "II", "III", "IV", "V")
-POSES = ("dvio", "given")
+HEIGHT_GROUPS = ("I", "II", "III", "IV", "V")
+POSE_SOURCES = ("dvio", "given")
 FORGETFUL = "single_image"
 """Our prediction without a map over time: it knows the ground only from the last image."""
 
 
-def run_case(case: Case, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
+def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
     """One walk, by each method and by other installed estimators.
 
     Args:
         case: With one walk.
-        poses: Of `POSES`.
+        poses: Of `POSE_SOURCES`.
         methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time includes the map's.
 
     Returns:
@@ -111,13 +111,13 @@ def run_case(case: Case, poses: str = "dvio", methods: Sequence[str] = METHODS) 
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
-    with recorded(walk, case) as recording:
-        predictions = predict(posed(recording, mount, poses), recording, (*methods, *case.estimators))
+    with record_walk(walk, case) as recording:
+        predictions = predict(samples_with_poses(recording, mount, poses), recording, (*methods, *case.estimators))
         return case.row(
             mount=mount,
             fell_at_s=fell_at_s(recording),
             spread=walk_spread(recording, mount),
-            methods=scored_rows(predictions, recording, sole_length_m(walk.config)),
+            methods=score_rows(predictions, recording, sole_length_m(walk.config)),
         )
 
 
@@ -176,7 +176,7 @@ def predict(
     Methods are the predictor's own, `FORGETFUL`, or names of installed estimators of modes.
     """
     rig = recording.rig
-    options = Options(poses_of=given_poses(recording, depth_calibration(rig))[1])
+    options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
     shared = SharedMap(rig, options=options)
 
     def build(name: str) -> Estimator:
@@ -184,8 +184,8 @@ def predict(
             return LocomotionMode(rig, options=options, ground=ForgetfulMap(rig, options=options))
         if name in METHODS:
             return LocomotionMode(rig, options=replace(options, method=name), ground=shared)
-        found = registry.estimator(name)
-        return found(rig, options=replace(options, method=found.declaration.methods[0]))
+        estimator_class = registry.estimator(name)
+        return estimator_class(rig, options=replace(options, method=estimator_class.declaration.methods[0]))
 
     predictors = {name: build(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
@@ -201,57 +201,57 @@ def predict(
         for method, predictor in predictors.items():
             began = time.process_time()
             estimate = predictor.update(sample)
-            own = 1e3 * (time.process_time() - began)
+            elapsed_ms = 1e3 * (time.process_time() - began)
             if isinstance(sample, Depth):
-                frame_ms[method].append(own)
+                frame_ms[method].append(elapsed_ms)
             if estimate is not None:
                 estimates[method].append(estimate)
     return Predictions(estimates=estimates, frame_ms=frame_ms, path=trajectory(poses), camera=camera)
 
 
-def scored(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
+def score_predictions(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
     """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
-    truth = TruePath.of(recording.block(given_poses(recording, depth_calibration(recording.rig))[0]))
-    there = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
-    path = predictions.path[there]
+    truth = TruePath.of(recording.block(find_pose_topic(recording, depth_calibration(recording.rig))[0]))
+    in_truth = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
+    path = predictions.path[in_truth]
     alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
 
 
-def scored_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, dict[str, Any]]:
-    """`scored` as rows, with the time per depth image: `time_ms: {mean, p95}`."""
+def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, dict[str, Any]]:
+    """`score_predictions` as rows, with the time per depth image: `time_ms: {mean, p95}`."""
     return {
         method: scores.rows() | {"time_ms": _time(predictions.frame_ms[method])}
-        for method, scores in scored(predictions, recording, sole_m).items()
+        for method, scores in score_predictions(predictions, recording, sole_m).items()
     }
 
 
-def posed(
+def samples_with_poses(
     recording: Recording,
     mount: str,
     poses: str,
-    seen: Callable[[Pose], None] = lambda pose: None,
+    on_pose: Callable[[Pose], None] = lambda pose: None,
 ) -> Iterator[Sample]:
     """Poses of the camera's IMU and of the camera on it, depth and insoles in time order.
 
     Args:
         recording: Of the walk.
         mount: Mount of the camera.
-        poses: Of `POSES`.
-        seen: Gets every valid pose of the odometry, with its covariance.
+        poses: Of `POSE_SOURCES`.
+        on_pose: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":
-        topics = [given_poses(recording, camera)[0], *INSOLES, camera.depth_topic]
+        topics = [find_pose_topic(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from recording.samples(topics)
         return
-    odometry, pose_feed = odometer("proposed", recording.rig, mount), PoseFeed()
+    odometry, pose_feed = make_odometer("proposed", recording.rig, mount), PoseFeed()
     for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
         if isinstance(sample, Imu | Image | Depth):
             estimate = odometry.update(sample)
             if (pose := pose_of(estimate)) is not None and pose.valid:
-                seen(pose)
+                on_pose(pose)
             yield from pose_feed.samples(estimate)
         if isinstance(sample, Depth | Insole):
             yield sample

@@ -17,14 +17,14 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.outputs.path.run import pose_of
-from stridetwin.outputs.path.scores import Odometry, drift_figures
+from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
-from stridetwin.studies.case import Case
-from stridetwin.studies.walks import fell_at_s, recorded
+from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.walks import fell_at_s, record_walk
 
 METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
@@ -42,12 +42,12 @@ Maker = Callable[[str, Rig, str], Odometer]
 """Makes an odometry from its name, the nominal rig, and the mount of the camera."""
 
 
-def odometer(name: str, rig: Rig, mount: str) -> Odometer:
+def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
     """One of `METHODS`, or an installed estimator of paths."""
     if name in METHODS:
         return Dvio(rig, options=Options(method=name, mount=mount))
-    found = registry.estimator(name)
-    return found(rig, options=Options(method=found.declaration.methods[0], mount=mount))
+    estimator_class = registry.estimator(name)
+    return estimator_class(rig, options=Options(method=estimator_class.declaration.methods[0], mount=mount))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,11 +59,11 @@ class OdometryRun:
         frame_ms: (N,) processing time from one image to the next.
     """
 
-    odometry: Odometry
+    odometry: OdometryPath
     frame_ms: Array
 
 
-def follow(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
+def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
     """Runs an odometry on samples in time order."""
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
@@ -79,7 +79,9 @@ def follow(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
             poses[pose.t_ns] = pose  # the last one at an instant uses most samples
     path = [poses[t] for t in sorted(poses)]
     healthy = np.array([pose.valid for pose in path], bool)
-    return OdometryRun(odometry=Odometry(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:]))
+    return OdometryRun(
+        odometry=OdometryPath(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:])
+    )
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
@@ -92,40 +94,42 @@ def true_path(recording: Recording, mount: str) -> TruePath:
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
-def figures(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
+def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
     """`drift_figures`, and `time_ms` per frame."""
-    return drift_figures(run.odometry, truth) | {"time_ms": time_of(run.frame_ms)}
+    return drift_figures(run.odometry, truth) | {"time_ms": time_statistics(run.frame_ms)}
 
 
-def every_method(recording: Recording, mount: str, make: Maker, others: Sequence[str] = ()) -> dict[str, Any]:
+def run_every_method(
+    recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
+) -> dict[str, Any]:
     """Figures by method, then those of other installed estimators."""
     truth = true_path(recording, mount)
     return {
-        name: figures(follow(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for name in (*METHODS, *others)
+        name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
+        for name in (*METHODS, *further_names)
     }
 
 
-def run_case(case: Case, make: Maker = odometer) -> dict[str, Any]:
+def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
     """One walk, by every method and by other installed estimators.
 
     Returns:
         The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
-        of head or chest), and `methods`: method to `figures`.
+        of head or chest), and `methods`: method to `score_odometry`.
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
-    with recorded(walk, case) as recording:
+    with record_walk(walk, case) as recording:
         rate = np.linalg.norm(recording.block(f"/{mount}/imu").columns["angular_rate"], axis=1)
         return case.row(
             mount=mount,
             fell_at_s=fell_at_s(recording),
             rate_radps={"p95": float(np.percentile(rate, 95)), "max": float(rate.max())},
-            methods=every_method(recording, mount, make, case.estimators),
+            methods=run_every_method(recording, mount, make, case.estimators),
         )
 
 
-def time_of(frame_ms: Array) -> dict[str, float]:
+def time_statistics(frame_ms: Array) -> dict[str, float]:
     """Mean and 99th percentile."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}
@@ -138,7 +142,7 @@ def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def worst_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+def summarize_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
     """Mean time per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.dvio import MOUNTS
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, worst_time
+from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, summarize_time
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
@@ -20,9 +20,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
         summary[method] = _summary([r["methods"][method] for r in results])
         summary[method]["by_mount"] = {mount: _summary(walks) for mount, walks in by_mount.items() if walks}
-    summary["time_ms"] = worst_time(r["methods"]["proposed"] for r in results)
+    summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": paper()}
+    return {"summary": summary, "paper": read_paper_figures()}
 
 
 def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
@@ -38,13 +38,13 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def paper() -> dict[str, Any]:
+def read_paper_figures() -> dict[str, Any]:
     """Table V: drift along x, y and z, and its norm if reported."""
-    found: dict[str, Any] = {}
-    for method, xyz in reference("zhao2023")["zhao_closed_loop_drift_m"].items():
+    drift_of_method: dict[str, Any] = {}
+    for method, xyz in read_reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = all(isinstance(value, int | float) for value in xyz)
-        found[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
-    return found
+        drift_of_method[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
+    return drift_of_method
 
 
 _COLUMNS = (
@@ -61,13 +61,15 @@ _COLUMNS = (
 
 def table(result: dict[str, Any]) -> list[str]:
     """Each method and the paper, as lines of text; means over the walks."""
-    summary, theirs = result["summary"], result["paper"]
+    summary, paper_figures = result["summary"], result["paper"]
     time_ms = summary["time_ms"]
     rows = []
     for method in result["cases"][0]["methods"]:
-        own = summary[method]
-        rows.append((method, {**own, "paper": theirs.get(method, {}).get("loop_drift_m", "")}))
-        rows += [(f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in own["by_mount"].items()]
+        method_figures = summary[method]
+        rows.append((method, {**method_figures, "paper": paper_figures.get(method, {}).get("loop_drift_m", "")}))
+        rows += [
+            (f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in method_figures["by_mount"].items()
+        ]
     return [
         f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall",
         f"proposed: {time_ms['mean']:.1f} ms per frame, 99th percentile {time_ms['p99']:.1f}",

@@ -17,13 +17,12 @@ from stridetwin.gate import walk_scores
 from stridetwin.gate.walk_scores import jobs_of, score_walks
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.studies import experiment as experiment_module
-from stridetwin.studies.case import Case, CaseWalk
+from stridetwin.studies.case import CaseWalk, ExperimentCase
 from stridetwin.studies.experiment import Experiment
 from stridetwin.studies.placement.problem_file import read_problem
-from stridetwin.studies.placement.run import Options as PlacementOptions
-from stridetwin.studies.placement.run import run_placement
-from stridetwin.studies.registry import Options, run_experiment
-from stridetwin.studies.walks import recorded
+from stridetwin.studies.placement.run import PlacementOptions, run_placement
+from stridetwin.studies.registry import ExperimentOptions, run_experiment
+from stridetwin.studies.walks import record_walk
 
 pytest.importorskip("mujoco")
 distributed = pytest.importorskip("distributed")
@@ -68,13 +67,13 @@ class KillsOne:
             os.kill(self.killed[0], signal.SIGKILL)
 
 
-def run_case(case: Case) -> dict:
+def run_case(case: ExperimentCase) -> dict:
     """A short walk; kills its process once if the folder's neighbour `kill` says so."""
     kill = case.folder.parent / f"kill_{case.seed}"
     if kill.exists():
         kill.unlink()
         os.kill(os.getpid(), signal.SIGKILL)
-    with recorded(CaseWalk(name="walk", labels={}, config=CONFIG), case) as recording:
+    with record_walk(CaseWalk(name="walk", labels={}, config=CONFIG), case) as recording:
         rates = recording.block("/foot_l/imu").columns["angular_rate"]
     return case.row(samples=len(rates), largest_rate=float(np.abs(rates).max()))
 
@@ -85,9 +84,9 @@ def test_an_experiment_survives_a_killed_worker_and_resumes(cluster, tmp_path, m
         name="small", seeds=tuple(range(5, 9)), run_case=run_case, collect=collect, table=lambda result: []
     )
     monkeypatch.setitem(experiment_module._LOADED, "small", small)
-    result = run_experiment("small", Options(folder=tmp_path / "one"), lambda *_: None)
+    result = run_experiment("small", ExperimentOptions(folder=tmp_path / "one"), lambda *_: None)
     (tmp_path / "kill_6").touch()
-    options = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address, resume=True)
+    options = ExperimentOptions(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address, resume=True)
     assert run_experiment("small", options, lambda *_: None) == result
     assert not (tmp_path / "kill_6").exists()
     assert contents(tmp_path / "cluster") == contents(tmp_path / "one")

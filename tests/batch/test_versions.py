@@ -30,13 +30,13 @@ def copied(tmp_path, monkeypatch):
         "studies",
         "cli",
     ):
-        real = versions._root(f"stridetwin.{package}")
+        real = versions._package_folder(f"stridetwin.{package}")
         for file in real.rglob("*"):
             if file.is_file() and "__pycache__" not in file.parts:
                 copy = tmp_path / package / file.relative_to(real)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_bytes(file.read_bytes())
-    monkeypatch.setattr(versions, "_root", lambda package: tmp_path / package.split(".")[1])
+    monkeypatch.setattr(versions, "_package_folder", lambda package: tmp_path / package.split(".")[1])
 
     def touch(place: str) -> None:
         with (tmp_path / place).open("a", encoding="utf-8") as file:
@@ -92,14 +92,14 @@ def test_another_version_of_a_library_is_another_version(monkeypatch) -> None:
     before = digest(GENERALITY)
     real = versions.metadata.version
     monkeypatch.setattr(versions.metadata, "version", lambda name: real(name) + ".1" if name == "scipy" else real(name))
-    versions._libraries.cache_clear()
+    versions._library_versions.cache_clear()
     assert digest(GENERALITY) != before
     monkeypatch.undo()
-    versions._libraries.cache_clear()
+    versions._library_versions.cache_clear()
     assert digest(GENERALITY) == before
 
 
 def test_a_module_elsewhere_is_no_source() -> None:
-    assert versions._imported("test_versions") == {}
-    assert versions._imported("stridetwin.sim.twin") == {}  # counts as a whole, with all else there
-    assert all(isinstance(file, Path) for file in versions._imported(GENERALITY).values())
+    assert versions._find_imports("test_versions") == {}
+    assert versions._find_imports("stridetwin.sim.twin") == {}  # counts as a whole, with all else there
+    assert all(isinstance(file, Path) for file in versions._find_imports(GENERALITY).values())

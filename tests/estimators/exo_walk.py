@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.contact_terrain import Exoskeleton
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.samples import Ahrs, Footprint, Sample
-from stridetwin.studies.shim2019.shim_table5 import walked
+from stridetwin.studies.shim2019.shim_table5 import simulate_walk
 
 
 @cache
@@ -22,8 +22,8 @@ def level_walk() -> tuple[Exoskeleton, tuple[Sample, ...], tuple[Footprint, ...]
     twin = Twin(
         TwinConfig(name="level", route=Route(segments=(Level(length_m=5.0),)), sensors=("ahrs", "encoder", "insole")), 5
     )
-    samples, footprints = walked(twin)
-    return geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
+    samples, footprints = simulate_walk(twin)
+    return true_geometry(twin.size, twin.rig), tuple(samples), tuple(footprints)
 
 
 def turned(samples: tuple[Sample, ...], R_new_world: Rotation) -> list[Sample]:

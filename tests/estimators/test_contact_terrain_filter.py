@@ -72,7 +72,7 @@ def test_proposed_estimates_a_level_walk_as_level(walk, ours):
 
 def test_published_errs_as_on_people(walk):
     exo, samples, footprints = walk
-    steps = [s for s in score_steps(footprints, estimator(exo, "published").run(samples)) if s.seen]
+    steps = [s for s in score_steps(footprints, estimator(exo, "published").run(samples)) if s.is_matched]
     assert 0.003 < rms([s.elevation_error for s in steps]) < 0.015
     assert np.radians(0.3) < rms([s.slope_error for s in steps]) < np.radians(2.5)
 

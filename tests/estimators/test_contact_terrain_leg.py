@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.contact_terrain import leg as compiled
 from stridetwin.estimators.contact_terrain.geometry import DhRow, parse_exoskeleton, to_text
 from stridetwin.estimators.contact_terrain.leg import at_stop, forward, leg_angles, links
-from stridetwin.scenarios.exo_geometry import geometry
+from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.sim.config import Level, Person, Route, TwinConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
 from stridetwin.sim.wearer.body import fit_wearer
@@ -28,7 +28,7 @@ joint_angles = from_python(compiled.joint_angles)
 
 def exoskeleton():
     rig = standard_rig(TwinConfig(name="x", route=Route(segments=(Level(length_m=5.0),))))
-    return geometry(fit_wearer(Person()), rig)
+    return true_geometry(fit_wearer(Person()), rig)
 
 
 EXO = exoskeleton()

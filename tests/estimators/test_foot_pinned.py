@@ -12,7 +12,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsPath, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.streams.samples import Block, Imu
-from stridetwin.studies.jao2020.jao_simulation import Simulation, SteadyWalk
+from stridetwin.studies.jao2020.jao_simulation import JaoSimulation, SteadyWalk
 from tests.pinned import assert_pinned, columns
 
 WALKS = {
@@ -63,7 +63,7 @@ def test_one_foot_smoothed(num_regression: Any) -> None:
 
 @pytest.mark.parametrize("method", ["proposed", "published"])
 def test_two_feet(method: str, num_regression: Any) -> None:
-    simulation = Simulation(SteadyWalk(strides=5))
+    simulation = JaoSimulation(SteadyWalk(strides=5))
     rng = np.random.default_rng(3)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
     paths = FootToFoot(simulation.rig, options=Options(method=method), start=simulation.start()).run(imus, aids)

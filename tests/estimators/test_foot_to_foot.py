@@ -36,7 +36,7 @@ from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Block, Imu, Range
-from stridetwin.studies.jao2020.jao_simulation import Simulation, SteadyWalk
+from stridetwin.studies.jao2020.jao_simulation import JaoSimulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
@@ -53,18 +53,18 @@ RIGHT = replace(ADIS16485, topic="/foot_r/imu", mount=Mount(body="foot_r"))
 
 
 @pytest.fixture(scope="module")
-def short() -> tuple[Simulation, dict[str, Block[Imu]], list]:
+def short() -> tuple[JaoSimulation, dict[str, Block[Imu]], list]:
     """Five strides of the paper's simulation."""
-    simulation = Simulation(SteadyWalk(strides=5))
+    simulation = JaoSimulation(SteadyWalk(strides=5))
     rng = np.random.default_rng(3)
     return simulation, simulation.inertial(rng)[0], simulation.aids(rng)
 
 
-def estimator_for(simulation: Simulation, method: str = "proposed", **options: object) -> FootToFoot:
+def estimator_for(simulation: JaoSimulation, method: str = "proposed", **options: object) -> FootToFoot:
     return FootToFoot(simulation.rig, **{"options": Options(method=method), "start": simulation.start()} | options)
 
 
-def ends(simulation: Simulation, imus: dict[str, Block[Imu]], aids: list, method: str = "proposed") -> np.ndarray:
+def ends(simulation: JaoSimulation, imus: dict[str, Block[Imu]], aids: list, method: str = "proposed") -> np.ndarray:
     paths = estimator_for(simulation, method).run(imus, aids)
     return np.array([simulation.end_error(f, paths[f].trajectory.p_frame_in_world[-1]) for f in imus])
 

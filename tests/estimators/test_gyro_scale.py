@@ -11,7 +11,7 @@ from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, STATES
 from stridetwin.estimators.foot_to_foot import FootToFoot, FootToFootParameters, kernel
 from stridetwin.estimators.foot_to_foot.state import SCALES, blank_pair
 from stridetwin.streams.samples import Array
-from stridetwin.studies.jao2020.jao_simulation import Simulation, SteadyWalk
+from stridetwin.studies.jao2020.jao_simulation import JaoSimulation, SteadyWalk
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import take
 
@@ -49,7 +49,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
 
 
 def test_a_gyro_scale_error_is_estimated_where_the_other_shoe_is_seen() -> None:
-    simulation = Simulation(SteadyWalk(strides=40))
+    simulation = JaoSimulation(SteadyWalk(strides=40))
     rng = np.random.default_rng(5)
     imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
     for foot in "lr":

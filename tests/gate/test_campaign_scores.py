@@ -110,7 +110,7 @@ def test_a_failure_of_an_estimator_without_baseline_is_reported_in_every_file(ca
 
 
 def test_a_folder_that_is_not_as_its_manifest_says_is_refused(campaign):
-    asked = {"lenient": False, "alignment": "start", "own": ()}
+    asked = {"lenient": False, "alignment": "start", "user_estimators": ()}
     assert [job.strict for job in jobs_of([campaign], **asked)] == [False, False]
     (campaign / "recordings" / "walk_00002.mcap").write_bytes(b"short")
     with pytest.raises(StrideTwinError, match=r"5 bytes, but .* generate it again"):

@@ -10,7 +10,15 @@ from score_tables import of_rows, table
 
 from stridetwin.cli.main import main
 from stridetwin.gate.compare import Line, Rules, compare_scores
-from stridetwin.gate.formatting import cells, changed, failures, junit, markdown, sentence, verdict
+from stridetwin.gate.formatting import (
+    collect_failures,
+    find_changes,
+    to_cells,
+    to_junit,
+    to_markdown,
+    to_sentence,
+    verdict_line,
+)
 from stridetwin.gate.history_file import append_history, history_line, read_history
 from stridetwin.report.history import history_page
 from stridetwin.streams.errors import StrideTwinError
@@ -29,7 +37,7 @@ def fine():
 
 
 def test_junit_has_a_case_a_score_and_a_failure_a_regression(worse, fine):
-    top = ElementTree.fromstring(junit(worse))
+    top = ElementTree.fromstring(to_junit(worse))
     assert top.tag == "testsuites"
     cases = top.findall("testsuite/testcase")
     assert len(cases) == len(worse.lines) == int(top.get("tests"))
@@ -39,27 +47,27 @@ def test_junit_has_a_case_a_score_and_a_failure_a_regression(worse, fine):
     assert any(re.search(r"^mine overall: worse, .* \(\+\d", message) for message in messages)
     assert sum(int(s.get("tests")) for s in top) == len(cases)
     assert {s.get("name") for s in top} == {"mine", "a<b>&?"}
-    assert ElementTree.fromstring(junit(fine)).findall("testsuite/testcase/failure") == []
+    assert ElementTree.fromstring(to_junit(fine)).findall("testsuite/testcase/failure") == []
 
 
 def test_markdown_shows_what_changed_and_folds_the_rest(worse, fine):
-    text = markdown(worse)
+    text = to_markdown(worse)
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert len({len(re.findall(r"(?<!\\)\|", row)) for row in rows}) == 1
     assert "| mine | overall |" in text
     assert f"**{len(worse.regressions)} worse**" in text
     assert text.index("overall") < text.index("<details>")
     assert re.search(r"\d+ scores not worse\n</summary>", text)
-    assert "**nothing worse**" in markdown(fine)
+    assert "**nothing worse**" in to_markdown(fine)
 
 
 def test_the_table_names_what_is_worse_first(worse, fine):
     assert "20 walks in both tables, compared in pairs" in worse.words
-    assert verdict(worse) == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
-    assert changed(worse)[0].verdict == "worse"
-    assert verdict(fine) == f"none of {len(fine.lines)} scores is worse"
-    assert changed(fine) == []
-    assert cells(fine.lines[0])[-1] == "not worse"
+    assert verdict_line(worse) == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
+    assert find_changes(worse)[0].verdict == "worse"
+    assert verdict_line(fine) == f"none of {len(fine.lines)} scores is worse"
+    assert find_changes(fine) == []
+    assert to_cells(fine.lines[0])[-1] == "not worse"
 
 
 def test_means_are_named_and_signed_scores_compared_by_size_say_so():
@@ -68,7 +76,7 @@ def test_means_are_named_and_signed_scores_compared_by_size_say_so():
         for i, h in enumerate((-0.1, 0.2, -0.4, 0.1, -0.2, 0.3, -0.3, 0.2))
     ]
     found = compare_scores(of_rows(rows), of_rows(rows), Rules())
-    shown = {line.metric: cells(line) for line in found.lines}
+    shown = {line.metric: to_cells(line) for line in found.lines}
     assert shown["end_height_error_m"][:4] == ["mine", "|end_height_error_m|", "geometric", "0.203"]
     assert shown["coverage_pct"][:4] == ["mine", "coverage_pct", "arithmetic", "90"]
 
@@ -76,8 +84,8 @@ def test_means_are_named_and_signed_scores_compared_by_size_say_so():
 def test_a_failed_estimator_is_reported_beside_every_verdict(fine, worse):
     why = "no <map>\x01 | at\nall"
     rows = [{"name": "w_1", "sha256": "1", "failed": {"mine": why, "new_one": why}}, {"name": "w_2", "sha256": "2"}]
-    failed = failures(rows)
-    top = ElementTree.fromstring(junit(fine, failed))
+    failed = collect_failures(rows)
+    top = ElementTree.fromstring(to_junit(fine, failed))
     assert (top.get("errors"), top.get("failures")) == ("2", "0")
     assert int(top.get("tests")) == len(fine.lines) + 2 == len(top.findall("testsuite/testcase"))
     cases = [case for case in top.findall("testsuite/testcase") if case.find("error") is not None]
@@ -86,11 +94,11 @@ def test_a_failed_estimator_is_reported_beside_every_verdict(fine, worse):
         ("stridetwin.new_one", "w_1"),
     ]
     assert cases[0].find("error").get("message").startswith("no <map>?")
-    text = markdown(fine, failed)
+    text = to_markdown(fine, failed)
     assert "**nothing worse**, but **2 failed**" in text
     assert r"| w\_1 | new\_one | no <map>" in text
-    assert verdict(fine, failed).endswith("scores is worse, but 2 failed")
-    assert f"**{len(worse.regressions)} worse** and **2 failed**" in markdown(worse, failed)
+    assert verdict_line(fine, failed).endswith("scores is worse, but 2 failed")
+    assert f"**{len(worse.regressions)} worse** and **2 failed**" in to_markdown(worse, failed)
     for comparison, expected in ((fine, "failed"), (None, "failed"), (worse, "worse")):
         line = history_line("v1", rows, {"mine": {}}, comparison)
         assert line["verdict"] == expected
@@ -99,7 +107,7 @@ def test_a_failed_estimator_is_reported_beside_every_verdict(fine, worse):
 
 def test_a_missing_score_is_reported_in_one_sentence():
     line = Line(estimator="mine", metric="walks", method="paired", walks=5, verdict="missing", baseline=5.0, now=3.0)
-    assert sentence(line) == "mine: nothing to score on 5 walks but 3"
+    assert to_sentence(line) == "mine: nothing to score on 5 walks but 3"
 
 
 class _Page(HTMLParser):

@@ -15,7 +15,7 @@ import pytest
 
 from stridetwin.cli.main import main
 from stridetwin.estimators.base import PathEstimate
-from stridetwin.gate.own_estimators import Program, PythonClass, estimated_path
+from stridetwin.gate.own_estimators import Program, PythonClass, estimate_path
 from stridetwin.outputs.path.evaluate import evaluate
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import read_tum
@@ -270,7 +270,7 @@ def test_a_class_sees_all_that_sensors_say_in_order_and_no_truth(recording):
 
     listener = Listener()
     with pytest.raises(StrideTwinError, match="no estimate"):
-        estimated_path(listener, recording)
+        estimate_path(listener, recording)
     topics = {topic for topic, _ in listener.seen}
     assert {"/foot_l/imu", "/foot_r/imu", "/head/depth"} <= topics
     assert not any(topic.startswith("/truth") for topic in topics)
@@ -400,4 +400,4 @@ def test_a_class_in_place_of_an_object_is_refused(recording):
     with pytest.raises(
         StrideTwinError, match=r"invalid class Recording: expected an object of it, such as Recording\("
     ):
-        estimated_path(Recording, recording)
+        estimate_path(Recording, recording)

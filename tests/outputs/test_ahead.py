@@ -173,7 +173,7 @@ def test_map_and_prediction_get_every_image_after_the_pose_of_its_instant():
 
 def test_errors_of_steps_do_not_depend_on_the_estimators_world(evaluated):
     steps = evaluated.modes.steps
-    assert [i for i, s in enumerate(steps) if not s.right] == list(WRONG_STEPS)
+    assert [i for i, s in enumerate(steps) if not s.is_correct] == list(WRONG_STEPS)
     np.testing.assert_allclose([s.forward_m for s in steps[1:]], 0.02, atol=1e-9)
     np.testing.assert_allclose([s.left_m for s in steps[1:]], 0.0, atol=1e-9)
     (up,) = (a for a in evaluated.modes.approaches if a.mode == "SA")
@@ -215,7 +215,7 @@ def test_the_ribbon_marks_what_the_score_calls_wrong(evaluated):
     assert all(b > a for a, b, _, _ in runs)
     last = {round(b, 6): right for _, b, _, right in runs}  # what is predicted at touch-down is what counts
     assert {s.t_s: last[round(s.t_s, 6)] for s in evaluated.modes.steps} == {
-        s.t_s: s.right for s in evaluated.modes.steps
+        s.t_s: s.is_correct for s in evaluated.modes.steps
     }
     wrong_runs = [s for s in ribbon.shapes("wrong") if len(s) == 5]
     assert len(wrong_runs) == sum(not right for *_, right in runs) == 2
@@ -228,7 +228,7 @@ def test_leads_are_bars_as_long_as_they_are(evaluated):
     bars = [s for label in ("level", "stairs up", "stairs down") if label in lead.labels for s in lead.shapes(label)]
     known = [s.lead_s for s in evaluated.modes.steps if s.lead_s > 0]
     np.testing.assert_allclose(sorted(np.ptp(b[:, 1]) for b in bars), sorted(known), atol=1e-5)
-    assert len(lead.points("changes the mode")) == sum(s.transition for s in evaluated.modes.steps) == 2
+    assert len(lead.points("changes the mode")) == sum(s.is_transition for s in evaluated.modes.steps) == 2
     assert len(lead.points("wrong")) == len(WRONG_STEPS)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from stridetwin.outputs.path.scores import LOST_M, Odometry, compare, drift_figures, score
+from stridetwin.outputs.path.scores import LOST_M, OdometryPath, compare, drift_figures, score
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
 from tests.pinned import assert_pinned, columns
@@ -39,8 +39,8 @@ def loop() -> TruePath:
 TRUTH = loop()
 
 
-def odometry_of(path: Trajectory, healthy: np.ndarray | None = None) -> Odometry:
-    return Odometry(path=path, healthy=np.ones(len(path), bool) if healthy is None else healthy)
+def odometry_of(path: Trajectory, healthy: np.ndarray | None = None) -> OdometryPath:
+    return OdometryPath(path=path, healthy=np.ones(len(path), bool) if healthy is None else healthy)
 
 
 def moved(path: Trajectory, yaw: float, shift: np.ndarray) -> Trajectory:

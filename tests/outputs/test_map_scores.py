@@ -14,14 +14,7 @@ from stridetwin.outputs.modes.scores import ModeScores, mode_figures
 from stridetwin.outputs.terrain import mapped_route, snapshots
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.outputs.terrain.grid import GROUND_CLASSES
-from stridetwin.outputs.terrain.scores import (
-    MapScorer,
-    MapScores,
-    cells_ahead,
-    map_figures,
-    on_the_way_ahead,
-    true_heights,
-)
+from stridetwin.outputs.terrain.scores import MapScorer, MapScores, cells_ahead, map_figures, points_ahead, true_heights
 from stridetwin.sim.config import Level, Ramp, Route, Stairs, Turn
 from stridetwin.sim.world.route import lay_out
 
@@ -117,7 +110,7 @@ class KnownMap:
 def scored(mapper, here, feet=((10**12, 0.0),)):
     """Scores of one look at a time when no change is scored, or when those are that `feet` give."""
     scorer = MapScorer(LAYOUT, np.array(feet, float))
-    assert scorer.look(10**9, mapper, ALIGNMENT, here)
+    assert scorer.sample(10**9, mapper, ALIGNMENT, here)
     return scorer.scores()
 
 
@@ -143,7 +136,7 @@ def test_the_ground_ahead_is_two_metres_long_and_one_wide(here):
     inside = [(0.52, 0.0), (0.52, 0.45), (1.0, -0.45), (1.513, 0.2), (2.3, -0.3), (2.46, 0.0)]
     outside = [(0.4, 0.0), (-1.0, 0.0), (2.56, 0.0), (2.7, 0.1), (1.0, 0.55), (1.0, -0.55), (1.5, 1.4)]
     points = [true_points([here + s for s, _ in of], [left for _, left in of]) for of in (inside, outside)]
-    found = on_the_way_ahead(np.vstack(points), here, LAYOUT)
+    found = points_ahead(np.vstack(points), here, LAYOUT)
     if here == 0.5:
         np.testing.assert_array_equal(found, points[0])
     else:
@@ -154,9 +147,9 @@ def test_the_ground_ahead_is_two_metres_long_and_one_wide(here):
 
 def test_there_is_no_ground_beyond_the_route_and_none_where_nothing_is_mapped():
     end = LAYOUT.profile[-1].s1
-    assert on_the_way_ahead(true_points([end + 1.0], 0.0), end, LAYOUT).shape == (0, 3)
-    assert on_the_way_ahead(true_points([0.0, 9.0], 0.0), 0.5, LAYOUT).shape == (0, 3)
-    assert on_the_way_ahead(np.zeros((0, 3)), 0.5, LAYOUT).shape == (0, 3)
+    assert points_ahead(true_points([end + 1.0], 0.0), end, LAYOUT).shape == (0, 3)
+    assert points_ahead(true_points([0.0, 9.0], 0.0), 0.5, LAYOUT).shape == (0, 3)
+    assert points_ahead(np.zeros((0, 3)), 0.5, LAYOUT).shape == (0, 3)
     assert math.isnan(scored(KnownMap(here=end), end).completeness)
 
 
@@ -212,7 +205,7 @@ def test_edges_of_a_winding_stair_are_compared_straight_ahead():
     true = 0.2 + np.array([0.0, radius * math.tan(part)])  # a straight line meets the second edge later than the arc
     changes = tuple(Change(kind="edge", s=float(s), sd=0.01, drop=0.1, bend=0.0) for s in true)
     scorer = MapScorer(winding, np.array([[10**12, 0.0]]))
-    scorer.look(0, KnownMap(here=here, changes=changes), ALIGNMENT, here)
+    scorer.sample(0, KnownMap(here=here, changes=changes), ALIGNMENT, here)
     np.testing.assert_allclose(scorer.scores().edge_errors, 0.0, atol=1e-9)
 
 
@@ -220,7 +213,7 @@ def test_an_edge_where_the_route_has_none_is_infinitely_wrong():
     level = lay_out(Route(segments=(Level(length_m=6),)))
     scorer = MapScorer(level, np.array([[10**12, 0.0]]))
     mapper = KnownMap(here=1.0, changes=(Change(kind="edge", s=1.0, sd=0.01, drop=0.1, bend=0.0),))
-    scorer.look(0, mapper, ALIGNMENT, 1.0)
+    scorer.sample(0, mapper, ALIGNMENT, 1.0)
     assert scorer.scores().edge_errors.tolist() == [math.inf]
 
 
@@ -240,7 +233,7 @@ def change(mode, mapper, here=0.0, late_ns=0):
     scorer = MapScorer(LAYOUT, np.array(FEET, float))
     nothing = KnownMap(here=here)
     for other, t_ns in SEEN_NS.items():
-        scorer.look(t_ns + late_ns if other == mode else t_ns, mapper if other == mode else nothing, ALIGNMENT, here)
+        scorer.sample(t_ns + late_ns if other == mode else t_ns, mapper if other == mode else nothing, ALIGNMENT, here)
     found = dict(zip(SEEN_NS, scorer.scores().changes, strict=True))
     assert [c.mode for c in found.values()] == list(SEEN_NS)
     return found[mode]
@@ -302,7 +295,7 @@ def test_a_ramp_is_scored_by_its_slope_and_the_nearest_slope_break():
 def test_a_map_is_sampled_each_half_second():
     scorer = MapScorer(LAYOUT, np.array([[10**12, 0.0]]))
     times = [0, 499_999_999, 500_000_000, 900_000_000, 1_100_000_000, 1_599_999_999, 1_600_000_000]
-    assert [scorer.look(t, KnownMap(here=1.0), ALIGNMENT, 1.0) for t in times] == [1, 0, 1, 0, 1, 0, 1]
+    assert [scorer.sample(t, KnownMap(here=1.0), ALIGNMENT, 1.0) for t in times] == [1, 0, 1, 0, 1, 0, 1]
 
 
 def test_figures_of_a_map_have_their_units():
@@ -403,7 +396,7 @@ def level_estimate(flights=()):
 def test_the_straightened_ground_is_what_was_last_seen_of_it():
     mapper, here = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0), 1.0
     mapper.add(KnownGrid(-9.0, 2.9), level_estimate(), ALIGNMENT, here)
-    seen = mapper.mapped_route()
+    seen = mapper.result()
     assert (seen.s[0], seen.left[0], seen.left[-1]) == pytest.approx((-0.48, -0.98, 0.98))
     known = np.isfinite(seen.height)
     expected = (seen.s > here - 0.2) & (seen.s < 2.9)
@@ -412,7 +405,7 @@ def test_the_straightened_ground_is_what_was_last_seen_of_it():
     assert (seen.classes[known] == GROUND_CLASSES.index("LG")).all()
     assert (seen.classes[~known] == GROUND_CLASSES.index("none")).all()
     mapper.add(KnownGrid(-9.0, 20.0), level_estimate(), ALIGNMENT, 2.0)
-    seen = mapper.mapped_route()
+    seen = mapper.result()
     known = np.isfinite(seen.height).all(axis=1)
     assert (known == (seen.s > here - 0.2) & (seen.s < 2.0 + 2.5)).all()
     np.testing.assert_allclose(seen.height[known, 0] - [height(s) for s in seen.s[known]], 0.01, atol=1e-9)
@@ -421,13 +414,13 @@ def test_the_straightened_ground_is_what_was_last_seen_of_it():
 def test_edges_ahead_are_stored_with_their_ends_and_replaced_when_seen_again():
     mapper, grid = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0), KnownGrid(0.0, 0.0)
 
-    def look(edges, here, up=True):
+    def sample(edges, here, up=True):
         mapper.add(grid, level_estimate((mapped_flight(0.0, 0.15, 0.3, np.array(edges), up=up),)), ALIGNMENT, here)
-        return mapper.mapped_route().edges
+        return mapper.result().edges
 
-    first = look([UP + 0.05, UP + 0.18, UP + 0.9], 2.0)
+    first = sample([UP + 0.05, UP + 0.18, UP + 0.9], 2.0)
     np.testing.assert_allclose(first, [[UP + 0.05, -0.6, 0.9], [UP + 0.18, -0.6, 0.9]], atol=1e-9)
-    again = look([UP + 0.01, UP + 0.27, UP + 0.62], 2.5)
+    again = sample([UP + 0.01, UP + 0.27, UP + 0.62], 2.5)
     np.testing.assert_allclose(again[:, 0], [UP + 0.01, UP + 0.27, UP + 0.62], atol=1e-9)
     down = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0)
     down.add(
@@ -450,7 +443,7 @@ def test_an_edge_of_the_route_crosses_it(ends, kept):
     mapper = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0)
     a, b = (np.array([1.0 + s, left, 0.15]) for s, left in ends)
     mapper._keep_edge(a, b, 1.0)
-    found = mapper.mapped_route().edges
+    found = mapper.result().edges
     assert len(found) == kept
     if kept:
         middle = next((a[0] + (b[0] - a[0]) * t for t in (-a[1] / (b[1] - a[1]),) if 0 <= t <= 1), a[0])

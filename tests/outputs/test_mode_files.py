@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
-from stridetwin.outputs.modes.files import MODE_COLUMNS, predicted_steps
+from stridetwin.outputs.modes.files import MODE_COLUMNS, find_completed_steps
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
@@ -38,7 +38,7 @@ def test_steps_are_counted_anew_where_the_odometry_began_anew():
         return SimpleNamespace(t_ns=int(t_s * 1e9), step=step, steps=steps)
 
     numbered = ((1.0, 7), (1.6, 8), (9.0, 0), (9.5, 0), (10.0, 1), (10.6, 2))
-    made = predicted_steps([estimate_at(t_s, step) for t_s, step in numbered])
+    made = find_completed_steps([estimate_at(t_s, step) for t_s, step in numbered])
     assert [m.step.step for m in made] == [8, 1, 2]
     assert [m.steady_s for m in made] == pytest.approx([0.0, 0.5, 1.0])
 

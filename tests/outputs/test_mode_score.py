@@ -65,7 +65,7 @@ def test_scores_survive_json():
     rows = json.loads(json.dumps(scores.rows(), allow_nan=False))
     again = ModeScores.of(rows)
     assert again.rows() == scores.rows()
-    assert again.steps[0].right
+    assert again.steps[0].is_correct
     assert math.isnan(again.steps[0].left_m)
     assert mode_figures([again]) == mode_figures([scores])
 
@@ -179,7 +179,7 @@ def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> 
     approach = next(a for a in scores.approaches if a.mode == "RA")
     assert approach.found == found
     assert approach.distance_m == pytest.approx(off_m if found else math.nan, nan_ok=True)
-    assert [s.straddles for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
+    assert [s.is_straddling for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
 
 
 def test_who_pauses_does_not_walk_steadily():

@@ -9,7 +9,7 @@ import pytest
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.estimators.dvio.filter import IMU_ONLY, LOST, TRACKING
-from stridetwin.outputs.path.files import COLUMNS, reliable, write_path
+from stridetwin.outputs.path.files import COLUMNS, is_reliable, write_path
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.trajectory import Trajectory
 
@@ -28,7 +28,7 @@ def estimated(words: list[str], *, covariance: bool = True) -> PathEstimate:
 
 def test_a_path_ends_a_second_after_the_last_tracked_pose(tmp_path):
     estimate = estimated([TRACKING] * 3 + [IMU_ONLY] * 5)
-    assert reliable(estimate).tolist() == [True] * 5 + [False] * 3
+    assert is_reliable(estimate).tolist() == [True] * 5 + [False] * 3
     count, message = write_path(estimate, tmp_path / "path.txt")
     assert count == len(read_tum(tmp_path / "path.txt")) == 5
     assert message.endswith(
@@ -41,7 +41,7 @@ def test_a_path_ends_a_second_after_the_last_tracked_pose(tmp_path):
 
 def test_short_dead_reckoning_stays_and_lost_poses_go(tmp_path):
     words = [IMU_ONLY, TRACKING, IMU_ONLY, IMU_ONLY, TRACKING, LOST, TRACKING, IMU_ONLY, IMU_ONLY, IMU_ONLY, TRACKING]
-    assert np.flatnonzero(~reliable(estimated(words))).tolist() == [0, 5, 9]
+    assert np.flatnonzero(~is_reliable(estimated(words))).tolist() == [0, 5, 9]
     assert "tracking ended" not in write_path(estimated(words), tmp_path / "path.txt")[1]
 
 

@@ -13,7 +13,7 @@ from stridetwin.outputs.gait_phase.scores import (
     PhaseSeries,
     Stride,
     circular_difference,
-    detected_touch_downs,
+    find_touch_downs,
     match_touch_downs,
     phase_scores,
     true_phase,
@@ -124,7 +124,7 @@ def test_missed_extra_and_late_touch_downs_are_counted() -> None:
     index = np.searchsorted(detected, series.t_ns, side="right") - 1
     touch_down_ns = np.where(index >= 0, detected[index], -1).astype(np.int64)
     series = replace(series, touch_down_ns=touch_down_ns)
-    assert detected_touch_downs(series).tolist() == detected.tolist()
+    assert find_touch_downs(series).tolist() == detected.tolist()
     scores = phase_scores(series, strides)
     assert (scores["missed"], scores["extra"]) == (2.0, 2.0)
     assert scores["touch_down_error_ms"] == pytest.approx(15.0)

@@ -11,12 +11,12 @@ from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.steps.files import STEP_COLUMNS, step_cells
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
+    align_yaw,
     displacement_errors,
     false_steps,
     score_steps,
     step_figures,
     step_scores,
-    yaw_aligned,
 )
 from stridetwin.streams.samples import Footprint
 from stridetwin.studies.shim2019 import shim_table5
@@ -43,8 +43,8 @@ def estimate(i, place=None, **more):
 def test_each_step_gets_its_own_estimate():
     footprints = [footprint(i, pitch=0.1) for i in range(8)]
     steps = score_steps(footprints, [estimate(i, elevation=0.01 * i) for i in range(2, 8) if i != 5])
-    assert [s.seen for s in steps] == [True, True, True, False, True, True]
-    assert [s.estimated_elevation for s in steps if s.seen] == pytest.approx([0.02, 0.03, 0.04, 0.06, 0.07])
+    assert [s.is_matched for s in steps] == [True, True, True, False, True, True]
+    assert [s.estimated_elevation for s in steps if s.is_matched] == pytest.approx([0.02, 0.03, 0.04, 0.06, 0.07])
     assert steps[0].slope == pytest.approx(0.1)
     assert steps[0].slope_error == pytest.approx(-0.09)
 
@@ -63,7 +63,7 @@ def test_the_first_step_counts_whichever_foot_takes_it():
     footprints[0] = replace(footprints[0], p_foot_in_world=np.array([0.5, 0.0, -0.1]))
     steps = score_steps(footprints, [estimate(i) for i in range(3, 8)])
     assert [s.place[0] for s in steps] == pytest.approx([1.5, 2.0, 2.5, 3.0, 3.5])
-    assert all(s.seen for s in steps)
+    assert all(s.is_matched for s in steps)
     assert steps[0].elevation == pytest.approx(0.1)  # over the left foot's, not over its own
 
 
@@ -104,9 +104,9 @@ def test_a_way_that_starts_with_another_heading_is_turned_back():
     steps = score_steps(footprints, made)
     ((_, _, left),) = displacement_errors(steps, "")
     assert abs(left) > 0.04
-    ((forward, up, left),) = displacement_errors(yaw_aligned(steps), "")
+    ((forward, up, left),) = displacement_errors(align_yaw(steps), "")
     assert [forward, up, left] == pytest.approx([0.0, 0.0, 0.0], abs=0.004)
-    assert [s.seen for s in yaw_aligned(steps)] == [s.seen for s in steps]
+    assert [s.is_matched for s in align_yaw(steps)] == [s.is_matched for s in steps]
 
 
 def test_the_table_has_a_row_a_step(tmp_path):
@@ -164,7 +164,7 @@ def test_pinned_numbers(num_regression):
     places = [place for mode in modes for place in displacement_errors(steps, mode)]
     rows = [
         *steps,
-        *yaw_aligned(steps),
+        *align_yaw(steps),
         *({"place": p} for p in places),
         step_scores(steps),
         step_figures(steps, places),

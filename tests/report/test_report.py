@@ -9,7 +9,7 @@ from browser import CHROMIUM, Browser
 
 from stridetwin.outputs.path.report import describe_distance
 from stridetwin.pages.plot import library
-from stridetwin.reference.norms import level_norm, reference, speed_group
+from stridetwin.reference.norms import level_norm, read_reference, speed_group
 from stridetwin.report.figures_gait import level_strides
 from stridetwin.report.images import colour_of_depth, crop_to_rendered, make_film
 from stridetwin.report.rerun_file import recording_id, write_rerun
@@ -89,7 +89,7 @@ def test_norms_come_from_the_reference_folder():
     groups = [speed_group(v) for v in (0.6, 0.7, 1.2, 1.6, 2.0)]
     assert groups == ["VerySlow", "Slow", "Free", "Fast", "VeryFast"]
     assert speed_group(1.2, leg_m=0.9 * 1.2**2 / 1.0) == speed_group(1.0) == "Slow"  # the same Froude number
-    assert reference("jao2020")["jao_straight_53m"]["mean_end_error_m"]["zupt"] == [5.2113, 3.2046]
+    assert read_reference("jao2020")["jao_straight_53m"]["mean_end_error_m"]["zupt"] == [5.2113, 3.2046]
 
 
 def test_depth_colours_distinguish_near_far_and_invalid():

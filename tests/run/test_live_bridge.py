@@ -20,7 +20,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.locomotion_mode import INSOLES, LocomotionMode
 from stridetwin.outputs.csv_tables import write_table
-from stridetwin.outputs.modes.files import MODE_COLUMNS, mode_cells, predicted_steps
+from stridetwin.outputs.modes.files import MODE_COLUMNS, find_completed_steps, mode_cells
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.terrain.files import write_terrain
 from stridetwin.run import live
@@ -105,7 +105,7 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     assert odometry.healthy.any()
     predictor = LocomotionMode(recording.rig, options=Options(poses_of="head/imu"))
     estimates = map(predictor.update, poses_and_rest(recording, odometry))
-    rows = predicted_steps(e for e in estimates if e is not None)
+    rows = find_completed_steps(e for e in estimates if e is not None)
     write_table(MODE_COLUMNS, map(mode_cells, rows), tmp_path / "offline.csv")
     write_terrain(predictor.ground, tmp_path / "offline.json")
     made = alive(["locomotion_mode", "-o", tmp_path / "live.csv"], sent(seen))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from stridetwin.scenarios.cost import Cost, cost_of, scaled
+from stridetwin.scenarios.cost import Cost, cost_of, scale_cost
 from stridetwin.scenarios.scenario_file import load_scenario
 
 
@@ -20,7 +20,7 @@ def test_the_cost_of_a_walk_is_about_that_of_its_recording():
 
 def test_the_cost_of_many_walks_is_said_in_words():
     cost = Cost(walks=2, walked_s=40.0, size_mb=300.0, cpu_s=80.0)
-    assert scaled(cost, 20).words(2) == "20 walks: about 400 s of walking, 3.0 GB, 0:06:40 with 2 processes"
-    assert cost.words() == "2 walks: about 40 s of walking, 300 MB, 0:01:20 with 1 process"  # one start
+    assert scale_cost(cost, 20).describe(2) == "20 walks: about 400 s of walking, 3.0 GB, 0:06:40 with 2 processes"
+    assert cost.describe() == "2 walks: about 40 s of walking, 300 MB, 0:01:20 with 1 process"  # one start
     assert cost.is_long
-    assert not scaled(cost, 1).is_long
+    assert not scale_cost(cost, 1).is_long

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from stridetwin.cli.main import main
-from stridetwin.scenarios.metadata import injected_faults
+from stridetwin.scenarios.metadata import read_injected_faults
 from stridetwin.scenarios.scenario_file import load_scenario, read_scenario
 from stridetwin.scenarios.scenario_model import FAULTS
 from stridetwin.sim.faults.faults import LooseStrap
@@ -116,7 +116,7 @@ def test_a_run_with_every_fault_reports_them_and_scores_what_is_left(simulator, 
     scores = json.loads(capsys.readouterr().out)["estimators"]
     assert all(scores[f"{name}_{side}"]["coverage_pct"] > 90 for name in ("foot_ins", "foot_to_foot") for side in "lr")
     recording = Recording(folder / "recording.mcap", lenient=True)
-    injected = injected_faults(recording.metadata)
+    injected = read_injected_faults(recording.metadata)
     # the stand-in for the twin carries no IMU at the head, and so no strap that holds one
     assert {f.kind for f in injected} == {f["kind"] for f in EVERY} - {"loose_strap"}
     assert next(f for f in injected if f.kind == "nan").topic == "/foot_r/imu"

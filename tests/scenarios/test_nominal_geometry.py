@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.scenarios.exo_geometry import LINK_SD_M, MOUNT_SD_RAD, geometry, of_recording
+from stridetwin.scenarios.exo_geometry import LINK_SD_M, MOUNT_SD_RAD, exo_from_recording, true_geometry
 from stridetwin.scenarios.record import record
 from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.twin import Twin
@@ -21,7 +21,7 @@ def recorded(path, seed):
         seed,
     )
     record(twin, path)
-    return geometry(twin.size, twin.rig), of_recording(Recording(path))
+    return true_geometry(twin.size, twin.rig), exo_from_recording(Recording(path))
 
 
 def errors(true, nominal):

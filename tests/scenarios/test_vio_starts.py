@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import vio_starts
-from stridetwin.outputs.path.scores import Odometry
+from stridetwin.outputs.path.scores import OdometryPath
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Depth
 from stridetwin.streams.trajectory import Trajectory
@@ -23,7 +23,7 @@ def test_the_scale_is_that_of_the_true_path_over_the_estimated_one(scale):
     estimated = (p / scale)[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + [3.0, -2.0, 1.0]  # another heading and origin
     turned = np.tile([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)], (len(s), 1))
     path = Trajectory(t_ns=t_ns, p_frame_in_world=estimated, q_world_frame=turned)
-    run = OdometryRun(odometry=Odometry(path=path, healthy=t_ns > 10**9), frame_ms=np.zeros(1))
+    run = OdometryRun(odometry=OdometryPath(path=path, healthy=t_ns > 10**9), frame_ms=np.zeros(1))
     assert vio_starts.scale_of(run, truth) == pytest.approx(scale, abs=1e-9)
 
 
@@ -38,8 +38,8 @@ def test_the_method_without_depth_gets_none(monkeypatch):
     samples = [Depth(t_ns=k, topic="/head/depth", depth=np.ones((2, 2), np.uint16)) for k in range(3)]
     made = []
     monkeypatch.setattr(vio_starts, "odometry_samples", lambda recording, mount: iter([*samples, "image"]))
-    monkeypatch.setattr(vio_starts, "odometer", lambda method, rig, mount: made.append((method, rig)))
-    monkeypatch.setattr(vio_starts, "follow", lambda odometry, samples: list(samples))
+    monkeypatch.setattr(vio_starts, "make_odometer", lambda method, rig, mount: made.append((method, rig)))
+    monkeypatch.setattr(vio_starts, "run_odometry", lambda odometry, samples: list(samples))
     assert rig.cameras["/head/color"].depth_topic
     recording = SimpleNamespace(rig=rig)
     monkeypatch.setattr(vio_starts, "dropwhile", lambda before, samples: samples)

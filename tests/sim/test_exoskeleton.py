@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
-from stridetwin.reference.norms import reference as published
+from stridetwin.reference.norms import read_reference as published
 from stridetwin.sim.config import Exo, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.gait import exo_fit_kernel

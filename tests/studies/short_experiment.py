@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import Experiment, read_experiment
 
 
@@ -17,6 +17,6 @@ def shorten(name: str, folder: Path, walk: str, **changes) -> Experiment:
     return read_experiment(path)
 
 
-def make_case(experiment: Experiment, folder: Path, seed: int = 1000, **options) -> Case:
+def make_case(experiment: Experiment, folder: Path, seed: int = 1000, **options) -> ExperimentCase:
     """A case of it."""
-    return Case(seed=seed, folder=folder, setup=experiment.setup, **({"physics": "kinematic"} | options))
+    return ExperimentCase(seed=seed, folder=folder, setup=experiment.setup, **({"physics": "kinematic"} | options))

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.jao2020.jao_simulation import (
     EARTH_RATE_IN_WORLD,
     FEET,
     GRAVITY_MPS2,
-    REPORTED,
-    Simulation,
+    REPORTED_METHODS,
+    JaoSimulation,
     SteadyWalk,
     collect,
     ideal_imu,
@@ -25,7 +25,7 @@ from stridetwin.studies.jao2020.jao_simulation import (
 @pytest.fixture(scope="module")
 def result(tmp_path_factory) -> dict:
     folder = tmp_path_factory.mktemp("unused")
-    cases = [run_case(Case(seed=0, folder=folder))]
+    cases = [run_case(ExperimentCase(seed=0, folder=folder))]
     return {**collect(cases), "cases": cases}
 
 
@@ -67,12 +67,12 @@ def test_the_order_of_the_methods_is_the_papers(result: dict) -> None:
         assert error["zupt_relative_position"][foot] < 0.15
         assert error["proposed"][foot] < 0.12
     assert max(result["summary"]["mean_abs_north_error_m"]["proposed"]) < 0.01
-    assert set(result["paper"]["mean_end_error_m"]) == set(REPORTED) - {"proposed"}
+    assert set(result["paper"]["mean_end_error_m"]) == set(REPORTED_METHODS) - {"proposed"}
 
 
 def test_ours_stays_at_the_floor_of_the_drawn_noise(result: dict) -> None:
     """Run by run, what the two gyros' noise alone does to a path that is tied without loss."""
-    simulation = Simulation(SteadyWalk())
+    simulation = JaoSimulation(SteadyWalk())
     runs = result["cases"] + [run_seed(1, methods=("proposed",))]
     for seed, run in enumerate(runs):
         floor = simulation.floor_of(simulation.inertial(np.random.default_rng(seed))[1])[1]
@@ -83,11 +83,11 @@ def test_ours_stays_at_the_floor_of_the_drawn_noise(result: dict) -> None:
 def test_a_drift_in_common_is_seen_by_nobody(result: dict) -> None:
     found = result["summary"]["mean_end_error_unequal_m"]
     assert found["zupt"][0] > 2.0
-    for method in REPORTED[1:]:
+    for method in REPORTED_METHODS[1:]:
         assert np.mean(found[method]) > 0.5
 
 
 def test_the_table_has_a_row_a_method_with_the_papers_figures(result: dict) -> None:
     rows = {line.split()[0]: line.split()[1:] for line in table(result)[2:]}
     assert rows["zupt_relative_position"][2:4] == ["0.065", "0.065"]
-    assert [len(rows[method]) for method in REPORTED] == [10, 10, 10, 8]
+    assert [len(rows[method]) for method in REPORTED_METHODS] == [10, 10, 10, 8]

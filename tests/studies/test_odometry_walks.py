@@ -18,9 +18,9 @@ from stridetwin.streams.samples import Image, Imu, Sample
 from stridetwin.streams.trajectory import Pose
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.fault_injection import fault_plans
-from stridetwin.studies.walks import recorded
+from stridetwin.studies.walks import record_walk
 from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
-from stridetwin.studies.zhao2023.odometry_walks import METHODS, follow, run_case, true_path
+from stridetwin.studies.zhao2023.odometry_walks import METHODS, run_case, run_odometry, true_path
 from tests.studies.short_experiment import make_case, shorten
 
 SHORT = """description: A few steps
@@ -58,7 +58,7 @@ def walk(tmp_path_factory):
     """A case of the closed loop on a short walk that is recorded already, and its true path."""
     folder = tmp_path_factory.mktemp("walks")
     case = make_case(shorten("zhao_closed_loop", folder, SHORT), folder, resume=True, keep=True)
-    with recorded(case.walks()[0], case) as recording:
+    with record_walk(case.walks()[0], case) as recording:
         return SimpleNamespace(folder=folder, case=case, truth=true_path(recording, "head"), rig=recording.rig)
 
 
@@ -81,7 +81,7 @@ def test_time_is_counted_from_image_to_image_and_the_last_pose_of_an_instant_cou
         p = np.array([next(number), 0.0, 0.0])
         return Pose(t_ns=sample.t_ns, p_frame_in_world=p, rotation=np.eye(3), covariance=np.eye(6))
 
-    run = follow(SimpleNamespace(update=update), samples)
+    run = run_odometry(SimpleNamespace(update=update), samples)
     assert run.odometry.path.t_ns.tolist() == [0, 5, 10, 15]
     assert run.odometry.path.p_frame_in_world[:, 0].tolist() == [1, 3, 5, 7]
     assert len(run.frame_ms) == 3
@@ -116,9 +116,9 @@ def test_an_installed_estimator_has_a_row_of_its_own(walk) -> None:
 
 
 def test_names_that_are_no_method_are_those_of_installed_estimators(walk) -> None:
-    assert isinstance(odometry_walks.odometer("dvio", walk.rig, "head"), estimator("dvio"))
+    assert isinstance(odometry_walks.make_odometer("dvio", walk.rig, "head"), estimator("dvio"))
     with pytest.raises(StrideTwinError, match=r"nobody.*contact_terrain, dvio"):
-        odometry_walks.odometer("nobody", Rig(), "head")
+        odometry_walks.make_odometer("nobody", Rig(), "head")
 
 
 def test_each_subject_walks_once_with_each_mount() -> None:
@@ -148,7 +148,9 @@ def test_the_bench_lays_each_sequence_beside_one_of_euroc(walk) -> None:
 
 def test_ten_sequences_each_as_difficult_as_another_one_of_the_paper() -> None:
     assert len(dvio_bench.SEQUENCES) == 10
-    assert {s.like for s in dvio_bench.SEQUENCES.values()} == set(dvio_bench.paper()["dvio"]["ape_rmse_m"]) - {"mean"}
+    assert {s.like for s in dvio_bench.SEQUENCES.values()} == set(
+        dvio_bench.read_paper_figures()["dvio"]["ape_rmse_m"]
+    ) - {"mean"}
     for name in dvio_bench.SEQUENCES:
         assert load_scenario(name).config.fittings["head_camera"].calibration_sd.depth_scale == pytest.approx(0.005)
 
@@ -187,4 +189,4 @@ def test_calibration_errors_of_the_faults(walk) -> None:
 
 
 def test_the_methods_are_the_papers_and_ours() -> None:
-    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.paper()) | {"proposed"}
+    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.read_paper_figures()) | {"proposed"}

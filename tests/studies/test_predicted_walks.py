@@ -18,7 +18,7 @@ from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
 from stridetwin.outputs.terrain.changes import ScoredChange
 from stridetwin.pages.plot import library
-from stridetwin.reference.norms import reference
+from stridetwin.reference.norms import read_reference
 from stridetwin.sim.config import Turn, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.sensors.standard_rig import standard_rig
@@ -29,17 +29,17 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Odometry
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.zhao2023 import mode_results
-from stridetwin.studies.zhao2023.mode_results import PATTERNS, TERRAINS
+from stridetwin.studies.zhao2023.mode_results import GAIT_PATTERNS, PAPER_TERRAINS
 from stridetwin.studies.zhao2023.mode_walks import (
     EDGES,
     FORGETFUL,
-    GROUPS,
+    HEIGHT_GROUPS,
     MOUNTS,
     ForgetfulMap,
     SharedMap,
+    combine_spreads,
+    compute_spread,
     pitch_down,
-    spread,
-    together,
 )
 from tests.plots import figures
 from tests.studies.short_experiment import make_case
@@ -59,7 +59,7 @@ def row(seed: int, predicted: str = "SA", methods: tuple[str, ...] = ("proposed"
     angles = np.linspace(0.2, 0.6, 50)
     return {
         "seed": seed, "physics": "dynamic", "fell_at_s": None, "mount": "head",
-        "spread": {q: spread(angles, EDGES[q]) for q in EDGES},
+        "spread": {q: compute_spread(angles, EDGES[q]) for q in EDGES},
         "methods": {m: scores | {"time_ms": {"mean": 20.0, "p95": 30.0}} for m in methods},
     }  # fmt: skip
 
@@ -84,7 +84,7 @@ def test_each_subject_walks_twice_and_ten_walks_hold_every_group_both_ways(name)
     assert len({tuple(turn.values()) for turn in turns}) == len(turns) == 30
     for first in (0, 10, 20):
         some = [(turn["height_group"], turn["walk"]) for turn in turns[first : first + 10]]
-        assert Counter(some) == {(group, walk): 1 for group in GROUPS for walk in ("first", "second")}
+        assert Counter(some) == {(group, walk): 1 for group in HEIGHT_GROUPS for walk in ("first", "second")}
 
 
 def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
@@ -95,10 +95,10 @@ def test_every_condition_is_walked_three_times_and_sixty_walks_are_balanced():
     assert set(Counter(tuple(row[key] for key in cell) for row in rows).values()) == {3}
     for first in (0, 1, 37, 480):
         some = rows[first : first + 60]
-        for key, values in (("terrain", TERRAINS), ("mount", MOUNTS), ("height_group", GROUPS)):
+        for key, values in (("terrain", PAPER_TERRAINS), ("mount", MOUNTS), ("height_group", HEIGHT_GROUPS)):
             assert Counter(row[key] for row in some) == {value: 60 // len(values) for value in values}
     for first in range(0, 540, 60):
-        assert Counter(row["pattern"] for row in rows[first : first + 60]) == dict.fromkeys(PATTERNS, 20)
+        assert Counter(row["pattern"] for row in rows[first : first + 60]) == dict.fromkeys(GAIT_PATTERNS, 20)
     assert labels("zhao_generality", 0) in rows
     people = {make_case(experiment("zhao_generality"), Path(), seed).walks()[0].config.person for seed in seeds[::7]}
     assert people == {person for name, person in PEOPLE.items() if name.startswith("zhao_")}
@@ -148,7 +148,7 @@ def test_the_camera_looks_as_far_down_as_it_is_fitted(mount) -> None:
         assert np.allclose(camera.mount.T_body_sensor[:3, :3], imu.mount.T_body_sensor[:3, :3])
         axis = camera.mount.T_body_sensor[:3, 2]
         pitch[degrees] = math.degrees(math.asin(-axis[2]))
-    protocol = reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
+    protocol = read_reference("zhao2023")["protocol"]["mount_pitch_down_deg"]
     assert pitch == {None: pytest.approx(protocol["nominal"]), 8.0: pytest.approx(protocol["shallow"])}
 
 
@@ -162,10 +162,13 @@ def test_spreads_add_up_as_if_all_values_were_one_walks() -> None:
     rng = np.random.default_rng(1)
     parts = [rng.normal(0.3, 0.4, 80), rng.normal(0.6, 0.1, 200)]
     edges = EDGES["camera_pitch_rad"]
-    whole, added = spread(np.concatenate(parts), edges), together([spread(part, edges) for part in parts])
+    whole, added = (
+        compute_spread(np.concatenate(parts), edges),
+        combine_spreads([compute_spread(part, edges) for part in parts]),
+    )
     assert added.pop("bins") == whole.pop("bins")
     assert added == pytest.approx(whole)
-    assert sum(spread(np.array([-9.0, 9.0]), edges)["bins"]) == 2
+    assert sum(compute_spread(np.array([-9.0, 9.0]), edges)["bins"]) == 2
 
 
 def test_predicted_probabilities_are_compared_with_the_share_of_correct_predictions() -> None:
@@ -227,7 +230,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
     assert mean["over"] == len({(p["height_group"], p["member"]) for p in persons}) == 2
     assert mean["of"] == "persons"
     assert mean["ci95"] == pytest.approx(12.706 * 25.0 * math.sqrt(2.0) / math.sqrt(2.0), rel=1e-4)
-    assert "walks that ended by a fall: 1001" in mode_results.overall(result)
+    assert "walks that ended by a fall: 1001" in mode_results.overall_lines(result)
 
 
 def test_sizes_that_were_not_seen_are_counted() -> None:

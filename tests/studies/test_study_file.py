@@ -14,7 +14,7 @@ from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file.results import collect_result, csv_text, table_rows
-from stridetwin.studies.study_file.run import FILES, Options, run_study
+from stridetwin.studies.study_file.run import STUDY_FILES, StudyOptions, run_study
 from stridetwin.studies.study_file.study import read_study
 
 ROOT = Path(__file__).parents[2]
@@ -80,7 +80,7 @@ def method(**said):
 )
 def test_an_error_names_its_place_in_the_file(tmp_path, changes, message):
     with pytest.raises(StrideTwinError, match=message):
-        run_study(read_study(write_study(tmp_path, **changes)), Options(folder=tmp_path / "out"), silent)
+        run_study(read_study(write_study(tmp_path, **changes)), StudyOptions(folder=tmp_path / "out"), silent)
     assert not (tmp_path / "out").exists()
 
 
@@ -111,7 +111,7 @@ def test_a_study_gives_the_same_bytes_on_two_workers_and_after_an_interruption(t
     assert main(["experiment", str(path), "-o", str(two)]) == 2
     assert "expected --resume to continue it" in capsys.readouterr().err
     assert main(["experiment", str(path), "--workers", "2", "--resume", "-o", str(two)]) == 0
-    for name in (*FILES, ROWS):
+    for name in (*STUDY_FILES, ROWS):
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
 
 
@@ -137,8 +137,8 @@ def test_methods_are_compared_walk_by_walk_in_each_combination(tmp_path):
 
 def test_seeds_and_number_of_walks_can_be_replaced(tmp_path):
     study = read_study(write_study(tmp_path))
-    assert Options(folder=tmp_path, subset=1).of(study).seeds == (3,)
-    assert Options(folder=tmp_path, first=7).of(study).seeds == (7, 8)
+    assert StudyOptions(folder=tmp_path, subset=1).of(study).seeds == (3,)
+    assert StudyOptions(folder=tmp_path, first=7).of(study).seeds == (7, 8)
 
 
 def test_the_example_takes_25_lines_and_is_the_one_in_the_documentation(tmp_path):
@@ -183,7 +183,7 @@ def test_levels_take_turns_from_seed_to_seed(tmp_path):
     assert [walk.labels["side"] for walk in walks] == ["head", "chest"] * 3 + ["chest", "head"] * 3
     config = make_scenario(study, walks[3], tmp_path).config
     assert (config.person, config.rig_mount, config.gait.speed_mps) == (PEOPLE["zhao_ii_2"], "chest", 1.2)
-    later = Options(folder=tmp_path, first=15).of(study)  # other seeds take the turns that they have in the file
+    later = StudyOptions(folder=tmp_path, first=15).of(study)  # other seeds take the turns that they have in the file
     assert later.levels(15)["member"].name == "3"
     header, first = csv_text(study, [fake_row(usual=0.1)] * 24).splitlines()[:2]
     assert header == "group,member,side,speed,seed,method,score,value"
@@ -216,4 +216,4 @@ def test_a_level_sets_the_whole_scenario(tmp_path):
 )
 def test_an_error_of_turns_names_its_place(tmp_path, changes, message):
     with pytest.raises(StrideTwinError, match=message):
-        run_study(read_study(turning_study(tmp_path, **changes)), Options(folder=tmp_path / "out"), silent)
+        run_study(read_study(turning_study(tmp_path, **changes)), StudyOptions(folder=tmp_path / "out"), silent)

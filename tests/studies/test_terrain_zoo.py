@@ -14,27 +14,27 @@ from stridetwin.outputs.modes.scores import ModeScores, ScoredMode
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.terrain_zoo import zoo_walk
-from stridetwin.studies.terrain_zoo.kinds import KINDS, drawn
+from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS, draw_walk
 from stridetwin.studies.terrain_zoo.zoo_results import report, table
 from stridetwin.studies.terrain_zoo.zoo_walk import kinds_of
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", WALK_KINDS)
 def test_walks_of_a_kind_can_be_laid_out_and_differ(name: str) -> None:
-    walks = [drawn(name, seed) for seed in range(12)]
+    walks = [draw_walk(name, seed) for seed in range(12)]
     assert len({walk.person.height_m for walk in walks}) == len(walks)
     assert {walk.rig_mount for walk in walks} == {"head", "chest"}
     for walk in walks:
         assert 5.0 < Terrain.from_route(walk.route).profile[-1].s1 < 25.0
-    assert drawn(name, 3) == walks[3]
+    assert draw_walk(name, 3) == walks[3]
 
 
 def test_a_quarter_of_the_kinds_is_kept_from_tuning_and_the_sets_share_no_seed() -> None:
     reporting, tuning = (experiment(name).seeds for name in ("terrain_zoo", "terrain_zoo_tuning"))
     assert len(reporting) >= 200
     assert tuning[-1] < 1000 <= reporting[0]
-    kept = [name for name, entry in KINDS.items() if not entry.tuned]
-    assert len(kept) >= len(KINDS) / 4
+    kept = [name for name, entry in WALK_KINDS.items() if not entry.tuned]
+    assert len(kept) >= len(WALK_KINDS) / 4
     assert not set(kinds_of("tuned")) & set(kept)
     assert [len(seeds) % len(kinds_of(kinds)) for seeds, kinds in ((reporting, "all"), (tuning, "tuned"))] == [0, 0]
     assert kinds_of("level") == ["level"]
@@ -77,11 +77,11 @@ def test_figures_by_kind_and_of_the_kinds_kept_from_tuning() -> None:
     assert groups["crest"]["slope_inside_pct"] == 0.0
     assert groups["crest"]["slope_rms_deg"] == pytest.approx(2.0)
     assert groups["level"]["slope_inside_pct"] == 100.0
-    kept = next(name for name in groups if name not in KINDS and name != "all")
+    kept = next(name for name in groups if name not in WALK_KINDS and name != "all")
     assert groups[kept] == groups["crest"]
     odometry = result["summary"]["odometry"]["level"]
     assert odometry["height_median_pct"] == pytest.approx(0.5)
     assert odometry["tilt_worst_deg"] == pytest.approx(0.4)
     lines = "\n".join(table(result))
-    assert KINDS["crest"].words + " *" in lines
+    assert WALK_KINDS["crest"].description + " *" in lines
     assert "<h1" in report(result) or "<title" in report(result)

@@ -7,7 +7,7 @@ import pytest
 
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.jao2020.two_feet import figures
+from stridetwin.studies.jao2020.two_feet import score_paths
 
 
 def columns(n):
@@ -22,6 +22,6 @@ def test_a_foot_whose_imu_died_is_scored_where_it_died_and_says_so():
         f: SimpleNamespace(trajectory=Trajectory(**columns(n), covariance=np.tile(1e-4 * np.eye(6), (n, 1, 1))))
         for f, n in (("l", 101), ("r", 41))
     }
-    found = figures(paths, truth)
+    found = score_paths(paths, truth)
     assert found["coverage_pct"] == pytest.approx([100.0, 40.0])
     assert np.allclose(found["end_error_m"], 0.0)

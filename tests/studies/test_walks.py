@@ -13,11 +13,11 @@ from stridetwin.estimators.foot_ins import FootInsPath
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.samples import Image, Imu
 from stridetwin.streams.trajectory import Trajectory
-from stridetwin.studies.case import Case
+from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import experiment
 from stridetwin.studies.jao2020 import jao_faults, jao_walk
-from stridetwin.studies.jao2020.two_feet import FEET, METHODS, figures
-from stridetwin.studies.walks import recorded_shoes
+from stridetwin.studies.jao2020.two_feet import FEET, METHODS, score_paths
+from stridetwin.studies.walks import record_shoes
 from tests.studies.short_experiment import make_case, shorten
 
 pytest.importorskip("mujoco")
@@ -33,7 +33,7 @@ sensors:
 
 
 @pytest.fixture(scope="module")
-def short(tmp_path_factory) -> tuple[Case, dict]:
+def short(tmp_path_factory) -> tuple[ExperimentCase, dict]:
     """A case whose recordings are kept, and its row."""
     folder = tmp_path_factory.mktemp("walk")
     case = make_case(shorten("jao_loop_126m", folder, SHORT), folder, seed=3, keep=True)
@@ -53,7 +53,7 @@ def test_every_method_has_figures_in_every_case(short) -> None:
 
 def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
     case, _ = short
-    with recorded_shoes(replace(case, resume=True)) as walk:
+    with record_shoes(replace(case, resume=True)) as walk:
         limit = walk.rig().imu("/foot_l/imu").gyroscope_range
         assert limit == pytest.approx(math.radians(450), rel=0.1)
         assert walk.rig(wide=True).imu("/foot_l/imu").gyroscope_range == 0.0
@@ -66,7 +66,7 @@ def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
         samples = list(walk.samples(wide=True))
         assert [s.t_ns for s in samples] == sorted(s.t_ns for s in samples)
         assert sum(isinstance(s, Imu) for s in samples) == 2 * len(wide)
-        lost = list(jao_walk.without_every_second_step(samples, jao_walk.touches_ns(walk)))
+        lost = list(jao_walk.without_every_second_step(samples, jao_walk.touch_down_times_ns(walk)))
         assert 0 < sum(isinstance(s, Image) for s in lost) < sum(isinstance(s, Image) for s in samples)
         assert sum(isinstance(s, Imu) for s in lost) == 2 * len(wide)
 
@@ -74,13 +74,13 @@ def test_the_gyros_without_limit_are_those_of_the_same_walk(short) -> None:
 def test_recordings_are_used_again_and_go_unless_they_are_kept(short, tmp_path) -> None:
     case, _ = short
     stamps = [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")]
-    with recorded_shoes(replace(case, resume=True)):
+    with record_shoes(replace(case, resume=True)):
         pass
     assert [case.file(end).stat().st_mtime_ns for end in (".mcap", "_wide.mcap")] == stamps
     other = replace(case, folder=tmp_path, resume=True, keep=False)
     for end in (".mcap", "_wide.mcap"):
         other.file(end).write_bytes(case.file(end).read_bytes())
-    with recorded_shoes(other):
+    with record_shoes(other):
         assert other.file(".mcap").exists()
     assert list(tmp_path.iterdir()) == []
 
@@ -128,7 +128,7 @@ def test_figures_of_paths_whose_errors_are_known() -> None:
     truth = {f: made[f][0] for f in FEET}
     off = made["r"][1].trajectory.p_frame_in_world + [0.0, 0.0, 0.05]
     higher = replace(made["r"][1], trajectory=replace(made["r"][1].trajectory, p_frame_in_world=off))
-    found = figures({"l": made["l"][1], "r": higher}, truth)
+    found = score_paths({"l": made["l"][1], "r": higher}, truth)
     np.testing.assert_allclose(found["end_error_m"], [[0, 0, 0], [0, 0, 0.05]], atol=1e-12)
     np.testing.assert_allclose(found["end_nees"], [0.0, 0.25], atol=1e-6)
     assert found["feet_disagree_max_m"] == pytest.approx(0.05)
@@ -142,6 +142,6 @@ def test_a_heading_that_both_feet_share_is_not_their_disagreement() -> None:
     for foot, (_, path) in made.items():
         p, q = turn.apply(path.trajectory.p_frame_in_world), np.tile(turn.as_quat(scalar_first=True), (101, 1))
         paths[foot] = replace(path, trajectory=replace(path.trajectory, p_frame_in_world=p, q_world_frame=q))
-    found = figures(paths, {f: made[f][0] for f in FEET})
+    found = score_paths(paths, {f: made[f][0] for f in FEET})
     assert found["feet_disagree_max_m"] < 1e-9
     assert found["end_error_pct"][0] == pytest.approx(20.0, abs=0.2)

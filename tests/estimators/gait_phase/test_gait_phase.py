@@ -17,7 +17,7 @@ from stridetwin.estimators.gait_phase import GaitPhase, GaitPhaseParameters, Pha
 from stridetwin.estimators.gait_phase.estimate import UNKNOWN_PHASE_SD
 from stridetwin.estimators.gait_phase.stride import StrideFilter
 from stridetwin.estimators.gait_phase.template import N_STRIDE_KINDS
-from stridetwin.outputs.gait_phase.scores import detected_touch_downs, phase_scores
+from stridetwin.outputs.gait_phase.scores import find_touch_downs, phase_scores
 from stridetwin.sim.faults.faults import Fault, arrivals, plan_faults
 from stridetwin.sim.faults.sample_faults import Dropout, Nan, Repeat, Saturation
 from stridetwin.streams.errors import ConfigError, StrideTwinError
@@ -217,7 +217,7 @@ def test_a_missed_touch_down_costs_one_stride() -> None:
     series = to_series(estimate(replace(walk, imu=replace(walk.imu, t_ns=walk.imu.t_ns[kept], columns=columns))))
     later = [s for s in walk.strides if s.begin_ns > lost + 2_500_000_000]
     assert phase_scores(series, later)["rmse_pct"] < 3.0
-    assert len(detected_touch_downs(series)) >= len(walk.strides)
+    assert len(find_touch_downs(series)) >= len(walk.strides)
 
 
 def test_options_and_parameters_are_checked() -> None:

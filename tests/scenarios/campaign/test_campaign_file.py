@@ -10,7 +10,7 @@ from small_campaign import SHORT, SMALL, write
 from stridetwin.scenarios.campaign.campaign_file import campaigns, find_campaign, load_campaign, read_campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
 from stridetwin.scenarios.campaign.named_files import copy_files
-from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.plan import Extra, plan_walks
 from stridetwin.scenarios.scenario_file import CAMERAS, catalogue
 from stridetwin.sim import parts
 from stridetwin.streams.errors import StrideTwinError
@@ -126,7 +126,7 @@ def test_a_value_goes_to_all_of_its_places_and_short_forms_open(tmp_path):
     text = SMALL.replace("  gait.speed_mps:", "  'gait.gaze.yaw_deg, gait.gaze.pitch_deg':").replace(
         "[0.9, 1.2]", "[1, 9]"
     )
-    walks = plan(read_campaign(write(tmp_path, text)), Extra(off=CAMERAS, physics="dynamic"))
+    walks = plan_walks(read_campaign(write(tmp_path, text)), Extra(off=CAMERAS, physics="dynamic"))
     for walk in walks:
         (angle,) = {v for name, v in walk.values.items() if name.startswith("gait")}
         assert walk.scenario["gait"]["gaze"] == {"yaw_deg": angle, "pitch_deg": angle}
@@ -142,8 +142,8 @@ def test_parts_of_ones_own_are_named_as_the_output_folder_has_them(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.yaml").write_text("kind: imu\ndescription: mine\nrate_hz: 100\n")
     campaign = read_campaign(path)
-    assert campaign.own == {"mine/a.yaml": tmp_path / "mine" / "a.yaml"}
-    named = {walk.scenario["sensors"]["foot_imu"]["part"] for walk in plan(campaign, Extra())}
+    assert campaign.user_files == {"mine/a.yaml": tmp_path / "mine" / "a.yaml"}
+    named = {walk.scenario["sensors"]["foot_imu"]["part"] for walk in plan_walks(campaign, Extra())}
     assert named == {"../files/mine/a.yaml", "MPU-9250"}
 
 
@@ -173,11 +173,11 @@ def test_an_exoskeleton_and_a_mesh_come_with_all_that_they_name(tmp_path, model)
     path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [mine/walk.yaml]\n")
     campaign = read_campaign(path)
     names = {f"mine/{model}", "mine/shapes/a.stl", "mine/rig.yaml", "mine/own.yaml", "mine/ground.STL"}
-    assert campaign.own == {name: tmp_path / name for name in names}
-    for walk in plan(campaign, Extra()):
+    assert campaign.user_files == {name: tmp_path / name for name in names}
+    for walk in plan_walks(campaign, Extra()):
         assert walk.scenario["exo"] == {"model": f"../files/mine/{model}", "rig": "../files/mine/rig.yaml"}
         assert walk.scenario["terrain"] == {"mesh": "../files/mine/ground.STL"}
-    copy_files(tmp_path / "out", campaign.own)
+    copy_files(tmp_path / "out", campaign.user_files)
     for name in names:
         assert (tmp_path / "out" / "files" / name).read_bytes() == (tmp_path / name).read_bytes()
     (mine / model).write_text((mine / model).read_text().replace("a.stl", "../../../a.stl"))
@@ -189,7 +189,7 @@ def test_the_exoskeleton_of_the_examples_walks_in_campaigns(tmp_path):
     path = write(tmp_path, "campaign: mine\nwalks: 2\nscenarios: [own_exo/walk.yaml]\n")
     campaign = read_campaign(path)
     check_extremes(campaign, Extra())
-    assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.own.keys()
+    assert {"own_exo/my_exo.xml", "own_exo/my_exo.yaml"} <= campaign.user_files.keys()
 
 
 def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):
@@ -207,7 +207,7 @@ def test_campaigns_are_distinguished_from_scenarios_by_their_keys(tmp_path):
 def test_every_campaign_of_the_catalogue_is_valid(name):
     campaign = load_campaign(name)
     check_extremes(campaign, Extra())
-    walks = plan(campaign, Extra())
+    walks = plan_walks(campaign, Extra())
     assert len({w.seed for w in walks}) == len({w.name for w in walks}) == campaign.walks
 
 
@@ -219,7 +219,7 @@ def test_the_example_of_the_documentation_is_valid(tmp_path):
     (tmp_path / "my_imu.yaml").write_bytes(part.read_bytes())
     campaign = read_campaign(path)
     check_extremes(campaign, Extra())
-    walks = plan(campaign, Extra())
+    walks = plan_walks(campaign, Extra())
     for walk in walks[:30]:
         imu = walk.scenario["sensors"]["foot_imu"]
         assert imu["position_mm"][:2] == [-30, 42]

@@ -19,8 +19,8 @@ from stridetwin.batch.jobs import Failure
 from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign import walk as campaign_walk
 from stridetwin.scenarios.campaign.campaign_file import read_campaign
-from stridetwin.scenarios.campaign.generate import Options, generate
-from stridetwin.scenarios.campaign.plan import Extra, plan
+from stridetwin.scenarios.campaign.generate import CampaignOptions, generate
+from stridetwin.scenarios.campaign.plan import Extra, plan_walks
 from stridetwin.scenarios.campaign.walk import WalkTask
 from stridetwin.scenarios.check import check_recording
 from stridetwin.sim import parts
@@ -54,7 +54,7 @@ def campaign(home):
 @pytest.fixture(scope="module")
 def one(home, campaign):
     """What one worker makes."""
-    done = generate(campaign, Options(folder=home / "one"), quiet)
+    done = generate(campaign, CampaignOptions(folder=home / "one"), quiet)
     assert (done.generated, done.verdicts) == (3, {"accepted": 3})
     return home / "one"
 
@@ -103,15 +103,15 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
     before = contents(folder)
-    generate_again = generate(campaign, Options(folder=folder), quiet)
+    generate_again = generate(campaign, CampaignOptions(folder=folder), quiet)
     assert generate_again.generated == 0
     (folder / "recordings" / "walk_00001.mcap").write_bytes(b"")
     (folder / "rows" / "walk_00002.json").write_text("{")
     (folder / ".unfinished").mkdir()
     (folder / ".unfinished" / "half").write_text("x")
-    assert generate(campaign, Options(folder=folder), quiet).generated == 2
+    assert generate(campaign, CampaignOptions(folder=folder), quiet).generated == 2
     assert contents(folder) == before
-    done = generate(replace(campaign, walks=4), Options(folder=folder), quiet)
+    done = generate(replace(campaign, walks=4), CampaignOptions(folder=folder), quiet)
     assert done.generated == 1
     assert {n: b for n, b in contents(folder).items() if n in before and "/" in n} == {
         n: b for n, b in before.items() if "/" in n
@@ -119,7 +119,7 @@ def test_what_is_there_is_not_made_again_and_what_is_damaged_is(one, campaign, t
 
 
 def test_two_workers_give_the_same_bytes(one, campaign, tmp_path):
-    assert generate(campaign, Options(folder=tmp_path / "two", workers=2), quiet).generated == 3
+    assert generate(campaign, CampaignOptions(folder=tmp_path / "two", workers=2), quiet).generated == 3
     assert contents(tmp_path / "two") == contents(one)
 
 
@@ -135,7 +135,7 @@ def test_a_cluster_of_two_of_which_one_is_killed_gives_the_same_bytes(one, campa
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
-        asked = Options(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
+        asked = CampaignOptions(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address)
         assert generate(campaign, asked, kill_one).generated == 3
     assert len(killed) == 1
     assert contents(tmp_path / "cluster") == contents(one)
@@ -145,7 +145,7 @@ def tasks_of(campaign, folder: Path) -> list[WalkTask]:
     """The walks of a campaign, to be generated in a folder that exists."""
     for name in ("scenarios", "rows", "recordings", "rejected", ".unfinished"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    return [WalkTask(walk=walk, folder=folder, quality=campaign.quality) for walk in plan(campaign, Extra())]
+    return [WalkTask(walk=walk, folder=folder, quality=campaign.quality) for walk in plan_walks(campaign, Extra())]
 
 
 def test_a_failed_walk_has_the_person_and_terrain_of_a_successful_one(one, campaign, tmp_path, monkeypatch):
@@ -153,7 +153,7 @@ def test_a_failed_walk_has_the_person_and_terrain_of_a_successful_one(one, campa
     task = tasks_of(campaign, tmp_path)[1]
     failure = campaign_walk.generate_walk(task)
     assert failure == Failure("ZeroDivisionError: division by zero")
-    row = campaign_walk.failed_row(task, failure.reason)
+    row = campaign_walk.row_of_failure(task, failure.reason)
     assert (row["status"], row["reasons"]) == ("failed", ["error: ZeroDivisionError: division by zero"])
     walk = json.loads((one / "manifest.json").read_text())["walks"][1]
     assert {key: row[key] for key in ("person", "terrain")} == {key: walk[key] for key in ("person", "terrain")}
@@ -167,7 +167,7 @@ def test_a_reason_does_not_say_where_this_machine_has_the_campaign(campaign, tmp
     monkeypatch.setattr(campaign_walk, "read_scenario", refuse)
     words = "files/my/part.yaml: rate_hz: invalid 0: expected a rate, as in walk_00000"
     assert campaign_walk.generate_walk(task)["reasons"] == [f"refused: {words}"]
-    failed = campaign_walk.failed_row(task, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
+    failed = campaign_walk.row_of_failure(task, f"{tmp_path}/scenarios/../files/a.stl and {tmp_path}/recordings/b")
     assert failed["reasons"] == ["error: files/a.stl and recordings/b"]
 
 
@@ -175,12 +175,12 @@ def test_a_walk_of_which_every_worker_dies_is_listed_as_failed_and_tried_again(o
     folder = tmp_path / "out"
     with monkeypatch.context() as patch:
         make_frail(patch, lambda task: task.walk.name == "walk_00001")
-        result = generate(campaign, Options(folder=folder, workers=2), quiet)
+        result = generate(campaign, CampaignOptions(folder=folder, workers=2), quiet)
     assert result.verdicts == {"accepted": 2, "failed": 1}
     failed = result.manifest["walks"][1]
     assert failed["reasons"] == ["error: its worker died; it may have run out of memory"]
     assert failed["person"]
-    assert generate(campaign, Options(folder=folder), quiet).generated == 1
+    assert generate(campaign, CampaignOptions(folder=folder), quiet).generated == 1
     assert contents(folder) == contents(one)
 
 
@@ -194,7 +194,7 @@ def test_walks_that_are_not_fit_are_rejected_with_the_reason(tmp_path):
         assert old in text
         text = text.replace(old, new)
     (tmp_path / "my" / "small.yaml").write_text(text)
-    done = generate(read_campaign(path), Options(folder=tmp_path / "out"), quiet)
+    done = generate(read_campaign(path), CampaignOptions(folder=tmp_path / "out"), quiet)
     assert done.verdicts == {"accepted": 1, "rejected": 1}
     assert done.reasons == {"sensors": 1}
     (rejected,) = [w for w in done.manifest["walks"] if w["status"] == "rejected"]
@@ -215,7 +215,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
     path = write(tmp_path / "loop", SMALL, SHORT.replace("  - level: {length_m: 2}\n", loop))
     fault = "  faults: [{kind: freeze, topic: /foot_l/imu, at_s: 500}]\n"
     path.write_text(SMALL.replace("walks: 3", "walks: 1") + fault)
-    done = generate(read_campaign(path), Options(folder=tmp_path / "out"), quiet)
+    done = generate(read_campaign(path), CampaignOptions(folder=tmp_path / "out"), quiet)
     (walk,) = done.manifest["walks"]
     assert (walk["status"], done.reasons) == ("rejected", {"refused": 1})
     assert "recording" not in walk
@@ -225,7 +225,7 @@ def test_walks_that_nobody_can_walk_or_that_end_by_a_fall_are_rejected(tmp_path)
     path.write_text(text)
     for falls, status in (("reject", "rejected"), ("keep", "accepted")):
         path.write_text(f"{text}quality: {{falls: {falls}}}\n")  # is judged anew, not walked
-        done = generate(read_campaign(path), Options(folder=tmp_path / "pushed"), quiet)
+        done = generate(read_campaign(path), CampaignOptions(folder=tmp_path / "pushed"), quiet)
         (walk,) = done.manifest["walks"]
         assert walk["status"] == status
         assert walk["fell_at_s"] > 1
@@ -238,11 +238,11 @@ def test_only_one_generate_works_in_a_folder(one, campaign, tmp_path):
     def another(stage: str, share: float) -> None:
         if stage == "walks":
             with pytest.raises(StrideTwinError, match="another process generates walks there"):
-                generate(campaign, Options(folder=folder), quiet)
+                generate(campaign, CampaignOptions(folder=folder), quiet)
 
     folder = tmp_path / "two"
     shutil.copytree(one, folder)
-    generate(campaign, Options(folder=folder), another)
+    generate(campaign, CampaignOptions(folder=folder), another)
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):

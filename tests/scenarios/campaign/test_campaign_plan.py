@@ -7,8 +7,8 @@ import pytest
 from small_campaign import write
 
 from stridetwin.scenarios.campaign.campaign_file import Splits, load_campaign, read_campaign
-from stridetwin.scenarios.campaign.manifest import card, manifest, ranges, split
-from stridetwin.scenarios.campaign.plan import Extra, people, plan, quasi_random_points
+from stridetwin.scenarios.campaign.manifest import assign_splits, card_text, manifest, varying_values
+from stridetwin.scenarios.campaign.plan import Extra, draw_people, plan_walks, quasi_random_points
 from stridetwin.scenarios.scenario_file import CAMERAS
 
 
@@ -28,20 +28,20 @@ def test_sobol_keeps_its_first_points_and_a_latin_hypercube_has_one_in_each_laye
 
 def test_more_walks_keep_the_first_ones(tmp_path):
     campaign = read_campaign(write(tmp_path))
-    few, many = (plan(replace(campaign, walks=n), Extra()) for n in (4, 33))
+    few, many = (plan_walks(replace(campaign, walks=n), Extra()) for n in (4, 33))
     assert few == many[:4]
     several = load_campaign("stairs_and_ramps")
-    assert plan(replace(several, walks=40), Extra()) == plan(several, Extra())[:40]
-    assert plan(replace(campaign, seed=4), Extra())[0] != few[0]
+    assert plan_walks(replace(several, walks=40), Extra()) == plan_walks(several, Extra())[:40]
+    assert plan_walks(replace(campaign, seed=4), Extra())[0] != few[0]
     assert [w.seed for w in few] == [3000000, 3000001, 3000002, 3000003]
 
 
 def test_scenarios_people_and_values_come_as_often_as_asked():
     campaign = load_campaign("stairs_and_ramps")
-    walks = plan(campaign, Extra())
+    walks = plan_walks(campaign, Extra())
     counts = {name: sum(w.base == name for w in walks) for name in ("stair_up_down", "ramp_up_down", "turns")}
     assert counts == pytest.approx({"stair_up_down": 375, "ramp_up_down": 375, "turns": 125}, abs=3)
-    crowd = people(campaign)
+    crowd = draw_people(campaign)
     assert len(crowd) == 40
     each = [sum(w.scenario["person"] == person for w in walks) for person in crowd]
     assert min(each) >= 20
@@ -62,7 +62,7 @@ def test_the_few_walks_of_one_scenario_fill_its_own_ranges(sampling):
     campaign = replace(load_campaign("stairs_and_ramps"), walks=24, sampling=sampling)
     treads = [
         w.values["terrain[1].stairs.tread_mm, terrain[3].stairs.tread_mm"]
-        for w in plan(campaign, Extra())
+        for w in plan_walks(campaign, Extra())
         if w.base == "stair_up_down"
     ]
     assert len(treads) == pytest.approx(9, abs=1)
@@ -93,7 +93,7 @@ set:
 def test_height_and_all_that_varies_within_a_scenario_have_nothing_to_do_with_each_other(tmp_path, sampling, most):
     campaign = replace(read_campaign(write(tmp_path, TWO)), sampling=sampling)
     for seed in range(4):
-        found = [w for w in plan(replace(campaign, seed=seed), Extra()) if w.base == "stair_up_down"]
+        found = [w for w in plan_walks(replace(campaign, seed=seed), Extra()) if w.base == "stair_up_down"]
         values = np.array([[w.scenario["person"]["height_m"], *w.values.values()] for w in found])
         assert values.shape == (64, 5)
         assert np.abs(np.corrcoef(values.T) - np.eye(5)).max() < most
@@ -106,7 +106,7 @@ def test_height_and_all_that_varies_within_a_scenario_have_nothing_to_do_with_ea
 
 
 def test_the_people_of_a_group_stand_by_the_first_of_their_values(tmp_path):
-    heights = [p["height_m"] for p in people(read_campaign(write(tmp_path, TWO)))]
+    heights = [p["height_m"] for p in draw_people(read_campaign(write(tmp_path, TWO)))]
     assert heights == sorted(heights)
     assert np.diff(heights).max() < 0.05
 
@@ -130,21 +130,21 @@ def test_a_scenario_that_is_listed_twice_counts_as_two(tmp_path):
     write(tmp_path / "more")
     campaign = read_campaign(path)
     assert [base.name for base in campaign.bases] == ["short", "short_2", "short_3"]
-    assert ranges(campaign) == {
+    assert varying_values(campaign) == {
         "light": "uniform 0.4 to 1.3",
         "gait.speed_mps": "uniform 0.7 to 0.8",
         "short: gait.speed_mps": "uniform 0.5 to 0.6",
         "short_2: gait.speed_mps": "uniform 1.1 to 1.2",
     }
-    rows = [{"person": "p", "terrain": "t", "scenario": w.base} for w in plan(campaign, Extra())]
-    assert set(split(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
+    rows = [{"person": "p", "terrain": "t", "scenario": w.base} for w in plan_walks(campaign, Extra())]
+    assert set(assign_splits(rows, campaign.splits, 0)["terrain"]) == {"short", "short_2", "short_3"}
 
 
 def test_listed_values_are_those_of_the_walk(tmp_path):
     path = write(tmp_path, TWICE)
     write(tmp_path / "more")
     campaign = read_campaign(path)
-    walks = plan(campaign, Extra())
+    walks = plan_walks(campaign, Extra())
     for walk in walks:
         assert walk.values.get("gait.speed_mps", 0.9) == walk.scenario["gait"]["speed_mps"]
         assert ("gait.speed_mps" in walk.values) == (walk.base != "short_3")
@@ -154,7 +154,7 @@ def test_listed_values_are_those_of_the_walk(tmp_path):
          "terrain": "t", "duration_s": 1.0, "bytes": 1, "reasons": []}
         for w in walks
     ]  # fmt: skip
-    lines = card(manifest(campaign, rows, {}, {})).splitlines()
+    lines = card_text(manifest(campaign, rows, {}, {})).splitlines()
     (common,) = [line for line in lines if line.startswith("| gait.speed_mps |")]
     assert common == "| gait.speed_mps | uniform 0.7 to 0.8 |  |  |"
 
@@ -164,11 +164,11 @@ def test_a_replaced_variable_is_not_listed_and_a_partly_replaced_one_is(tmp_path
     text += "  'texture, gait.gaze': {choice: [plain, rich]}\n  physics: {choice: [kinematic, dynamic]}\n"
     text += "  sensors.head_camera.part: {choice: [D455, L515]}\n"
     campaign = read_campaign(write(tmp_path, text))
-    for walk in plan(campaign, Extra()):
+    for walk in plan_walks(campaign, Extra()):
         assert ("gait.speed_mps" in walk.values) == (walk.base == "stair_up_down")
         assert {"texture, gait.gaze", "physics", "sensors.head_camera.part"} < walk.values.keys()
-    asked = plan(campaign, Extra(physics="kinematic", off=CAMERAS))
-    for walk, one in zip(asked, plan(campaign, Extra())):
+    asked = plan_walks(campaign, Extra(physics="kinematic", off=CAMERAS))
+    for walk, one in zip(asked, plan_walks(campaign, Extra())):
         assert one.values.keys() - walk.values.keys() == {"physics", "sensors.head_camera.part"}
         assert walk.values.items() <= one.values.items()
 
@@ -180,15 +180,15 @@ def test_nobody_is_in_two_parts_and_shares_hold():
         for i in range(1000)
     ]
     splits = Splits()
-    dealt = split(rows, splits, 3)
+    dealt = assign_splits(rows, splits, 3)
     for by, count in (("person", 40), ("terrain", len({r["terrain"] for r in rows}))):
         assert len(dealt[by]) == count
         for part, share in splits.shares.items():
             assert sum(p == part for p in dealt[by].values()) == pytest.approx(share * count, abs=2)
-    earlier = split(rows[:100], splits, 3)
+    earlier = assign_splits(rows[:100], splits, 3)
     assert all(dealt[by][name] == part for by in earlier for name, part in earlier[by].items())
-    assert split(rows, splits, 4) != dealt
-    by_scenario = split(rows, replace(splits, terrain_by="scenario"), 3)
+    assert assign_splits(rows, splits, 4) != dealt
+    by_scenario = assign_splits(rows, replace(splits, terrain_by="scenario"), 3)
     assert set(by_scenario["terrain"]) == {f"s{i}" for i in range(5)}
     refused = {"scenario": "s9", "status": "rejected"}
-    assert split([refused, *rows], splits, 3) == dealt
+    assert assign_splits([refused, *rows], splits, 3) == dealt

@@ -14,8 +14,13 @@ from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.samples import Insole
 from stridetwin.studies import assistance
 from stridetwin.studies.closed_loop.assistance_controller import ASSISTANCE, AssistanceController, AssistanceObserver
-from stridetwin.studies.closed_loop.assisted_walk import assisted_walk, bare_walk, costs, truth_of
-from stridetwin.studies.closed_loop.recognition import Predicted, Recognition, TrueModes
+from stridetwin.studies.closed_loop.assisted_walk import (
+    compute_costs,
+    simulate_assisted_walk,
+    simulate_bare_walk,
+    true_modes_of,
+)
+from stridetwin.studies.closed_loop.recognition import CameraRecognition, Recognition, TrueModes
 
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
 MOST = np.array([20.0, 20.0, 15.0, 15.0])
@@ -106,26 +111,26 @@ def test_a_predicted_step_is_current_once_its_foot_is_down() -> None:
         steps = [SimpleNamespace(step=done + 1 + k, foot=foot, mode=mode) for k, (foot, mode) in enumerate(coming)]
         return SimpleNamespace(step=done, steps=tuple(steps))
 
-    predicted = Predicted.__new__(Predicted)
+    predicted = CameraRecognition.__new__(CameraRecognition)
     Recognition.__init__(predicted)
     predicted._next = None
-    predicted._take(estimate(0, ("", "LG"), ("", "LG")))
+    predicted._update_modes(estimate(0, ("", "LG"), ("", "LG")))
     assert predicted.upcoming == {"l": "LG", "r": "LG"}
-    predicted._take(estimate(3, ("l", "SA"), ("r", "RA"), ("l", "SD")))
+    predicted._update_modes(estimate(3, ("l", "SA"), ("r", "RA"), ("l", "SD")))
     assert (predicted.upcoming, predicted.current["l"]) == ({"l": "SA", "r": "RA"}, "LG")
-    predicted._take(estimate(4, ("r", "RA"), ("l", "SD"), ("r", "LG")))
+    predicted._update_modes(estimate(4, ("r", "RA"), ("l", "SD"), ("r", "LG")))
     assert (predicted.upcoming, predicted.current) == ({"l": "SD", "r": "RA"}, {"l": "SA", "r": "LG"})
 
 
 def test_a_stair_costs_less_with_assistance_than_with_compensation_alone() -> None:
-    assisted = assisted_walk(STAIR, 3, lambda rig, twin: truth_of(twin))
-    carried = assisted_walk(STAIR, 3, None)
+    assisted = simulate_assisted_walk(STAIR, 3, lambda rig, twin: true_modes_of(twin))
+    carried = simulate_assisted_walk(STAIR, 3, None)
     assert assisted.walk.fell_at is None
-    own, more = costs(assisted)["SA"], costs(carried)["SA"]
+    own, more = compute_costs(assisted)["SA"], compute_costs(carried)["SA"]
     assert own["steps"] == more["steps"] == 3
     assert more["rest_j"] < own["work_j"] < 0.85 * more["work_j"]
     assert own["cuff_n"] > more["cuff_n"] > 1.0
-    bare = costs(bare_walk(STAIR, 3))["SA"]
+    bare = compute_costs(simulate_bare_walk(STAIR, 3))["SA"]
     assert bare["cuff_n"] == 0.0
     assert bare["work_j"] < more["work_j"]
 

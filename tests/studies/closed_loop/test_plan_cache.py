@@ -37,7 +37,7 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def walked(config: TwinConfig, seed: int, folder: Path) -> np.ndarray:
-    plan, control = plan_cache.stored(folder)
+    plan, control = plan_cache.cache_plans(folder)
     twin = Twin(config, seed, plan=plan, plan_control=control)
     return np.concatenate([twin.reference.splines.c.ravel(), twin.control_plan.q.ravel()])
 

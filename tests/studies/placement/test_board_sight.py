@@ -5,7 +5,7 @@ from seen_board import BOARD, EXPOSURE_S, FACING_BACK, OPTICAL, camera, walk
 
 from stridetwin.streams.rig import Board, Mount
 from stridetwin.studies.placement.scores import Seeing
-from stridetwin.studies.placement.visibility import in_image, look_ahead, see_board
+from stridetwin.studies.placement.visibility import is_in_image, measure_outlook, see_board
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from stridetwin.studies.placement.visibility import in_image, look_ahead, see_bo
 )
 def test_points_are_in_the_image_as_opencv_projects_them(model, distortion):
     points = np.random.default_rng(1).uniform([-0.9, -0.7, 0.6], [0.9, 0.7, 1.5], (50, 3))
-    inside = in_image(camera(model, distortion), points)
+    inside = is_in_image(camera(model, distortion), points)
     K, D, none = camera().K, np.array(distortion), np.zeros(3)
     if model == "radtan":
         theirs, _ = cv2.projectPoints(points, none, none, K, D)
@@ -23,7 +23,7 @@ def test_points_are_in_the_image_as_opencv_projects_them(model, distortion):
     within = ((theirs >= 0) & (theirs <= [799, 599])).all(axis=1)
     np.testing.assert_array_equal(inside, within)
     assert 0 < within.sum() < 50
-    assert not in_image(camera(model, distortion), points * [1, 1, -1]).any()  # behind
+    assert not is_in_image(camera(model, distortion), points * [1, 1, -1]).any()  # behind
 
 
 def test_a_board_is_seen_while_opencv_projects_all_its_corners_into_the_image():
@@ -76,9 +76,9 @@ def test_blur_is_the_way_that_opencv_sees_the_board_go_during_the_exposure():
 def test_a_depth_camera_sees_the_ground_within_its_image_and_range():
     down = camera(T=np.array([[0.0, -0.342, 0.9397, 0], [-1, 0, 0, 0], [0, -0.9397, -0.342, 0], [0, 0, 0, 1]]))
     there = walk(np.tile([0.4, 9.0, 0.5], (5, 1)))
-    assert look_ahead(there, down, (0.3, 6.0)) == (pytest.approx(2 / 3), 0.0)  # the third place is far aside
-    assert look_ahead(there, down, (0.3, 1.2))[0] == pytest.approx(1 / 3)
+    assert measure_outlook(there, down, (0.3, 6.0)) == (pytest.approx(2 / 3), 0.0)  # the third place is far aside
+    assert measure_outlook(there, down, (0.3, 1.2))[0] == pytest.approx(1 / 3)
     dark = walk(np.tile([0.4, 9.0, 0.5], (5, 1)), ball=(0.055, 0.0, 0.48))
-    ahead, own_body = look_ahead(dark, down, (0.3, 6.0))
+    ahead, own_body = measure_outlook(dark, down, (0.3, 6.0))
     assert own_body > 0.3
     assert ahead < 2 / 3

@@ -141,7 +141,7 @@ def test_the_file_on_the_page_can_be_walked_as_it_stands(tmp_path):
     shutil.copy(root / "sim/parts/MPU-9250.yaml", tmp_path / "my_imu.yaml")
     problem, out = read_problem(tmp_path / "p.yaml"), tmp_path / "out"
     (out / SCENARIOS).mkdir(parents=True)
-    copy_files(out, problem.own)
+    copy_files(out, problem.user_files)
     check_ends(problem, out)
-    assert [path.name for path in problem.own.values()] == ["my_imu.yaml"]
+    assert [path.name for path in problem.user_files.values()] == ["my_imu.yaml"]
     assert [base.name for base in problem.bases] == ["level_20m", "mine"]

@@ -17,7 +17,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.studies.placement import measure as measuring
 from stridetwin.studies.placement.measure import placement_forecast
 from stridetwin.studies.placement.problem_file import read_problem
-from stridetwin.studies.placement.run import Options, run_placement
+from stridetwin.studies.placement.run import PlacementOptions, run_placement
 
 STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 1.5}}], "gait": {"stand_s": 0.5}}
 PARTS = {
@@ -80,7 +80,7 @@ def test_the_command_prints_a_table_and_writes_its_files(tmp_path, capsys):
 
 def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monkeypatch):
     asked = read_problem(problem(tmp_path, PARTS))
-    whole = run_placement(asked, Options(folder=tmp_path / "whole"), silent)
+    whole = run_placement(asked, PlacementOptions(folder=tmp_path / "whole"), silent)
     stopped, calls = tmp_path / "stopped", []
 
     def killed(stage, share):
@@ -89,12 +89,12 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_placement(asked, Options(folder=stopped), killed)
+        run_placement(asked, PlacementOptions(folder=stopped), killed)
     rows = (stopped / ROWS).read_text()
     (stopped / ROWS).write_text(rows[:-20])  # a line that was being written
     made, scores = [], measuring.geometric_scores
     monkeypatch.setattr(measuring, "geometric_scores", lambda *a: made.append(1) or scores(*a))
-    assert run_placement(asked, Options(folder=stopped, resume=True), silent) == whole
+    assert run_placement(asked, PlacementOptions(folder=stopped, resume=True), silent) == whole
     assert len(made) == 5 * 6 - 11
     for name in FILES:
         assert (stopped / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
@@ -102,7 +102,7 @@ def test_a_stopped_run_goes_on_where_it_was_and_comes_to_the_same(tmp_path, monk
 
 def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp_path):
     asked = read_problem(problem(tmp_path, SIGHT))
-    found = [run_placement(asked, Options(folder=tmp_path / str(n), workers=n), silent) for n in (1, 2)]
+    found = [run_placement(asked, PlacementOptions(folder=tmp_path / str(n), workers=n), silent) for n in (1, 2)]
     assert found[0] == found[1]
     for name in (*FILES, "body.png"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
@@ -116,22 +116,24 @@ def test_two_workers_come_to_the_same_bytes_and_a_place_is_shown_on_the_shoe(tmp
 def test_a_score_whose_sensor_is_off_ends_it_with_the_reason(tmp_path):
     node = SIGHT | {"set": {"sensors": ["foot_imu"]}, "free": PARTS["free"]}
     with pytest.raises(StrideTwinError, match="visibility_pct needs foot_camera, which is off"):
-        run_placement(read_problem(problem(tmp_path, node | {"seeds": 1})), Options(folder=tmp_path / "out"), silent)
+        run_placement(
+            read_problem(problem(tmp_path, node | {"seeds": 1})), PlacementOptions(folder=tmp_path / "out"), silent
+        )
 
 
 def test_a_score_that_no_estimator_reports_ends_the_run_with_the_first_place(tmp_path):
     node = PARTS | {"set": {"sensors": ["foot_imu"]}, "seeds": 1, "scores": ["foot_ins.end_eror_m"]}
     node |= {"free": {"sensors.foot_imu.part": {"choice": ["ADIS16485", "MPU-9250"]}}}
     with pytest.raises(StrideTwinError, match=r"scores: invalid 'foot_ins\.end_eror_m': .* mean 'end_error_m'\?"):
-        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+        run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     assert len((tmp_path / "out" / ROWS).read_text().splitlines()) == 1
     node |= {"scores": ["magic.end_error_m"]}
     with pytest.raises(StrideTwinError, match=r"scores: .*invalid 'magic\.end_error_m': expected .*foot_ins"):
-        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "magic"), silent)
+        run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "magic"), silent)
 
 
 def test_a_folder_belongs_to_one_placement_which_only_resume_continues(tmp_path):
-    out = Options(folder=tmp_path / "out")
+    out = PlacementOptions(folder=tmp_path / "out")
     asked = read_problem(problem(tmp_path, PARTS | {"seeds": 1}))
     run_placement(asked, out, silent)
     before = {p: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.is_file()}
@@ -160,7 +162,7 @@ def test_another_distance_from_the_surface_is_another_placement(tmp_path):
         node = PARTS | {"seeds": 1, "free": {"sensors.foot_imu.position_mm": on}}
         return read_problem(problem(tmp_path, node))
 
-    out = Options(folder=tmp_path / "out")
+    out = PlacementOptions(folder=tmp_path / "out")
     result = run_placement(imu(10), out, silent)
     assert placement_lines(result)[-1] == "2 places and the unchanged one on 1 walk"
     with pytest.raises(StrideTwinError, match=r"\(other surfaces\): expected another folder"):
@@ -179,7 +181,7 @@ def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypa
         return row
 
     monkeypatch.setattr(measuring, "score_walk", recording)
-    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    result = run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     assert recorded == [{"/foot_l/imu", "/foot_r/imu"}] * 3  # the sonar makes no other walk of five places
     assert scored == [{"foot_ins_l", "foot_ins_r"}] * 3
     assert result["table"][0]["scores"]["foot_weight_g"]["mean"] > 100.0  # of every sensor of the place
@@ -188,7 +190,7 @@ def test_only_what_the_scores_need_is_simulated_and_estimated(tmp_path, monkeypa
 def test_a_placement_that_is_refused_leaves_nothing(tmp_path):
     node = PARTS | {"free": {"camera_mount": {"choice": ["head", "knee"]}}}
     with pytest.raises(StrideTwinError, match="'knee'"):
-        run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+        run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     assert not (tmp_path / "out").exists()
 
 
@@ -211,7 +213,7 @@ def test_a_long_placement_is_announced_before_and_after_its_first_walks(tmp_path
 def test_viewing_directions_of_a_sensor_with_one_position_are_shown_on_the_body(tmp_path):
     free = {"sensors.foot_camera.mount.faces_deg[0]": {"between": [0, 60], "step": 30}}
     asked = read_problem(problem(tmp_path, SIGHT | {"free": free, "seeds": 1}))
-    result = run_placement(asked, Options(folder=tmp_path / "out"), silent)
+    result = run_placement(asked, PlacementOptions(folder=tmp_path / "out"), silent)
     assert "body.png" in result["files"]
     assert "viewing directions" in (tmp_path / "out" / "placement.html").read_text()
 
@@ -219,7 +221,7 @@ def test_viewing_directions_of_a_sensor_with_one_position_are_shown_on_the_body(
 def test_a_scenario_that_is_listed_twice_is_measured_as_each_of_its_entries(tmp_path):
     twice = ["steps.yaml", {"scenario": "steps.yaml", "set": {"sensors.insole": False}}]
     node = PARTS | {"scenarios": twice, "seeds": 1}
-    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    result = run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     assert result["walks"] == ["steps, seed 0", "steps_2, seed 0"]
     rows = [json.loads(line) for line in (tmp_path / "out" / ROWS).read_text().splitlines()]
     weights = {}
@@ -262,7 +264,7 @@ def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):
         "sensors.foot_imu.position_mm[2]": {"between": [40, 60], "step": 20},
     }
     node = PARTS | {"free": free, "seeds": 1, "set": {"sensors.foot_imu.position_mm": [-30, 42, 60]}}
-    result = run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    result = run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     assert [row["label"] for row in result["table"]] == ["as it is"]
     assert result["failed"] == result["tried"] == 8
     assert "Score over each value" not in (tmp_path / "out" / "placement.html").read_text()
@@ -270,7 +272,7 @@ def test_a_page_without_scores_of_other_places_has_no_figures_of_them(tmp_path):
 
 def test_the_page_shows_the_unchanged_place_and_leaves_out_what_does_not_vary(tmp_path):
     node = SIGHT | {"scores": ["visibility_pct", "weight_g"]}  # the weight is the same everywhere
-    run_placement(read_problem(problem(tmp_path, node)), Options(folder=tmp_path / "out"), silent)
+    run_placement(read_problem(problem(tmp_path, node)), PlacementOptions(folder=tmp_path / "out"), silent)
     page = (tmp_path / "out" / "placement.html").read_text(encoding="utf-8")
     assert '"unchanged"' in page.split("Score over each value")[1]
     assert "Trade-offs between scores" not in page
