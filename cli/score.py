@@ -50,7 +50,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         "user_estimators": own_estimators,
         "only": only,
     }
-    jobs = jobs_of(arguments.recordings, user_estimators=own_estimators, **settings)
+    jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
         raise StrideTwinError("invalid --estimate: expected one RECORDING, or --program for many")
     options = BatchOptions(
