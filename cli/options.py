@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from stridetwin.estimators.base import BACKENDS
+from stridetwin.estimators.backends import BACKENDS
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.formats.file_formats import FILE_FORMATS

@@ -48,8 +48,6 @@ PROPOSED = "proposed"
 """Method of an estimator that is not from a paper."""
 PATH, STEPS, TERRAIN, MODES = ("path", "steps", "terrain", "modes")
 """Names of the kinds of output of our estimators."""
-BACKENDS = NUMBA, OPEN3D = ("numba", "open3d")
-"""Implementations of the terrain map, the default first."""
 POSES = "/poses"
 """Topic of the poses, `Odometry`, that an estimator of terrain or modes takes from an odometry."""
 CAMERA_POSES = "/poses/camera"

@@ -8,10 +8,12 @@ from functools import cache
 from importlib.abc import InspectLoader
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from stridetwin.estimators.base import Declaration, Estimator
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+
+if TYPE_CHECKING:  # names of estimators are needed at once, NumPy only with their classes
+    from stridetwin.estimators.base import Estimator
 
 GROUP = "stridetwin.estimators"
 OUTPUT_GROUP = "stridetwin.outputs"
@@ -49,6 +51,8 @@ def estimator(name: str) -> type[Estimator]:
     Raises:
         StrideTwinError: The name is unknown, the class cannot be imported, or it is not an estimator.
     """
+    from stridetwin.estimators.base import Declaration
+
     points = _points_by_name()
     if name not in points:
         raise ConfigError("estimator", "name", name, ", ".join(points))

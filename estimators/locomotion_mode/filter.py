@@ -8,7 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import BACKENDS, CAMERA_POSES, POSE_STREAM, PROPOSED, Declaration, Options, Stream
+from stridetwin.estimators.backends import BACKENDS
+from stridetwin.estimators.base import CAMERA_POSES, POSE_STREAM, PROPOSED, Declaration, Options, Stream
 from stridetwin.estimators.base import MODES as MODES_KIND
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body

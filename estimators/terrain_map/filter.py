@@ -8,17 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import (
-    BACKENDS,
-    CAMERA_POSES,
-    NUMBA,
-    OPEN3D,
-    POSE_STREAM,
-    TERRAIN,
-    Declaration,
-    Options,
-    Stream,
-)
+from stridetwin.estimators.backends import BACKENDS, NUMBA, OPEN3D
+from stridetwin.estimators.base import CAMERA_POSES, POSE_STREAM, TERRAIN, Declaration, Options, Stream
 from stridetwin.estimators.terrain_map.depth_camera import (
     DepthCamera,
     Poses,

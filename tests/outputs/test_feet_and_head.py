@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stridetwin.estimators.base import BACKENDS, PATH, PathEstimate
+from stridetwin.estimators.backends import BACKENDS
+from stridetwin.estimators.base import PATH, PathEstimate
 from stridetwin.outputs.aligned_walk import odometry_of
 from stridetwin.outputs.base import scores_by_output
 from stridetwin.outputs.path.run import all_paths

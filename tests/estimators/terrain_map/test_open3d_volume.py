@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scenes import EYE_M, PERIOD_NS, RIG, Box, approach, attitude, depth, flight, image, pose, slope
 
-from stridetwin.estimators.base import OPEN3D, Options
+from stridetwin.estimators.backends import OPEN3D
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map import Level, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import DepthCamera
 from stridetwin.estimators.terrain_map.open3d_volume import Open3dVolume
