@@ -271,9 +271,9 @@ class Gait:
     )
 
     @classmethod
-    def of_pattern(cls, pattern: str = "walk", **rest: Any) -> Gait:
-        """Gait with the speed and variability of its pattern, except for the values in `rest`."""
-        return cls(pattern=pattern, **(PATTERNS[pattern] | rest))
+    def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:
+        """Gait with the speed and variability of its pattern, except for the given `values`."""
+        return cls(pattern=pattern, **(PATTERNS[pattern] | values))
 
 
 # Zhao et al. 2023 give the speeds of their three patterns together: 0.78 +- 0.27 m/s, 0.05 to 2.12 m/s.

@@ -45,7 +45,7 @@ class Noise:
         return Noise(np.random.SeedSequence(self._seeds.entropy, spawn_key=(*self._seeds.spawn_key, t_ns)))
 
     def integers(self, high: tuple[int, ...]) -> tuple[int, ...]:
-        """One whole number below each of `high`; zeros where silent."""
+        """One random whole number from 0 to below each of `high`; zeros where silent."""
         return tuple(int(i) for i in self._rng.integers(high)) if self._rng is not None else (0,) * len(high)
 
 
@@ -57,7 +57,7 @@ _TIMES_S = 0.125 * _SPREAD ** np.arange(10)  # 0.1 s to 9 h
 
 
 class Wander:
-    """Several independent biases.
+    """Several independent biases, each with flicker noise and a random walk.
 
     Flicker noise of power density B²/(2π f) is the sum of first-order Gauss-Markov processes with correlation times
     that are spaced evenly on a logarithmic scale, by a factor r, and with variances that all are B² ln(r)/π.
@@ -79,7 +79,7 @@ class Wander:
         self._walked = np.zeros(self._count)
 
     def draw(self, n: int) -> Array:
-        """(n, K) biases of the next samples."""
+        """(n, K) biases of the next n samples; the state continues from call to call."""
         from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
 
         white = self._noise.normal(1.0, (n, len(_TIMES_S) + 1, self._count))

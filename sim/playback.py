@@ -21,7 +21,7 @@ from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import bodies_to_track
-from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, exo_couplings, wrench
+from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import cross
@@ -50,7 +50,7 @@ def split_wrench(
     force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array],
     p_foot: dict[str, Array],
 ) -> tuple[dict[str, FootLoad], Array, Array]:  # fmt: skip
-    """Splits a total wrench between the feet.
+    """Splits the total wrench of the ground between the two feet.
 
     Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the
     plane so that their weighted mean is the zero-moment point; the moment about the vertical is shared like the force.
@@ -192,7 +192,15 @@ class Player(Generic[AnyWalk]):
     def _tracks(
         self, bodies: Iterable[str], tree: Tree, t_ns: NDArray[np.int64], q: Array, v: Array
     ) -> dict[str, Track]:  # fmt: skip
-        """Tracks of bodies of the tree at (N,) instants with these (N, nq) positions and (N, nv) velocities."""
+        """Tracks of some bodies of a tree.
+
+        Args:
+            bodies: Their names.
+            tree: Tree that contains them.
+            t_ns: (N,) instants.
+            q: (N, nq) positions.
+            v: (N, nv) velocities.
+        """
         p, quat, speed, w = rigid_tree.body_motion(tree, q, v)
         rows = {body: tree.index_of(self._model.body(body).id) for body in bodies}
         return {
@@ -203,7 +211,10 @@ class Player(Generic[AnyWalk]):
         }  # fmt: skip
 
     def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
-        """Track of the carrier of a body's sensors (`Motion.carrier`) at (N,) instants; much faster than `motion`."""
+        """Track of the carrier of a body's sensors (`Motion.carrier`) at (N,) instants; much faster than `motion`.
+
+        Consecutive calls with equal instants share the state of the walk.
+        """
         if self._state is None or not np.array_equal(self._state[0], t_ns):
             self._state = (t_ns, *self._walk.position_velocity(t_ns * 1e-9))
         chain = self._tree.subtree([self._tree.index_of(self._model.body(body).id)])
@@ -212,7 +223,7 @@ class Player(Generic[AnyWalk]):
 
 
 class Playback(Player[Reference]):
-    """Plays a reference exactly."""
+    """Player of a planned walk, exactly as planned; its loads follow from inverse dynamics."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
@@ -245,12 +256,13 @@ class Playback(Player[Reference]):
 
 
 def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:
-    """(N,) N, force of a coupling on the wearer along its own fore-aft axis."""
+    """(N,) N, force of a coupling on the wearer along the fore-aft axis of the exoskeleton's body."""
     exo = _pose(tracks[c.exo_body])
     force, _, _ = wrench(c, exo, _pose(tracks[c.body]))
     return -np.einsum("ni,ni->n", exo.R[:, :, 0], force)
 
 
-def _pose(track: Track) -> Pose:
+def _pose(track: Track) -> BodyState:
+    """Pose and twist of a track in the world."""
     R = matrix_from_quat(track.q_world_body)
-    return Pose(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))
+    return BodyState(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))

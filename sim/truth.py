@@ -26,7 +26,17 @@ _FLAT_RAD = 0.01
 def truth(
     walk: WalkMotion, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
 ) -> Iterator[Block[Any] | Sample]:
-    """Truth at the instants of `loads`, and the footprints after `after_ns` up to `until_ns`."""
+    """Ground truth: poses, joints, ground reactions and foot phases at the instants of `loads`, and footprints.
+
+    Args:
+        walk: The motion.
+        rig: Rig with the true mounts; each IMU gets its own true path.
+        motion: Motion at these instants, among others.
+        loads: Loads at evenly spaced instants.
+        after_ns: Footprints after this time.
+        until_ns: Footprints up to this time.
+        mount_slips: Slips of the sensor mounts.
+    """
     t_ns = loads.t_ns
     rows = motion.rows(t_ns)
     for body in ("pelvis", "foot_l", "foot_r"):
@@ -64,7 +74,7 @@ def truth(
 
 
 def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odometry]]:
-    """Pose of each bystander at (N,) instants: the middle of the hips, x forward."""
+    """True pose of each bystander at (N,) instants: the middle of the hips, x forward."""
     for i, person in enumerate(crowd):
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
@@ -81,6 +91,7 @@ def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating[Any]]) -> NDA
 
 
 def _odometry(topic: str, track: Track) -> Block[Odometry]:
+    """Block of a track as odometry."""
     return Block(
         topic=topic, kind=Odometry, t_ns=track.t_ns,
         columns={
@@ -91,10 +102,12 @@ def _odometry(topic: str, track: Track) -> Block[Odometry]:
 
 
 def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Block[Wrench]:
+    """Block of (N, 3) forces and torques in the world."""
     return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
 def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Footprint]:
+    """Footprints after `after_ns` and up to `until_ns`, in order; the feet that stand at the start come first."""
     steps = sorted((s for foot_steps in walk.steps.values() for s in foot_steps), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:

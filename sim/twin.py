@@ -96,11 +96,13 @@ class Twin:
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=stream))
 
     def with_sensors(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
-        """The same walk with other sensors at the same places, without planning or simulating it again.
+        """Twin of this walk with other sensors at the same places, without planning or simulating the walk again.
+
+        Use it to compare sensors on one motion.
 
         Args:
             sensors: Groups of this twin's sensors.
-            fittings: As in `TwinConfig`; those that move an IMU have no effect.
+            fittings: Differences from the standard by group, as in `TwinConfig`; those that move an IMU have no effect.
         """
         _ = self.walk  # computed before the copy, so that both share it
         twin = copy(self)
@@ -155,6 +157,7 @@ class Twin:
         return self._player(self._uppers)
 
     def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
+        """Player of the walk with these motions of the shoes' uppers."""
         if isinstance(self.walk, SimulatedWalk):
             return Replay(self.model, self.walk, uppers)
         return Playback(self.model, self.walk, uppers)
@@ -193,9 +196,10 @@ class Twin:
         return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
-        """All samples and ground truth, in chunks of `CHUNK_S`; images one by one after the rest.
+        """All samples and the ground truth of the walk, in chunks of `CHUNK_S`.
 
-        Mount slips are included; the other faults act on this output (`sim.faults.faults`).
+        The images of a chunk follow its other samples one by one. Mount slips are included; the other faults act on
+        this output (`sim.faults.faults`).
         """
         playback = self.player()
         suite = SensorSuite(self.sensor_rig, self.terrain, self.crowd, self.seed, self.mount_slips)

@@ -53,7 +53,7 @@ class Contacts(NamedTuple):
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Contacts:
-        """Those of a state after `mj_step1`."""
+        """Views of the engine's contacts, to be taken after `mj_step1`."""
         contact = data.contact
         return cls(contact.geom, contact.pos, contact.frame, contact.dist, contact.efc_address)
 
@@ -62,7 +62,7 @@ class Contacts(NamedTuple):
 def subtract_bias(
     body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, state: State, aref: Array
 ) -> None:  # fmt: skip
-    """Corrects the reference accelerations of all contacts; call it between `mj_step1` and `mj_step2`.
+    """Subtracts J' q' from the reference acceleration of every contact; call it between `mj_step1` and `mj_step2`.
 
     Args:
         body: (ngeom,) body of each geom; 0 for geoms fixed to the world.
@@ -102,7 +102,10 @@ def sole_point_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
 def sense_floor(
     point: NDArray[np.int64], contacts: Contacts, feet: PlannedFeet, before: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Which points may bear force, and where the floor is.
+    """Which sole points may bear force, and how high the floor is under each foot.
+
+    A contact counts as the floor if its normal is that of the planned footprint and it lies within `_FLOOR_M` of it;
+    faces of risers and edges do not count. Use the result of each control step as `before` in the next one.
 
     Args:
         point: (ngeom,) numbers of the sole points (`sole_point_numbers`).

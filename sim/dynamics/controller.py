@@ -17,7 +17,7 @@ from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan
 from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
 from stridetwin.sim.dynamics.spatial import State, axes_of, bias_acceleration, chain_of, jacobian, velocity
-from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve
+from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve_control_step
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.quaternions import Vec3, cross, mat3, matvec, minus, plus, times, transposed, vec3
@@ -29,7 +29,7 @@ _called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 
 class FootGains(NamedTuple):
-    """How feet follow the plan and push; rates in rad/s, critically damped.
+    """Gains and weights for feet and contacts; rates in rad/s, critically damped.
 
     Attributes:
         swing_rate: Of a foot in swing.
@@ -59,12 +59,12 @@ class FootGains(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """What is fixed of the controlled body, and the forces of the step before.
+    """Constants of the controlled body, and the contact forces of the control step before.
 
     Attributes:
         driven: (n,) coordinates that the controller moves, the root's six first.
         free: (b,) coordinates without a motor.
-        weight: (n,) weights of the accelerations wanted.
+        weight: (n,) weights of the target accelerations.
         bodies: (2, points) body of each sole point.
         local: (points, 3) m, the points in their bodies.
         point_chain: (2, points, n) which coordinates move a point.
@@ -135,8 +135,8 @@ class Controller:
         size: Wearer.
         layout: Coordinates of the model.
         gains: Tracking and weights.
-        assist: A soft wrench may help at the root.
-        mass_ratio: What the controller takes every mass to be, as a share of the model's.
+        assist: Whether a soft wrench may help at the root.
+        mass_ratio: Every mass that the controller assumes, over that of the model.
     """
 
     def __init__(
@@ -177,16 +177,16 @@ class Controller:
         self, data: mujoco.MjData, state: State, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_],
         known: Array,
     ) -> Array:  # fmt: skip
-        """Generalised forces (nv,): joint torques, and the assist at the root.
+        """Generalised forces (nv,) of the wearer at one control step: joint torques, and the assist at the root.
 
         Args:
             data: State after `mj_step1`.
-            state: Its views.
-            plan: The reference.
+            state: Views of that state.
+            plan: The reference at the control rate.
             i: Row of the plan.
-            shift: How feet and pelvis are shifted against the plan.
+            shift: Shifts of feet and pelvis relative to the plan.
             touching: (2, points) which sole points may bear force.
-            known: (nv,) generalised force of the couplings.
+            known: (nv,) generalised forces of couplings and motors, which the wearer knows.
         """
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
@@ -208,7 +208,12 @@ def _compute_targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, mass_ratio: float, forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Bias less the known forces, and the target accelerations; both (nv,)."""
+    """Bias minus the known forces, and the target accelerations; both (nv,).
+
+    The target of a coordinate is a + k² e + 2 k (v − q'), critically damped with the rate k and the error e; the root's
+    position adds the shift of the pelvis. The toes are held by their own springs, so their passive force is not
+    subtracted.
+    """
     h, target = np.empty(len(a)), np.empty(len(a))
     for j in range(len(a)):
         target[j] = a[j] + rate[j] * (rate[j] * error[j] + 2.0 * (v[j] - qvel[j]))
@@ -225,7 +230,11 @@ def _limit_torques(
     torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, max_help: float,
     max_torque: float,
 ) -> Array:  # fmt: skip
-    """Generalised forces (nv,) within their limits, with what holds the toes to their plan."""
+    """(nv,) generalised forces within their limits, from the torques of the driven coordinates.
+
+    The toes get the spring and damper that hold them to their plan. The root's wrench is scaled down until its force is
+    at most `max_help`, and each joint torque is clipped to ±`max_torque`.
+    """
     full = np.zeros(len(error))
     for i in range(len(driven)):
         full[driven[i]] = torque[i]
@@ -242,7 +251,24 @@ def _solve_step(
     M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     foot_shift: Array, gains: FootGains,
 ) -> Array:  # fmt: skip
-    """Assembles tasks and contacts of one instant and solves for the torques (driven coordinates)."""
+    """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
+
+    The tasks are rows J q'' = target with weights: contact points of a stance foot decelerate (−d v − J' q'); the
+    attitude of a foot follows its plan with α + k² θ + 2 k Δω, with a lower weight where the sole lies flat; the
+    position of a foot in the air follows its plan and its shift. The contact forces of this step are stored in
+    `body.force` for the next one.
+
+    Args:
+        M: (nv, nv) mass matrix.
+        h: (nv,) bias minus the known forces.
+        target: (nv,) target accelerations.
+        body: Constants of the controlled body.
+        state: Views of the engine's state.
+        feet: Plan of the feet.
+        touching: (2, points) which sole points may bear force.
+        foot_shift: (2, 3, 3) shift of each foot, its rate and acceleration.
+        gains: Gains and weights of the feet.
+    """
     n, per_foot = len(body.driven), body.bodies.shape[1]
     axes, axes_dot = state.cdof[body.driven], state.cdof_dot[body.driven]
     speed, target = state.qvel[body.driven], target[body.driven]
@@ -255,6 +281,7 @@ def _solve_step(
         for i in range(per_foot):
             if not touching[side, i]:
                 continue
+            # a contact point decelerates: J q'' = -d v - J' q'; its force has a cone of four edges
             b = body.bodies[side, i]
             p = plus(vec3(state.xpos[b]), matvec(axes_of(state, b), vec3(body.local[i])))
             arm = minus(p, vec3(state.centre))
@@ -271,6 +298,7 @@ def _solve_step(
             m += 3
             k += 1
             in_contact = True
+        # attitude of the foot: dw + k² rotation + 2 k (w_plan - w)
         b = body.feet[side]
         p, R, chain = vec3(state.xpos[b]), transposed(axes_of(state, b)), body.foot_chain[side]
         arm = minus(p, vec3(state.centre))
@@ -281,8 +309,8 @@ def _solve_step(
         for axis in range(3):
             rotation = plus(rotation, times(0.5, cross(R[axis], R_planned[axis])))
         rate = gains.pivot_rate if in_contact else gains.swing_rate
-        behind = plus(times(rate * rate, rotation), times(2 * rate, minus(vec3(feet.w_foot[side]), w)))
-        alpha = minus(plus(vec3(feet.dw_foot[side]), behind), rotation_bias)
+        correction = plus(times(rate * rate, rotation), times(2 * rate, minus(vec3(feet.w_foot[side]), w)))
+        alpha = minus(plus(vec3(feet.dw_foot[side]), correction), rotation_bias)
         weight = gains.swing
         if in_contact:
             rolling = min(_angle_between(feet.R_sole[side], feet.R_foot[side]) / gains.pivot_rad, 1.0)
@@ -290,15 +318,17 @@ def _solve_step(
         _set_target(alpha, weight, targets, weights, m)
         m += 3
         if not in_contact:
-            off = minus(plus(vec3(feet.p_foot[side]), vec3(foot_shift[side, 0])), p)
-            slow = minus(plus(vec3(feet.v_foot[side]), vec3(foot_shift[side, 1])), v)
-            behind = plus(times(rate * rate, off), times(2 * rate, slow))
+            # position of a foot in the air: a + k² (p_plan - p) + 2 k (v_plan - v), plan and shift together
+            position_error = minus(plus(vec3(feet.p_foot[side]), vec3(foot_shift[side, 0])), p)
+            velocity_error = minus(plus(vec3(feet.v_foot[side]), vec3(foot_shift[side, 1])), v)
+            correction = plus(times(rate * rate, position_error), times(2 * rate, velocity_error))
             planned = plus(vec3(feet.a_foot[side]), vec3(foot_shift[side, 2]))
             jacobian(axes, chain, arm, tasks, m, -1)
-            _set_target(minus(plus(planned, behind), bias), gains.swing, targets, weights, m)
+            _set_target(minus(plus(planned, correction), bias), gains.swing, targets, weights, m)
             m += 3
+    # without the free coordinates; then store the forces for their change in the next step
     A, bias_driven = eliminate(M, h, body.driven, body.free)
-    _, torque, now, _ = solve(
+    _, torque, forces, _ = solve_control_step(
         A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]),
         ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), body.assist,
     )  # fmt: skip
@@ -306,14 +336,14 @@ def _solve_step(
     for side in range(2):
         for i in range(per_foot):
             for e in range(4):
-                body.force[side, i, e] = now[k, e] if touching[side, i] else 0.0
+                body.force[side, i, e] = forces[k, e] if touching[side, i] else 0.0
             k += touching[side, i]
     return torque
 
 
 @numba.njit(**INSIDE)
 def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Array, m: int) -> None:
-    """Stores three rows of tasks from row m on."""
+    """Writes one acceleration (3,) and its weight into rows m to m + 2 of the tasks."""
     targets[m], targets[m + 1], targets[m + 2] = acceleration
     weights[m] = weights[m + 1] = weights[m + 2] = weight
 

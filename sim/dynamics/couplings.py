@@ -37,7 +37,7 @@ class CouplingSet(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, couplings: Sequence[Coupling]) -> CouplingSet:
-        """Compiles couplings for a model."""
+        """Couplings as arrays, with the ids of their bodies in a model; empty arrays without couplings."""
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
         chain = np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool)
         return cls(  # reshaped for none, without exoskeleton
@@ -48,7 +48,12 @@ class CouplingSet(NamedTuple):
 
 @_called
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
-    """Generalised force (nv,) of all couplings, as in `exo_couplings.wrench`."""
+    """Generalised force (nv,) of all couplings; compiled, with the same law as `exo_couplings.wrench`.
+
+    In the axes of the exoskeleton's body the force is K d + D d' and the moment Cᵀ (K_r r + D_r r'), with the
+    displacement d, the vector part r of the relative rotation R and C = ½ (tr(R) 1 − R). Both act at the wearer's point
+    and with the opposite sign on the wearer. Degrees of freedom that move both bodies get no force.
+    """
     bodies, points, law, chain = couplings
     cdof, cvel = state.cdof, state.cvel
     applied = np.zeros(len(cdof))
@@ -76,6 +81,7 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
         force = matvec(R_exo, plus(matvec(mat3(law[c, 0]), displacement), matvec(mat3(law[c, 1]), rate)))
         moment = plus(matvec(mat3(law[c, 2]), rotation), matvec(mat3(law[c, 3]), rotation_rate))
         torque = plus(matvec(R_exo, matvec(transposed(change), moment)), cross(arm, force))
+        # generalised force: the power of the wrench per unit of the joint's velocity
         for j in range(len(cdof)):
             if chain[c, 0, j] != chain[c, 1, j]:
                 power = 0.0

@@ -38,7 +38,10 @@ ControlLaw = Callable[[Array], Array]
 
 
 class DelayedFeedback:
-    """Assistance of both hips by the angle between the legs a quarter of a stride ago.
+    """Assistance of both hips in proportion to the angle between the legs a quarter of a stride ago.
+
+    The torque on the left hip is 8 N m (sin q_r − sin q_l), smoothed and delayed by `_QUARTER_STRIDE_S`; the right hip
+    gets the opposite.
 
     Args:
         joints: The powered joints; both hips are among them.
@@ -49,7 +52,7 @@ class DelayedFeedback:
         self._apart = deque([0.0] * round(_QUARTER_STRIDE_S / PERIOD_S), maxlen=round(_QUARTER_STRIDE_S / PERIOD_S))
 
     def __call__(self, angle: Array) -> Array:
-        """As `ControlLaw`."""
+        """(n,) N m, torques of the motors for (n,) rad, angles of the powered joints; call it once per `PERIOD_S`."""
         left, right = angle[self._hips]
         last = self._apart[-1]
         help_nm = -_ASSIST_NM * self._apart[0]
@@ -64,11 +67,11 @@ class Drive:
 
     Args:
         model: Model of the wearer with the exoskeleton.
-        exo: Its modules and its drive.
-        law: Replaces the drive of `exo`; the drivers then compensate friction, too.
+        exo: The exoskeleton with its modules and its drive; None without one.
+        law: Control law in place of the drive of `exo`; the drivers then compensate friction, too.
 
     Raises:
-        ConfigError: As for `modules`.
+        ConfigError: Unknown mode, joints that the mode does not power, or assistance of hips that have no modules.
     """
 
     def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: ControlLaw | None = None) -> None:
@@ -88,7 +91,11 @@ class Drive:
         self._calls, self._nv = 0, model.nv
 
     def torques(self, data: mujoco.MjData) -> Array:
-        """(nv,) N m of the motors until the next call, `DRIVER_S` later."""
+        """(nv,) N m, torques of the motors until the next call, which is due `DRIVER_S` later.
+
+        A motor applies the law's torque and compensates shares of its rotor's inertia and of its friction, within its
+        largest torque. At its highest speed it only brakes.
+        """
         torques = np.zeros(self._nv)
         if self._law is not None and len(self._dof):
             if self._calls % round(PERIOD_S / DRIVER_S) == 0:

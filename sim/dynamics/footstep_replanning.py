@@ -71,7 +71,7 @@ class PlannedFeet(NamedTuple):
 
 
 class StepReplan(NamedTuple):
-    """Shifts of feet and pelvis relative to the plan, world, m; rows left, right. `advance` overwrites them.
+    """Shifts of feet and pelvis relative to the plan, world, m; rows left, right. `advance_shifts` overwrites them.
 
     Attributes:
         foot: (2, 3, 3) shift of each foot, its rate and acceleration.
@@ -85,19 +85,24 @@ class StepReplan(NamedTuple):
 
     @classmethod
     def none(cls) -> StepReplan:
-        """No shift."""
+        """Zero shifts, with which a walk begins."""
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
 
 @_called
-def advance(
+def advance_shifts(
     shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
     landing_offset: Array,
 ) -> None:  # fmt: skip
-    """Advances the shifts by one control step.
+    """Advances the shifts of feet and pelvis by one control step.
+
+    With ξ the deviation of the divergent motion, the foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) −
+    1) b in the direction of ξ, T the time until landing and b what the centre of pressure corrects, plus most of the
+    shift of the other foot. It is limited along and across the way. The foot follows it critically damped; the pelvis
+    follows the feet that bear load at the rate ω.
 
     Args:
-        shifts: Those of the step before.
+        shifts: Shifts at the step before, which are overwritten.
         dt: Length of the step, s.
         planned: Plan of the feet.
         com: (2, 2) m and m/s, horizontal centre of mass minus its plan, and the rate of that difference.
@@ -126,6 +131,7 @@ def advance(
             reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
             ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
+        # the shifted footprint stays on the plane of the planned one, at the height of the floor
         x = R_way[0, 0] * ahead + R_way[0, 1] * left + landing_offset[k, 0]
         y = R_way[1, 0] * ahead + R_way[1, 1] * left + landing_offset[k, 1]
         normal = planned.R_sole[k, 0, 2], planned.R_sole[k, 1, 2], planned.R_sole[k, 2, 2]
@@ -139,6 +145,7 @@ def advance(
                 rate, acceleration = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
             foot[k, 2, axis], foot[k, 1, axis] = acceleration, rate
             foot[k, 0, axis] += dt * rate
+    # pelvis: its rate is OMEGA times its distance from the shift of the feet, weighted by their loads
     for axis in range(3):
         under = planned.share[0] * foot[0, 0, axis] + planned.share[1] * foot[1, 0, axis]
         rate = OMEGA * (under - root[0, axis])

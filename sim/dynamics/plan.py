@@ -45,11 +45,11 @@ class Plan:
 
 
 def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
-    """Samples a reference at the control rate.
+    """Samples a reference at the control rate, with the poses of the feet and the parts of the soles that bear force.
 
     Args:
         reference: The planned motion.
-        model: Model of the wearer; its kinematics give the pose of the feet.
+        model: Model of the wearer; its kinematics give the poses of the feet.
     """
     t = np.arange(0.0, reference.duration_s, CONTROL_S)
     q, v, a = reference.state(t)
@@ -105,4 +105,5 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
 
 
 def _time_derivative(x: Array) -> Array:
+    """(N, ...) central differences of values every `CONTROL_S`."""
     return np.asarray(np.gradient(x, CONTROL_S, axis=0), dtype=float)

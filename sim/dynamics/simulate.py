@@ -17,7 +17,7 @@ from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_point_n
 from stridetwin.sim.dynamics.controller import Controller, Gains
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
 from stridetwin.sim.dynamics.drive import DRIVER_S, ControlLaw, Drive
-from stridetwin.sim.dynamics.footstep_replanning import StepReplan, advance
+from stridetwin.sim.dynamics.footstep_replanning import StepReplan, advance_shifts
 from stridetwin.sim.dynamics.plan import CONTROL_S, Plan
 from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
@@ -45,7 +45,7 @@ class Simulation:
     Args:
         model: Model with soles; contacts are off outside the simulation.
         reference: The planned motion.
-        plan: It at the control rate.
+        plan: The reference at the control rate.
         dynamics: Assistance and disturbances.
         exo: The exoskeleton and its drive; the wearer is used to it and knows the torques of its motors.
         rng: Noise of the joint torques.
@@ -93,7 +93,7 @@ class Simulation:
         return self._step * STEP_S
 
     def step(self) -> None:
-        """Advances by `STEP_S`."""
+        """Advances the simulation by `STEP_S`: couplings, motors, the wearer's torques and contacts."""
         model, data, plan, step = self._model, self._data, self._plan, self._step
         mujoco.mj_step1(model, data)
         known = coupling_forces(self._coupled, self._state)
@@ -114,31 +114,36 @@ class Simulation:
         self._step = step + 1
 
     def _control_step(self, i: int, known: Array) -> None:
-        """Computes the wearer's torques from row i of the plan and the (nv,) forces that the wearer knows."""
+        """Computes the wearer's torques for the next control period.
+
+        Args:
+            i: Row of the plan.
+            known: (nv,) generalised forces of couplings and motors, which the wearer knows.
+        """
         model, data, plan = self._model, self._data, self._plan
         feet = plan.feet_at(i)
         self._touching, floor = sense_floor(self._soles, Contacts.of(data), feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         pressing = np.logical_or.reduce(self._touching, axis=1)
-        advance(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
+        advance_shifts(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
         self._pushed[:2] = self._push_forces[i]
 
     def recent(self, seconds: float) -> SimulatedWalk:
-        """The most recent part of the walk; its last `MARGIN_S` may still change."""
+        """The last `seconds` of the walk so far; the splines of its last `MARGIN_S` may still change."""
         first = max(self._step - round(seconds / STEP_S), 0)
         return SimulatedWalk.of_part(self._reference, *self._record.rows(first, self._step))
 
     def walk(self) -> SimulatedWalk:
-        """The walk so far."""
+        """The walk so far, with the footsteps and foot pitch of the simulation."""
         return SimulatedWalk.of(self._reference, *self._record.rows(0, self._step), self.fell_at)
 
 
 def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
-    """Copy of the model with the true body mass and floor height."""
+    """Copy of a model with the true body mass, floor height and friction of the soles."""
     model = copy.copy(model)
     model.body_mass *= 1.0 + dynamics.mass_error
     model.body_inertia *= 1.0 + dynamics.mass_error
@@ -153,7 +158,7 @@ def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjMo
 
 
 def push_forces(dynamics: Dynamics, plan: Plan) -> Array:
-    """(N, 2) horizontal force on the pelvis at each instant of a plan, N, world."""
+    """(N, 2) N, horizontal force of all pushes on the pelvis at each instant of a plan, world axes."""
     force = np.zeros((len(plan.t), 2))
     for push in dynamics.pushes:
         during = (plan.t >= push.at_s) & (plan.t < push.at_s + push.duration_s)
@@ -162,7 +167,10 @@ def push_forces(dynamics: Dynamics, plan: Plan) -> Array:
 
 
 def misstep_offsets(dynamics: Dynamics, plan: Plan) -> Array:
-    """(N, 2, 2) m, world, offset of each foot's landing from its foothold, at each instant of a plan."""
+    """(N, 2, 2) m, offset of each foot's landing from its foothold at each instant of a plan, world axes.
+
+    A misstep moves the first landing after its time, for as long as that foot is in the air.
+    """
     offsets = np.zeros((len(plan.t), len(SIDES), 2))
     for misstep in dynamics.missteps:
         landing = plan.t[:, None] + plan.feet.until_landing
@@ -177,6 +185,7 @@ def misstep_offsets(dynamics: Dynamics, plan: Plan) -> Array:
 
 
 def _set_physics_options(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Sets time step, integrator, friction cones and contacts of a model in place, and returns it."""
     model.opt.timestep = STEP_S
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.opt.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -189,7 +198,7 @@ def _set_physics_options(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 class _Record:
-    """Arrays filled during a simulation."""
+    """States and contact loads of all steps of a simulation, in arrays that are filled as it runs."""
 
     def __init__(self, n: int, model: mujoco.MjModel, soles: NDArray[np.int64]) -> None:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
@@ -202,11 +211,11 @@ class _Record:
         self._side = np.where(soles < 0, -1, soles // PER_FOOT)
 
     def record_state(self, i: int, data: mujoco.MjData, torque: Array) -> None:
-        """Records the state that step i starts from."""
+        """Stores the position and the (nv,) generalised forces at the start of step i."""
         self._q[i], self._torque[i] = data.qpos, torque
 
     def record_contacts(self, i: int, data: mujoco.MjData) -> None:
-        """Records the contacts at the start of step i; they are known once the step is done."""
+        """Stores the contact loads at the start of step i; `mj_step2`, which comes first, computes their forces."""
         _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )  # fmt: skip
@@ -222,7 +231,20 @@ def _record_foot_loads(
     side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
     loads: FootRecord,
 ) -> None:  # fmt: skip
-    """Records the feet's frames, the contact wrench on each foot, and the centre of the normal forces."""
+    """Writes the frames of both feet, the contact wrench on each foot, and the centre of pressure.
+
+    The force is the sum of the contact forces, the moment is about the foot's origin, and the centre of pressure is the
+    mean of the contact points weighted by their normal forces; all are in world axes.
+
+    Args:
+        side: (ngeom,) foot of each sole geom, 0 or 1; -1 for other geoms.
+        feet: (2,) bodies of the feet.
+        xpos: (nbody, 3) m.
+        xmat: (nbody, 9).
+        contacts: The engine's contacts.
+        efc_force: (nefc,) constraint forces.
+        loads: Output of one step, initially 0.
+    """
     geoms, pos, frame, _, address = contacts
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):

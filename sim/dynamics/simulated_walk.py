@@ -21,7 +21,7 @@ _EARLY_OR_LATE_S = 0.12  # a touch-down is searched this close to the planned on
 
 
 class FootRecord(NamedTuple):
-    """Frames of both feet and what the ground gave them, at N physics steps or at one.
+    """Frames of both feet and the loads of the ground on them, at N physics steps or at one.
 
     Attributes:
         R: (N, 2, 3, 3) the feet's frames.
@@ -38,7 +38,7 @@ class FootRecord(NamedTuple):
     cop: Array
 
     def at(self, rows: int | slice | NDArray[np.int64]) -> FootRecord:
-        """One step, or some of them."""
+        """Record of one row, or of several rows, as views."""
         return FootRecord(*(values[rows] for values in self))
 
 
@@ -67,7 +67,16 @@ class SimulatedWalk(WalkMotion):
     def of(
         cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord, fell_at: float | None = None
     ) -> SimulatedWalk:
-        """The walk of a reference as N physics steps: (N,) s, (N, nq), and the rest as in the class."""
+        """The simulated walk, with the footsteps and foot pitch that the simulation made.
+
+        Args:
+            reference: The planned motion.
+            t: (N,) s, the physics steps.
+            q: (N, nq) positions.
+            torque: (N, nv) N m, generalised forces of the joints.
+            loads: Loads of the feet at these steps.
+            fell_at: Time at which the walker fell, s; None if they did not.
+        """
         end = float(t[-1])
         steps = {
             side: [
@@ -81,7 +90,15 @@ class SimulatedWalk(WalkMotion):
 
     @classmethod
     def of_part(cls, reference: Reference, t: Array, q: Array, torque: Array, loads: FootRecord) -> SimulatedWalk:
-        """A part of the walk, with the planned footsteps and no pitch of the feet."""
+        """Part of a walk, for live playback: it keeps the planned footsteps and sets the pitch of the feet to 0.
+
+        Args:
+            reference: The planned motion.
+            t: (N,) s, consecutive physics steps.
+            q: (N, nq) positions.
+            torque: (N, nv) N m, generalised forces of the joints.
+            loads: Loads of the feet at these steps.
+        """
         return cls(
             duration_s=float(t[-1]), size=reference.size, steps=reference.steps, coordinates=reference.coordinates,
             splines=control_spline(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque,
@@ -89,14 +106,15 @@ class SimulatedWalk(WalkMotion):
         )  # fmt: skip
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """As `WalkMotion`."""
+        """(N,) rad, simulated pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        """(N,) rows of the physics steps nearest to (N,) s."""
         return np.clip(np.round((t - self.t[0]) / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
 
     def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
-        """Ground reaction on each foot at (N,) s."""
+        """Ground reaction on each foot at (N,) s, that of the nearest physics step, by side."""
         _, _, force, torque, cop = self.loads.at(self._nearest_steps(t))
         return {
             side: FootLoad(force=force[:, k], torque=torque[:, k], cop=cop[:, k], loaded=force[:, k, 2] > _LOADED_N)
@@ -115,13 +133,25 @@ class SimulatedWalk(WalkMotion):
 
 
 def control_spline(t: Array, x: Array) -> BSpline:
-    """Cubic splines with (N, n) control points at (N,) even times."""
+    """Cubic B-spline with (N, n) control points at (N,) evenly spaced times; the ends are held.
+
+    The spline is near its control points, not through them: at each time it is the mean (1, 4, 1) / 6 of three points.
+    Its acceleration is continuous.
+    """
     control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
     return BSpline(t[0] + (t[1] - t[0]) * (np.arange(len(control) + 4) - 4.0), control, 3)
 
 
 def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
-    """A planned footstep with the simulated times of load and the simulated footprint."""
+    """Footstep with the simulated times of contact and the simulated footprint, in place of the planned ones.
+
+    Args:
+        step: The planned footstep.
+        t: (N,) s.
+        lift: (N,) N, vertical force on this foot.
+        p_foot: (N, 3) m, origin of the foot in the world.
+        R_foot: (N, 3, 3) rotation of the foot.
+    """
     loaded = lift > _LOADED_N
     touch = _nearest_event_time(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
     off = _nearest_event_time(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
@@ -142,6 +172,10 @@ def _project_on_ground(R_world_foot: Array, normal: Array) -> Array:
 
 
 def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> float:
+    """Time of the event nearest to a planned time, s; the planned time if none is within `_EARLY_OR_LATE_S`.
+
+    `events` are rows of `t`. A planned time of ±inf stays.
+    """
     if not np.isfinite(planned) or not len(events):
         return planned
     nearest = float(t[events[np.abs(t[events] - planned).argmin()]])
@@ -149,14 +183,14 @@ def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> 
 
 
 def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
-    """(N,) rad, against the ground of the current or next footstep of the foot."""
+    """(N,) rad, pitch of a foot with rotations (N, 3, 3) against the ground of its current or next footstep."""
     i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
     toes = np.einsum("nji,nj->ni", np.array([s.R_world_sole for s in steps])[i], R_foot[:, :, 0])
     return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))
 
 
 class Replay(Player[SimulatedWalk]):
-    """Plays a simulated walk."""
+    """Player of a simulated walk, with the loads that the simulation recorded."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
         """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""

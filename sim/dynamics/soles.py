@@ -27,7 +27,10 @@ _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 
 
 def sole_points(size: Wearer) -> list[tuple[str, Array]]:
-    """Body (`foot` or `toe`) and lowest point in its frame, m, of each contact region of a foot."""
+    """The eight contact points of a foot: body, `foot` or `toe`, and place in its frame, m, of each.
+
+    They lie in the sole's plane, in pairs: back and front of the heel, then ball and tip of the toes.
+    """
     shoe = size.shoe
     heel = (shoe.heel_back_x + RADIUS_M, shoe.heel_back_x + _HEEL_BLOCK_M)
     toe = (0.0, shoe.flat_tip_x - shoe.toe_hinge_x)
@@ -52,9 +55,11 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
 
 
 def toe_weights(size: Wearer, x: Array) -> Array:
-    """(N, 4) weights of force at the points of ball and toes that put their centre of pressure at (N,) m of the foot.
+    """(N, 4) weights of force at ball and tip that put the centre of pressure at (N,) m along the foot.
 
-    With weights in inverse proportion to a share, the forces come out in that proportion.
+    The controller minimises the weighted squares of the forces, so that forces come out in inverse proportion to their
+    weights: the tip gets the share (x − x_hinge) / (x_tip − x_hinge) of the load, and the ball gets the rest, each at
+    least `_LEAST_SHARE`.
     """
     ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
     share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]

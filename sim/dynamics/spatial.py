@@ -54,7 +54,7 @@ def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
 
 @numba.njit(**INSIDE)
 def axes_of(state: State, body: int) -> Mat3:
-    """Axes of a body in the world."""
+    """(3, 3) rotation of a body, body to world, as rows."""
     R = state.xmat[body]
     return (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
 
@@ -94,9 +94,15 @@ def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, line
 def bias_acceleration(
     cdof_dot: Array, chain: NDArray[np.bool_], qvel: Array, v_point: Vec3, w: Vec3, arm: Vec3
 ) -> tuple[Vec3, Vec3]:
-    """Acceleration at zero joint acceleration (J' q') of a point of a body, and of its rotation.
+    """Acceleration J' q' of a point of a body at zero joint acceleration, m/s², and of the body's rotation, rad/s².
 
-    The point's velocity `v_point` and the body's angular velocity `w` are in world axes; the rest as for `jacobian`.
+    Args:
+        cdof_dot: (nv, 6) rate of the motion axes (`State`).
+        chain: (nv,) degrees of freedom that move the body.
+        qvel: (nv,) joint velocities.
+        v_point: Velocity of the point, world axes, m/s.
+        w: Angular velocity of the body, world axes, rad/s.
+        arm: The point minus the centre of `State`, m.
     """
     angular, linear = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(len(qvel)):

@@ -27,11 +27,11 @@ _TOLERANCE = 1e-9
 
 
 class Tasks(NamedTuple):
-    """What m rows of Jacobians should accelerate by.
+    """Weighted targets for the accelerations of m directions: rows J with J q'' = target.
 
     Attributes:
         rows: (m, n) Jacobian rows.
-        target: (m,) accelerations less their J' q'.
+        target: (m,) accelerations minus J' q'.
         weight: (m,).
     """
 
@@ -119,20 +119,22 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
     for _ in range(_NEWTON_STEPS):
         size = 1.0
         while True:
-            now = 0.0
+            # value of the convex function at the trial point, and its forces
+            new_value = 0.0
             for i in range(6):
                 trial[i] = y[i] + size * step[i, 0]
-                now += 0.5 * trial[i] * trial[i] - d[i] * trial[i]
+                new_value += 0.5 * trial[i] * trial[i] - d[i] * trial[i]
             for j in range(len(r)):
-                reach = r[j] * p[j]
+                unclipped = r[j] * p[j]
                 for i in range(6):
-                    reach += B[i, j] * trial[i]
-                f[j] = max(reach, 0.0) / r[j]
-                now += 0.5 * r[j] * f[j] * f[j]
-            if now <= value + 1e-12 * abs(value) or size < 1e-4:
+                    unclipped += B[i, j] * trial[i]
+                f[j] = max(unclipped, 0.0) / r[j]
+                new_value += 0.5 * r[j] * f[j] * f[j]
+            if new_value <= value + 1e-12 * abs(value) or size < 1e-4:
                 break
             size *= 0.5
-        value, steepest = now, 0.0
+        # gradient y - d + B f
+        value, steepest = new_value, 0.0
         for i in range(6):
             y[i] = trial[i]
             gradient = y[i] - d[i]
@@ -142,6 +144,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
             steepest = max(steepest, abs(gradient))
         if steepest < _TOLERANCE * (1.0 + largest):
             break
+        # Hessian 1 + sum of b bᵀ / r over the positive forces; the step is -H⁻¹ gradient
         for i in range(6):
             for k in range(i + 1):
                 H[i, k] = 1.0 if i == k else 0.0
@@ -154,10 +157,16 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 
 @numba.njit(**INSIDE)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Mass matrix (a, a) and bias (a,) of the (a,) driven coordinates after elimination of the (b,) free ones.
+    """Mass matrix (a, a) and bias (a,) of the driven coordinates after elimination of the free ones.
 
-    `M` is the (nv, nv) mass matrix and `h` the (nv,) bias minus all known forces, among them those on the free
-    coordinates, which have neither motor nor contact.
+    With the blocks A (driven), E (free) and X (coupling) of the mass matrix, they are A − Xᵀ E⁻¹ X and c − Xᵀ E⁻¹ e:
+    the free coordinates have neither motor nor contact.
+
+    Args:
+        M: (nv, nv) mass matrix.
+        h: (nv,) bias minus all known forces.
+        driven: (a,) coordinates that motors drive, and the root.
+        free: (b,) coordinates without a motor.
     """
     a, b = len(driven), len(free)
     A, c = M[driven][:, driven], h[driven]
@@ -174,13 +183,23 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 
 
 @numba.njit(**INSIDE)
-def solve(
+def solve_control_step(
     M: Array, h: Array, target: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Accelerations, torques and contact forces of one control step.
 
-    `M` (n, n) and `h` (n,) are mass matrix and bias of the driven coordinates, the root's six first; `target` and
-    `weight` (n,) their accelerations; `assist` (6,) standard deviations of the root's assist, N and N m, 0 for none.
+    With the Hessian H of all weighted squares and their linear term g, the accelerations are H⁻¹ (g + M_rᵀ λ), M_r the
+    root's six rows of the mass matrix. The multiplier is λ = S⁻¹ (F − (h_r + M_r H⁻¹ g)) with S = M_r H⁻¹ M_rᵀ +
+    diag(assist²) and the root's share F of the contact forces, which minimise what remains (`_solve_contact_forces`).
+
+    Args:
+        M: (n, n) mass matrix of the driven coordinates, the root's six first.
+        h: (n,) bias of these coordinates.
+        target: (n,) target accelerations.
+        weight: (n,) their weights.
+        tasks: Tasks of feet and contact points.
+        points: Contact points that may bear force.
+        assist: (6,) standard deviations of the root's assist, N and N m; 0 for none.
 
     Returns:
         (n,) accelerations; (n,) generalised forces, where those of the root are the assist; (k, 4) contact forces along
@@ -205,6 +224,7 @@ def solve(
     solution /= weight.reshape(-1, 1)
     solution[columns] = X
 
+    # S = M_r H⁻¹ M_rᵀ + diag(assist²), and the wrench that the root lacks, h_r + M_r H⁻¹ g
     S, root_deficit = np.empty((6, 6)), np.empty(6)
     for i in range(6):
         root_deficit[i] = h[i]
@@ -223,6 +243,7 @@ def solve(
         for m in range(n):
             joint_force[m] += contacts[i, m] * along
 
+    # multiplier of the root's equations, accelerations, and the torques M q'' + h - Jᵀ f
     multiplier = np.empty((6, 1))
     for i in range(6):
         multiplier[i, 0] = joint_force[i] - root_deficit[i]
@@ -243,13 +264,21 @@ def solve(
 
 @numba.njit(**INSIDE)
 def _nonzero_columns(rows: Array) -> NDArray[np.int64]:
-    """Numbers of the columns that are not 0."""
+    """Indices of the columns of a matrix that are not all 0."""
     return np.flatnonzero(np.abs(rows).sum(axis=0))
 
 
 @numba.njit(**INSIDE)
 def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) -> Array:
-    """(k, 4) forces along the edges that provide what the root lacks, L the Cholesky factor of S."""
+    """(k, 4) N, forces along the edges of the friction cones that minimise the root's remaining deficit.
+
+    They minimise ||L⁻¹ (J f − deficit)||² plus the weighted squares of the forces and of their changes.
+
+    Args:
+        L: (6, 6) Cholesky factor of S (`solve_control_step`).
+        root_deficit: (6,) wrench that the root needs.
+        points: Contact points.
+    """
     k = len(points.weight)
     X, r, p = np.zeros((6, 4 * k + 1)), np.empty(4 * k), np.empty(4 * k)
     for j in range(4 * k):

@@ -13,9 +13,18 @@ def smear(
     image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
     corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,
 ) -> None:  # fmt: skip
-    """Blends the blurred image into an image, both as rows of (N, C) pixels.
+    """Mixes each dirty pixel of an image with the blurred image around it, in place.
 
-    Other arguments as in `image_faults._Dirt`.
+    A pixel becomes `clear` times itself plus the four blurred pixels around it, weighted by `shares`.
+
+    Args:
+        image: (N, C) pixels, row by row, which are overwritten.
+        blurred: (M, C) pixels of the blurred image on its coarser grid.
+        places: (K,) dirty pixels.
+        clear: (K,) weight of the pixel itself, 0-1.
+        corners: (K,) upper left one of the four blurred pixels around it.
+        shares: (K, 4) weights of those four: the two upper ones, then the two lower ones.
+        width: Width of the blurred image.
     """
     for k in range(len(places)):
         at, first, share = places[k], corners[k], shares[k]

@@ -66,7 +66,7 @@ class Event:
     rig: Rig = field(default_factory=Rig, compare=False, repr=False)
 
     def rng(self, *instant_ns: int) -> np.random.Generator:
-        """Source of this event's random choices, or of those at one instant; the same at each call."""
+        """Random numbers of this event, or of one instant of it; each call starts the same sequence."""
         return np.random.default_rng(np.random.SeedSequence(self.entropy, spawn_key=(*self.key, *instant_ns)))
 
 
@@ -97,12 +97,17 @@ class Arrival:
         return self.item.topic
 
     def with_values(self, **values: Any) -> Arrival:
-        """A copy with other values in its sample."""
+        """Copy of this arrival whose sample has other values in the named fields."""
         return replace(self, item=replace(self.item, **values))
 
 
 def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
-    """Items that arrive at the recorder, given those that the sensors sent; faults are applied in their order."""
+    """Items as they arrive at the recorder, with faults applied in the given order.
+
+    Args:
+        items: Blocks and samples that the sensors sent, in chunks by time.
+        faults: Each fault with its events by topic (`plan_faults`).
+    """
     lines: dict[str, list[tuple[Fault, EventsOfTopic, Memory]]] = {}
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
@@ -128,18 +133,19 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
 
 
 def _process_last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-    """Output of a fault for the last chunk of a stream."""
+    """Arrivals after a fault for the last chunk of a stream, and those that it still held back."""
     yield from fault.process(stream, events, memory)
     yield from fault.flush(memory)
 
 
 def _split_block(item: Block[Any] | Sample) -> Iterator[Arrival]:
+    """Each sample of a block, or a single sample, as an arrival at its own stamp."""
     for sample in item if isinstance(item, Block) else (item,):
         yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
 
 
 def _merge_samples(stream: Iterable[Arrival]) -> Iterator[Arrival]:
-    """Combines samples of one topic to a block, but keeps images one by one."""
+    """Arrivals of one topic merged to one block, with an arrival time for each sample; images stay single."""
     arrivals = list(stream)
     if arrivals and isinstance(arrivals[0].item, IMAGES):
         yield from arrivals
@@ -172,33 +178,42 @@ class Fault:
 
     @property
     def full_name(self) -> str:
-        """Its name, or the default name."""
+        """The name of the fault, by default its kind and topic."""
         return self.name or f"{self.kind} {self.topic}"
 
-    def applies_to(self, stream: Stream) -> bool:
-        """Whether it applies to a stream, if its topic matches."""
+    def applies_to(self, stream: SensorStream) -> bool:
+        """Whether the fault can act on a stream whose topic matches."""
         return stream.kind in self.sample_types
 
     def calibrate(self, sensor: Calibration) -> Calibration:
-        """The nominal calibration of one of its sensors, given the one without this fault."""
+        """Nominal calibration of a sensor with this fault, given the one without it; most faults change nothing."""
         return sensor
 
     def truth_topic(self, event: Event) -> str:
-        """Stream of the truth that it needs, which `arrivals` collects in its memory under `truth`; "" for none."""
+        """Topic of the ground truth that the fault needs at an event, "" for none.
+
+        `arrivals` collects the samples of that topic in the fault's memory under `truth`.
+        """
         return ""
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """Output for a chunk of one topic's stream."""
+        """Arrivals after this fault, for one chunk of one topic's stream.
+
+        Args:
+            stream: Arrivals before this fault.
+            events: Events on this topic, in time order.
+            memory: State of the fault on this topic, kept from chunk to chunk.
+        """
         for arrival in stream:
             event = active_event(events, arrival)
             yield from (arrival,) if event is None else self.corrupt(arrival, event)
 
     def flush(self, memory: Memory) -> Iterable[Arrival]:
-        """Items still in transit when the stream has ended."""
+        """Arrivals that the fault still holds back when the stream has ended."""
         return ()
 
     def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """Output for one sample during an event."""
+        """Arrivals in place of one arrival during an event: none, one or several."""
         return (arrival,)
 
 
@@ -250,7 +265,7 @@ _FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensor
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stream:
+class SensorStream:
     """A stream of a rig, the part that sends it, and the body that carries it; streams of one case share `housing`."""
 
     topic: str
@@ -260,22 +275,30 @@ class Stream:
     housing: str
 
 
-def _streams_of_rig(rig: Rig) -> Iterator[Stream]:
+def _streams_of_rig(rig: Rig) -> Iterator[SensorStream]:
+    """Every stream of a rig that a fault can act on.
+
+    An RGB-D camera, its depth and its IMU share a housing, and so do an AHRS and the IMU inside it. An RGB-D camera
+    also stands for the stream of estimated poses, `POSES`.
+    """
     case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
-    case |= {t.replace("/ahrs", "/imu"): t for t, other in rig.others.items() if other.kind == "ahrs"}
+    case |= {t.replace("/ahrs", "/imu"): t for t, sensor in rig.others.items() if sensor.kind == "ahrs"}
     for t, c in rig.imus.items():
-        yield Stream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
+        yield SensorStream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
     for t, camera in rig.cameras.items():
-        yield Stream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
+        yield SensorStream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
         if camera.depth_topic:
-            yield Stream(topic=camera.depth_topic, kind=Depth, part=camera.part, body=camera.mount.body, housing=t)
-    for t, other in rig.others.items():
-        yield Stream(topic=t, kind=_OTHERS[other.kind], part=other.part, body=other.mount.body, housing=t)
+            yield SensorStream(
+                topic=camera.depth_topic, kind=Depth, part=camera.part, body=camera.mount.body, housing=t
+            )
+    for t, sensor in rig.others.items():
+        yield SensorStream(topic=t, kind=_OTHERS[sensor.kind], part=sensor.part, body=sensor.mount.body, housing=t)
     for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:
-        yield Stream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
+        yield SensorStream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
-def _find_streams(fault: Fault, rig: Rig) -> list[Stream]:
+def _find_streams(fault: Fault, rig: Rig) -> list[SensorStream]:
+    """Streams of a rig on which a fault acts: those that its topic names, and for a strap their whole housings."""
     streams = [s for s in _streams_of_rig(rig) if fault.applies_to(s)]
     named = [s for s in streams if fnmatchcase(s.topic, fault.topic)]
     if isinstance(fault, LooseStrap):
@@ -368,8 +391,18 @@ class FaultPlan:
 
 
 def _generate_events(
-    fault: Fault, stream: Stream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig
+    fault: Fault, stream: SensorStream, seed: int, key: tuple[int, ...], end_ns: int, rig: Rig
 ) -> Iterator[Event]:
+    """Events of a fault on one stream, in time order, until the end of the walk.
+
+    Args:
+        fault: The fault.
+        stream: The stream.
+        seed: Seed of the walk.
+        key: Child stream of the random numbers, common to the streams that share the events.
+        end_ns: End of the walk.
+        rig: Nominal calibration.
+    """
     for count, (from_s, until_s) in enumerate(_draw_spans(fault, seed, key)):
         from_ns = round(from_s * 1e9)
         if from_ns >= end_ns:
@@ -384,7 +417,10 @@ def _generate_events(
 
 
 def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
-    """Begin and end of each event, s; the end is None for the rest of the walk."""
+    """Begin and end of each event, s, endlessly for random times; an end of None is the end of the walk.
+
+    Faults with a rate begin after exponentially distributed times without the fault.
+    """
     if not isinstance(fault, TimedFault):
         yield 0.0, None
         return

@@ -36,7 +36,10 @@ class _ImageFault(TimedFault):
     common_to = "housing"
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`; images with empty views share their pixels before and after."""
+        """Arrivals with degraded images during events.
+
+        Images that share one read-only array, as empty views do, share one degraded array as well.
+        """
         for arrival in stream:
             event = active_event(events, arrival)
             if event is None:
@@ -54,7 +57,7 @@ class _ImageFault(TimedFault):
 
     @abstractmethod
     def degrade(self, image: NDArray, event: Event) -> NDArray:
-        """A new image, or depth image (float32), with the occlusion applied."""
+        """New image as the camera sees it through the fault; depth images are float32, 0 without a reading."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +71,7 @@ class Occlusion(_ImageFault):
     share: Annotated[float, number(0.01, 1)] = 0.3
 
     def degrade(self, image: NDArray, event: Event) -> NDArray:
-        """The image, partly covered."""
+        """The image with one side covered; covered depth has no reading."""
         side = int(event.rng().integers(4))
         covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
@@ -90,7 +93,7 @@ class LensDirt(_ImageFault):
     size: Annotated[float, number(0.01, 0.5)] = 0.08
 
     def degrade(self, image: NDArray, event: Event) -> NDArray:
-        """The image through the dirty lens."""
+        """The image through the dirty lens: dimmed and blurred at the spots; depth is missing in their middle."""
         height, width = image.shape[:2]
         dirt, corrupted = _draw_dirt(event, self.spots, self.size, height, width), image.copy()
         if is_depth(image):
@@ -105,7 +108,11 @@ class LensDirt(_ImageFault):
 
 
 def image_field(arrival: Arrival) -> tuple[str, NDArray]:
-    """Name and value of the image in a sample of a camera."""
+    """Name and value of the field of a camera's sample that holds the image: `pixels` or `depth`.
+
+    Raises:
+        TypeError: A sample without an image.
+    """
     item = arrival.item
     if isinstance(item, Image):
         return "pixels", item.pixels
@@ -115,7 +122,7 @@ def image_field(arrival: Arrival) -> tuple[str, NDArray]:
 
 
 def is_depth(image: NDArray) -> bool:
-    """Whether an image holds depth, not light."""
+    """Whether an image holds depth in metres (float32) and not brightness."""
     return image.dtype == np.float32
 
 
@@ -152,6 +159,15 @@ def _blur_coarse(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray
 
 @lru_cache(maxsize=16)
 def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -> _Dirt:
+    """Dirt of an event on an image of a size: random spots, dense in the middle, that fade at their edges.
+
+    Args:
+        event: Event, whose random numbers place the spots.
+        spots: Number of spots.
+        size: Radius of a spot over the image's height.
+        height: Of the image, pixels.
+        width: Of the image, pixels.
+    """
     rng = event.rng()
     v, u = np.mgrid[:height, :width].astype(np.float32)
     clear = np.ones((height, width), np.float32)
@@ -251,7 +267,7 @@ class PasserBy(TimedFault):
 
 @lru_cache(maxsize=16)
 def _draw_clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Coloured patches on coloured fields."""
+    """(height, width, ...) image of clothes: random coloured patches on larger coloured fields."""
     height, width, *channels = shape
     cells = ((8, 8), (height // 6 + 1, width // 6 + 1))
     coarse, fine = (event.rng().integers(30, 120, (*grid, *channels), np.uint8) for grid in cells)
@@ -283,7 +299,7 @@ class MirrorFloor(TimedFault):
         return f"/truth{_camera(event).imu_topic}/odometry"
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`; images without a true pose pass unchanged."""
+        """Arrivals with mirrored floors during events; images without a true pose pass unchanged."""
         for arrival in stream:
             event, truth = active_event(events, arrival), memory.get("truth")
             if event is None or not truth:
@@ -294,6 +310,11 @@ class MirrorFloor(TimedFault):
             yield arrival.with_values(depth=self._mirror(image_field(arrival)[1], pose, event))
 
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
+        """(H, W) m, depth image of a mirroring floor, from the exact one and the true pose of the camera's IMU.
+
+        A pixel counts as floor if its depth is within `_FLAT` of that of the plane z = 0. By the rank of its cell of
+        the floor it loses its depth, or gets that of the ceiling's mirror image, z (h_eye + h_ceiling) / h_eye.
+        """
         camera = _camera(event)
         T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
         from scipy.spatial.transform import Rotation  # slow to import, seldom used
@@ -311,6 +332,7 @@ class MirrorFloor(TimedFault):
 
 
 def _camera(event: Event) -> CameraCalibration:
+    """Calibration of the depth camera of an event."""
     return next(c for c in event.rig.cameras.values() if c.depth_topic == event.topic)
 
 

@@ -21,7 +21,7 @@ from stridetwin.sim.faults.faults import (
     EventsOfTopic,
     Fault,
     Memory,
-    Stream,
+    SensorStream,
     TimedFault,
     active_event,
 )
@@ -50,7 +50,7 @@ class Dropout(TimedFault):
     share: Annotated[float, number(0.001, 1)] = 1.0
 
     def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
-        """The sample, or nothing."""
+        """The arrival, or nothing if it is lost."""
         is_lost = self.share == 1.0 or event.rng(arrival.taken_ns).random() < self.share
         return () if is_lost else (arrival,)
 
@@ -59,7 +59,7 @@ class Dropout(TimedFault):
 class Exchange(Fault):
     """Samples that arrive under the topic of the other side for the whole walk: left and right are exchanged."""
 
-    def applies_to(self, stream: Stream) -> bool:
+    def applies_to(self, stream: SensorStream) -> bool:
         """Whether the stream belongs to a side."""
         return stream.kind in self.sample_types and _opposite_topic(stream.topic) != stream.topic
 
@@ -69,6 +69,7 @@ class Exchange(Fault):
 
 
 def _opposite_topic(topic: str) -> str:
+    """Topic with `_l` and `_r` exchanged; a topic without a side stays."""
     return re.sub("_([lr])(?=/)", lambda side: "_r" if side[1] == "l" else "_l", topic)
 
 
@@ -77,7 +78,10 @@ class Freeze(TimedFault):
     """Repeats the last value before the event, with new stamps."""
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`; a stream that begins frozen repeats its first value."""
+        """Arrivals whose values stop changing during events, with their own stamps.
+
+        A stream that begins during an event repeats its first value.
+        """
         for arrival in stream:
             if active_event(events, arrival) is None:
                 memory["last"] = arrival.item
@@ -118,7 +122,7 @@ class Late(TimedFault):
     delay_s: Annotated[float, number(0.001, 60)] = 0.25
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`: stamps do not change, arrival times do."""
+        """Arrivals that are delayed during events: their stamps do not change, and they never overtake each other."""
         for arrival in stream:
             late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
@@ -130,7 +134,7 @@ class OutOfOrder(TimedFault):
     """Samples that arrive out of order: of every two, the later arrives first."""
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`; an overtaken sample arrives together with the one that overtook it."""
+        """Arrivals of which, during events, the second of every two overtakes the first; both then arrive together."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
@@ -142,7 +146,7 @@ class OutOfOrder(TimedFault):
                 yield arrival
 
     def flush(self, memory: Memory) -> Iterable[Arrival]:
-        """A sample that was never overtaken."""
+        """A held-back arrival that nothing overtook before the end."""
         return tuple(memory.values())
 
 
@@ -176,7 +180,7 @@ class Saturation(TimedFault):
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
 
-    def applies_to(self, stream: Stream) -> bool:
+    def applies_to(self, stream: SensorStream) -> bool:
         """Whether the full scale of the part is known."""
         return stream.kind in self.sample_types and bool(full_scales(stream.part))
 
@@ -208,8 +212,8 @@ class Offset(TimedFault):
     drift_rad_s: Annotated[float, number(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
     drift_s: Annotated[float, number(0, 36_000)] = 36_000.0
 
-    def applies_to(self, stream: Stream) -> bool:
-        """Whether all offsets have the unit of the stream."""
+    def applies_to(self, stream: SensorStream) -> bool:
+        """Whether the stream has values in the unit of the given offsets: N for insoles, rad for encoders and AHRSs."""
         wrong_offsets = (
             (self.offset_rad, self.drift_rad_s) if stream.kind is Insole else (self.offset_n, self.drift_n_per_s)
         )
@@ -260,7 +264,7 @@ class DeadCell(TimedFault):
     stuck: Annotated[bool, flag()] = False
 
     def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
-        """As `Fault.process`."""
+        """Arrivals in which, during events, the cell reads 0 or its value at the start of the event."""
         cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:
             event = active_event(events, arrival)
@@ -296,8 +300,8 @@ class Miscalibration(Fault):
     thigh_m: Annotated[float, number(-200, 200, key="thigh_mm", scale=MM)] = 0.0
     shank_m: Annotated[float, number(-200, 200, key="shank_mm", scale=MM)] = 0.0
 
-    def applies_to(self, stream: Stream) -> bool:
-        """Whether a sensor has all that is off."""
+    def applies_to(self, stream: SensorStream) -> bool:
+        """Whether the sensor has every quantity with an error: a clock offset, ranges or links."""
         is_off = {
             Image: self.clock_offset_s,
             Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
@@ -306,7 +310,7 @@ class Miscalibration(Fault):
         return stream.kind in self.sample_types and all(stream.kind is kind for kind, error in is_off.items() if error)
 
     def calibrate(self, sensor: Calibration) -> Calibration:
-        """The calibration with the error."""
+        """The nominal calibration with the errors of mount, clock and ranges."""
         from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
         T = np.eye(4)

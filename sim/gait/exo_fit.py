@@ -47,7 +47,16 @@ class LegPose:
 def leg_pose(
     size: Wearer, side: str, R_pelvis_thigh: Array, R_pelvis_shank: Array, p_foot: Array, R_foot: Array
 ) -> LegPose:
-    """Pose of a leg from the rotations of its segments and the foot's pose, all in the pelvis' frame."""
+    """Pose of one of the wearer's legs in the pelvis' frame at N instants.
+
+    Args:
+        size: Wearer, for the half width of the hips and the length of the thigh.
+        side: `l` or `r`.
+        R_pelvis_thigh: (N, 3, 3) rotation of the thigh.
+        R_pelvis_shank: (N, 3, 3) rotation of the shank.
+        p_foot: (N, 3) m, origin of the foot's frame.
+        R_foot: (N, 3, 3) rotation of the foot.
+    """
     p_hip = np.broadcast_to([0.0, outward(side) * size.body.hip_half_width_m, 0.0], p_foot.shape)
     p_knee = p_hip + R_pelvis_thigh @ np.array([0.0, 0.0, -size.body.thigh_m])
     return LegPose(
@@ -77,7 +86,7 @@ class ExoLeg:
         self.is_standard = isinstance(size.exo, ExoLinks)
         cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
         self._coupled_bodies = [c.body[:-2] for c in cuffs]
-        self.kernel = exo_fit_kernel.Leg(
+        self.kernel = exo_fit_kernel.CoupledLeg(
             offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
             p_in_exo=np.array([c.p_in_exo for c in cuffs]), p_in_body=np.array([c.p_in_body for c in cuffs]),
             stiffness=np.array([c.law[[0, 2]] for c in cuffs]), damping=np.array([c.law[[1, 3]] for c in cuffs]),
@@ -89,7 +98,7 @@ class ExoLeg:
         return exo_fit_kernel.strains(self.kernel, q, *self.attachment_poses(wearer))
 
     def attachment_poses(self, wearer: LegPose) -> tuple[Array, Array]:
-        """(N, C, 3) m, origins, and (N, C, 3, 3) rotations of the wearer's bodies to which the couplings attach."""
+        """Origins (N, C, 3) m and rotations (N, C, 3, 3) of the wearer's body at each coupling, pelvis' frame."""
         p, R = ([poses[body] for body in self._coupled_bodies] for poses in (wearer.p, wearer.R))
         return np.stack(p, 1), np.stack(R, 1)
 
@@ -97,8 +106,11 @@ class ExoLeg:
 def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     """Rejects a custom exoskeleton whose cuffs do not hold it, or hold it too stiffly for its weight.
 
+    The check is made with the wearer standing upright and all joints at zero; the built-in exoskeleton always passes.
+
     Raises:
-        ConfigError: As for `exo_couplings.check_cuff_stiffness`.
+        ConfigError: A leg that its cuffs do not hold, or whose natural frequency or damping is too high for a
+            simulation in steps of 1 ms.
     """
     if not isinstance(size.exo, OwnExo):
         return
@@ -114,21 +126,32 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
         value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), leg_pose(size, side, up, up, foot, up))
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
         stiffness, damping = (
-            exo_fit_kernel.project(leg.kernel, law, jacobian, value)[1][0]
+            exo_fit_kernel.project_on_joints(leg.kernel, law, jacobian, value)[1][0]
             for law in (leg.kernel.stiffness, leg.kernel.damping)
         )
         check_cuff_stiffness(size.exo, side, mass[np.ix_(dofs, dofs)], stiffness, damping)
 
 
 def fit_leg(leg: ExoLeg, wearer: LegPose) -> Array:
-    """(N, J) angles of a weightless leg: least energy of couplings and stops, by Newton's method."""
+    """(N, J) rad, joint angles at which a weightless leg of the exoskeleton has the least elastic energy.
+
+    The energy is that of the couplings and of the joint stops. Each instant is solved by the Gauss-Newton method, which
+    starts from the step of the instant before.
+
+    Args:
+        leg: Statics of the leg.
+        wearer: Pose of the wearer's leg at N consecutive instants.
+    """
     q = _initial_angles(wearer) if leg.is_standard else np.zeros((len(wearer.p["foot"]), len(leg.frame.joints)))
-    exo_fit_kernel.fit(leg.kernel, q, *leg.attachment_poses(wearer), _ITERATIONS)
+    exo_fit_kernel.fit_angles(leg.kernel, q, *leg.attachment_poses(wearer), _ITERATIONS)
     return q
 
 
 def _initial_angles(wearer: LegPose) -> Array:
-    """(N, 6) initial angles of the leg of Shim et al., from the wearer's leg."""
+    """(N, 6) rad, start values for the leg of Shim et al., clipped to its ranges.
+
+    Hip flexion, knee flexion and ankle dorsiflexion follow from the wearer's segments; the other three angles are 0.
+    """
     R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]
     R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]
     q = np.zeros((len(R_thigh), 6))
@@ -173,22 +196,26 @@ def solve_leg_dynamics(
     attachments = {side: legs[side].attachment_poses(wearers[side]) for side in SIDES}
     angles = np.stack([start[side] for side in SIDES], 1)
     for _ in range(rounds):
+        # inertial loads and weight of the legs on their present motion
         angle_splines = make_interp_spline(t, angles, k=5)
         q[:, qpos], v[:, dofs], a[:, dofs] = angles, angle_splines(t, 1), angle_splines(t, 2)
         mass, load = chain_loads(tree, chains, q, v, a, model.opt.gravity)
         for k, side in enumerate(SIDES):
             leg, speed = legs[side].kernel, v[:, dofs[k]]
+            # torques of the couplings at the present strains and their rates, with the matrices K and C
             value, jacobian = exo_fit_kernel.strains(leg, angles[:, k], *attachments[side])
-            gradient, stiffness = exo_fit_kernel.project(leg, leg.stiffness, jacobian, value)
-            damping_torque, damping = exo_fit_kernel.project(
+            gradient, stiffness = exo_fit_kernel.project_on_joints(leg, leg.stiffness, jacobian, value)
+            damping_torque, damping = exo_fit_kernel.project_on_joints(
                 leg, leg.damping, jacobian, make_interp_spline(t, value, k=5)(t, 1)
             )
+            # friction of the joints; the slope of the smooth dry friction adds to C
             friction_share = np.tanh(speed / FRICTION_SPEED_RADPS)
             drag = viscous[k] * speed + FRICTION_SPEED_RADPS * friction[k] * friction_share
             damping[:, diagonal, diagonal] += viscous[k] + friction[k] * (1.0 - friction_share**2)
+            # right side: what the present motion leaves unbalanced; the rotors add to M
             force = -(gradient + damping_torque + load[:, k] + model.dof_armature[dofs[k]] * a[:, dofs[k]] + drag)
             mass[:, k, diagonal, diagonal] += model.dof_armature[dofs[k]]
-            angles[:, k] += exo_fit_kernel.integrate(
+            angles[:, k] += exo_fit_kernel.integrate_motion(
                 leg, mass[:, k], damping, stiffness, force, angles[:, k], dt, _STOP_ITERATIONS
             )  # fmt: skip
     return {side: angles[:, k] for k, side in enumerate(SIDES)}

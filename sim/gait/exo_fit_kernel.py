@@ -38,7 +38,7 @@ _FAR = 40.0  # widths from a stop, where its torque is below rounding
 _FIT_TOLERANCE_RAD, _STEP_TOLERANCE_RAD = 1e-4, 1e-6
 
 
-class Leg(NamedTuple):
+class CoupledLeg(NamedTuple):
     """A leg of the frame, a chain of J joints, and its C couplings to the wearer.
 
     Attributes:
@@ -65,7 +65,7 @@ class Leg(NamedTuple):
 
 
 @_called
-def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
+def strains(leg: CoupledLeg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     """Strains (N, 6 C) of the couplings, displacement and rotation, and their Jacobian (N, 6 C, J) at (N, J) rad.
 
     `p`, (N, C, 3) m, and `R`, (N, C, 3, 3), are the pose of the wearer's body at each coupling in the pelvis' frame.
@@ -79,10 +79,19 @@ def strains(leg: Leg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
 
 
 @_called
-def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
-    """Moves (N, J) angles to where couplings and stops have the least energy, by the Gauss-Newton method.
+def fit_angles(leg: CoupledLeg, q: Array, p: Array, R: Array, iterations: int) -> None:
+    """Moves (N, J) angles to the least energy of couplings and stops, by the Gauss-Newton method.
 
-    The instants are consecutive: from the second on, the step of the previous instant is the initial step.
+    The energy is E(q) = ½ Σ εᵀ K ε + stops(q) with the strains ε of `strains`. Each iteration solves (Jᵀ K J + stops'')
+    Δ = Jᵀ K ε + stops' and subtracts Δ; it ends when no angle changes by more than `_FIT_TOLERANCE_RAD`. The instants
+    are consecutive: from the second on, the step of the previous instant is the initial step.
+
+    Args:
+        leg: The leg.
+        q: (N, J) rad, start values; they are overwritten by the result.
+        p: (N, C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
+        R: (N, C, 3, 3) rotation of that body.
+        iterations: Most iterations per instant.
     """
     dofs = len(leg.axes)
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
@@ -93,7 +102,7 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
         q[i] += last_step
         for _ in range(iterations):
             _compute_strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
-            _project_one(leg.last, leg.stiffness, jacobian, value, step, hessian)
+            _project_instant(leg.last, leg.stiffness, jacobian, value, step, hessian)
             for j in range(dofs):
                 torque, slope = stop_torque(leg, j, q[i, j])
                 step[j] += torque
@@ -107,22 +116,44 @@ def fit(leg: Leg, q: Array, p: Array, R: Array, iterations: int) -> None:
 
 
 @_called
-def project(leg: Leg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
-    """(N, J) Jᵀ L x and (N, J, J) Jᵀ L J of strains or their rates x (N, 6 C) with gains L (C, 2, 3, 3)."""
+def project_on_joints(leg: CoupledLeg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
+    """Torques Jᵀ L x (N, J) of the couplings on the joints, and the matrices Jᵀ L J (N, J, J).
+
+    With the stiffness as L and the strains as x it is the gradient of the elastic energy and its Hessian; with the
+    damping as L and the strain rates as x it is the damping torque and the damping matrix.
+
+    Args:
+        leg: The leg.
+        law: (C, 2, 3, 3) gains L of displacement and rotation.
+        jacobian: (N, 6 C, J) of the strains.
+        value: (N, 6 C) strains or their rates x.
+    """
     n, dofs = len(value), len(leg.axes)
     torque, matrix = np.empty((n, dofs)), np.empty((n, dofs, dofs))
     for i in range(n):
-        _project_one(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
+        _project_instant(leg.last, law, jacobian[i], value[i], torque[i], matrix[i])
     return torque, matrix
 
 
 @_called
-def integrate(
-    leg: Leg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
+def integrate_motion(
+    leg: CoupledLeg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
-    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in balance (`solve_leg_dynamics`).
+    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in static balance.
 
-    Newmark's method with constant average acceleration; each step by Newton's method on the stops.
+    Newmark's method with constant average acceleration (β = 1/4, γ = 1/2): each step solves (4/Δt² M + 2/Δt C + K) x₁ +
+    stops(angles + x₁) = f + M (4/Δt² x₀ + 4/Δt v₀ + a₀) + C (2/Δt x₀ + v₀) by Newton's method, where the stops are the
+    nonlinear part.
+
+    Args:
+        leg: The leg, for its stops.
+        mass: (N, J, J) kg m².
+        damp: (N, J, J) N m s/rad.
+        stiff: (N, J, J) N m/rad.
+        force: (N, J) N m.
+        angles: (N, J) rad, angles about which the motion is linearised.
+        dt: Time between rows, s.
+        iterations: Most Newton iterations per step.
     """
     n, dofs = force.shape
     path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
@@ -132,6 +163,7 @@ def integrate(
     _solve_with_stops(leg, stiff[0], force[0], angles[0], x, residual, jacobian, iterations)
     path[0] = x
     for i in range(1, n):
+        # matrix and right side of Newmark's equation, and x + Δt v + Δt²/2 a as the first guess
         for j in range(dofs):
             right[j] = force[i, j]
             for k in range(dofs):
@@ -140,6 +172,7 @@ def integrate(
                 right[j] += damp[i, j, k] * (per * x[k] + v[k])
             new[j] = x[j] + dt * (v[j] + 0.5 * dt * a[j])
         _solve_with_stops(leg, matrix, right, angles[i], new, residual, jacobian, iterations)
+        # acceleration and velocity that belong to the new position
         for j in range(dofs):
             a_new = per2 * (new[j] - x[j]) - 2.0 * per * v[j] - a[j]
             v[j] += 0.5 * dt * (a[j] + a_new)
@@ -149,7 +182,7 @@ def integrate(
 
 
 @numba.njit(**INSIDE)
-def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
+def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     """Torque of a joint's stops, N m, and its slope, N m/rad: the gradient of a smooth energy."""
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
@@ -164,9 +197,14 @@ def stop_torque(leg: Leg, j: int, angle: float) -> tuple[float, float]:
 
 @numba.njit(**INSIDE)
 def _solve_with_stops(
-    leg: Leg, matrix: Array, right: Array, angles: Array, x: Array, residual: Array, jacobian: Array, iterations: int
+    leg: CoupledLeg, matrix: Array, right: Array, angles: Array, x: Array, residual: Array, jacobian: Array,
+    iterations: int,
 ) -> None:  # fmt: skip
-    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method, with two buffers."""
+    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method.
+
+    `matrix` is A (J, J) and `right` is b (J,). `residual` (J,) and `jacobian` (J, J) are buffers, so that the loop over
+    time allocates nothing.
+    """
     dofs = len(x)
     for _ in range(iterations):
         for j in range(dofs):
@@ -193,9 +231,18 @@ def _max_abs(step: Array) -> float:
 
 @numba.njit(**INSIDE)
 def _compute_strain(
-    leg: Leg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array, axes: Array
-) -> None:
-    """One instant of `strains`, and the pivots, rotations and axes of the leg's bodies in the pelvis' frame."""
+    leg: CoupledLeg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array,
+    axes: Array,
+) -> None:  # fmt: skip
+    """Writes the strains (6 C,) of the couplings and their Jacobian (6 C, J) at one instant.
+
+    The leg's angles are (J,) rad; the wearer's bodies are at (C, 3) m with (C, 3, 3) rotations in the pelvis' frame.
+    For each coupling the displacement is R_eᵀ (p_point − p_e) − p_in_exo and the rotation is the vector part of R =
+    R_eᵀ R_body, ½ (R₃₂ − R₂₃, R₁₃ − R₃₁, R₂₁ − R₁₂), both in the axes of the exoskeleton's body e. The buffers `pivots`
+    (J, 3), `rotations` (J, 3, 3) and `axes` (J, 3) receive the frames and joint axes of the leg's bodies in the pelvis'
+    frame.
+    """
+    # frames and joint axes of the leg's bodies, from the pelvis outwards
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for j in range(len(leg.axes)):
         at = plus(at, matvec(M, vec3(leg.offsets[j])))
@@ -208,6 +255,7 @@ def _compute_strain(
     for c in range(len(leg.last)):
         last = leg.last[c]
         to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
+        # strain: the wearer's point and rotation as the exoskeleton's body sees them
         point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
         displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
         x, y, z = matmul(to_body, M)
@@ -216,6 +264,7 @@ def _compute_strain(
         trace = x[0] + y[1] + z[2]
         for j in range(last + 1):  # as the frame rotates, the wearer's point moves the opposite way in its axes
             axis = vec3(axes[j])
+            # columns of the Jacobian: −axis × (point − pivot), and ½ (R axis − tr(R) axis) = −C axis
             moves = matvec(to_body, cross(minus(point, vec3(pivots[j])), axis))
             turn = matvec(to_body, axis)
             twists = times(0.5, minus(matvec((x, y, z), turn), times(trace, turn)))
@@ -238,10 +287,10 @@ def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
 
 
 @numba.njit(**INSIDE)
-def _project_one(
+def _project_instant(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:  # fmt: skip
-    """One instant of `project`."""
+    """Writes Jᵀ L x (J,) and Jᵀ L J (J, J) of one instant; a coupling moves only the joints up to its body `last`."""
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):
@@ -259,6 +308,7 @@ def _project_one(
 
 @numba.njit(**INSIDE)
 def _column(jacobian: Array, first: int, j: int) -> Vec3:
+    """Three rows of one column of a Jacobian, from row `first` on."""
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 

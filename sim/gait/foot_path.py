@@ -64,7 +64,12 @@ def min_jerk_height(rise: float, lower_bound: Array) -> tuple[BSpline, float]:
 
 @cache
 def _min_jerk_system(n: int) -> tuple[Array, Array, Array]:
-    """Third difference of n samples, and the Q and inverse R of the samples that are not at rest."""
+    """Linear system of the smoothest path of n samples.
+
+    Returns:
+        (n − 3, n) third difference D, and Q and R⁻¹ of the QR factorisation of its inner columns, those of the samples
+        that are not at rest.
+    """
     third = np.diff(np.eye(n), 3, axis=0)
     Q, R = np.linalg.qr(third[:, _REST : n - _REST])
     return third, Q, np.linalg.inv(R)
@@ -119,7 +124,14 @@ _FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
 def foot_path(
     steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]
 ) -> FootPath:  # fmt: skip
-    """Path of one foot at (N,) increasing s, from its footsteps in order and the ground's height at (..., 2) points."""
+    """Path of one foot from its footsteps: stance on its pivots, swing over the ground.
+
+    Args:
+        steps: Footsteps of the foot in order of time.
+        size: Wearer, for the shoe and the length of the leg.
+        t: (N,) increasing s.
+        height: Height of the ground, m, at (..., 2) points of the world.
+    """
     pitch = plan_pitch(steps, t[-1])
     theta = pitch(t)
     n = len(t)
@@ -159,17 +171,22 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
         on = (t >= step.t_touch) & (t <= step.t_off)
         late = (t[on] - step.t_off) / _RISE_FADE_S
         # at toe-off the foot is back on its path, so that the swing does not change
-        inside = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
+        fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
-        beyond = np.maximum(dorsiflexion[on] - limit, 0.0)
-        smooth = gaussian_filter1d(beyond, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
-        theta[on] += inside * _RISE_GAIN * smooth
+        excess = np.maximum(dorsiflexion[on] - limit, 0.0)
+        smooth = gaussian_filter1d(excess, _RISE_SMOOTHING_S / (t[1] - t[0]), mode="nearest")
+        theta[on] += fade * _RISE_GAIN * smooth
         p[on], R[on], toe[on] = _stance_poses(step, shoe, theta[on])
     return replace(path, p_foot_in_world=p, R_world_foot=R, toe_extension=toe, pitch=theta)
 
 
 def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
+    """Poses of a foot on the ground at (N,) pitches `theta`: (N, 3) m, (N, 3, 3) rotations, (N,) rad of toe extension.
+
+    The foot rotates about the heel's edge while θ < 0 and about the toe hinge, with flat toes, while θ ≥ 0: p = p_sole
+    + R_sole (c − R_y(θ) c) with the pivot c.
+    """
     base, tilt = step.R_world_sole, rot_y(theta)
     pivot = np.where(theta[:, None] < 0.0, *_pivots(shoe))
     local = pivot - np.einsum("nij,nj->ni", tilt, pivot)
@@ -185,6 +202,22 @@ def _swing_poses(
     a: Footstep, b: Footstep, size: Wearer, t: Array, theta: Array, pitch: Callable[[Array], Array],
     height: Callable[[Array], Array],
 ) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Poses of a foot in the air at (N,) s: (N, 3) m, (N, 3, 3) rotations, (N,) rad of toe extension.
+
+    The path of `_swing_positions` is lifted until the sole clears the ground. Where the foot pushes off and a bump of
+    up to `_MAX_BUMP_M` suffices, the lift is that bump. Otherwise it is the height with the least jerk
+    (`min_jerk_height`), and of the windows in which the foot may move forward, the one with the least total jerk is
+    taken.
+
+    Args:
+        a: Footstep that the foot leaves.
+        b: Footstep that it reaches.
+        size: Wearer.
+        t: (N,) s, between toe-off and touch-down.
+        theta: (N,) rad, pitch of the foot at these instants.
+        pitch: Pitch at any instants.
+        height: Height of the ground, m, at (..., 2) points.
+    """
     if len(t) == 0:
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)
@@ -231,29 +264,48 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
 
 
 def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
+    """(N, 3, 3) rotation of a swinging foot at (N,) shares of swing: from sole to sole, then by the pitch (N,) rad."""
     return between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
 
 
 def _swing_positions(
     a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]
 ) -> Array:  # fmt: skip
-    ahead, upward = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
+    """(N, 3) m, positions of a swinging foot at (N,) shares `s` of swing, not yet lifted over the ground.
+
+    A point moves through the foot from the toe hinge to the pivot of the landing. In the world it goes smoothly from
+    its place at toe-off to its place at touch-down: horizontally within the window `forward` of swing, vertically over
+    all of it. In a turn its path is an arc. Between level steps the style of the step adds its offset (`_swing_shape`).
+
+    Args:
+        a: Footstep that the foot leaves.
+        b: Footstep that it reaches.
+        size: Wearer.
+        s: (N,) shares of swing, 0-1.
+        R: (N, 3, 3) attitude of the foot.
+        forward: Shares of swing at which the horizontal motion begins and ends.
+    """
+    forward_share, upward_share = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     heel, hinge = _pivots(size.shoe)
     landing = heel if b.arrival == "heel" else hinge
-    within = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
+    pivot_in_foot = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
-    point = start + np.stack([ahead, ahead, upward], -1) * (end - start)
+    point = start + np.stack([forward_share, forward_share, upward_share], -1) * (end - start)
     # in a turn the foot moves on an arc, so that it keeps its distance when it passes the other one
     outward = np.array([end[1] - start[1], start[0] - end[0], 0.0]) * (b.heading - a.heading) / 8.0
-    point = point + (4.0 * ahead * (1.0 - ahead))[:, None] * outward
+    point = point + (4.0 * forward_share * (1.0 - forward_share))[:, None] * outward
     if a.departure == "push" and b.arrival == "heel":
         point = point + _swing_shape(b.style, s, b.R_world_sole) * leg_length(size)
-    return point - np.einsum("nij,nj->ni", R, within)
+    return point - np.einsum("nij,nj->ni", R, pivot_in_foot)
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:
-    """(N, 3) offset of a swinging foot from its smooth path, in leg lengths; at rest at both ends."""
+    """(N, 3) m per leg length, offset of a swinging foot from its smooth path at (N,) shares of swing, world axes.
+
+    Forward and lift are polynomials in 2 s − 1 with the coefficients of the style, times a bump, so that both ends
+    rest.
+    """
     powers = np.vander(2 * s - 1, len(style.forward), increasing=True).T
     ahead, above = style.forward @ powers, style.lift @ powers
     local = np.stack([ahead, np.zeros_like(s), above], -1) * bump(s)[:, None]
@@ -261,7 +313,12 @@ def _swing_shape(style: Style, s: Array, base: Array) -> Array:
 
 
 def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
-    """(N, points, 3) of points of the sole from the foot to its part, and within that part, in world axes."""
+    """Points of the sole in world axes, relative to the foot's origin, for (N, 3, 3) attitudes and (N,) toe extensions.
+
+    Returns:
+        (N, points, 3) m from the foot's origin to the part (foot or toes) that holds the point, and (N, points, 3) m
+        from there to the point. Three points are on the rear foot, three on the toes.
+    """
     rear = [np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
     _, hinge = _pivots(shoe)
     tip = [np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z]) for x in (0.0, 0.5, 1.0)]

@@ -99,6 +99,10 @@ _TOE_OFFS = {
 def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:
     """Pitch of one foot against the ground, rad, toes down positive, as a smooth function of (N,) s.
 
+    The pitch passes through knots: it is 0 while the sole is flat, rises from heel-off to toe-off, follows the swing,
+    and returns to 0 after touch-down. A monotone cubic (PCHIP) through the knots is smoothed by a Gaussian; on a flat
+    foot what smoothing leaves is faded out.
+
     Args:
         steps: The footsteps of this foot, in order.
         t_end: End of the walk, s.
@@ -108,8 +112,8 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
     flats: list[tuple[float, float]] = []
     for a, b in pairwise(steps):
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
-        leave, land = _toe_off(a, b.style), _landing(b)
-        heel_off = leave.heel_off_before * duration
+        toe_off, landing = _toe_off(a, b.style), _landing(b)
+        heel_off = toe_off.heel_off_before * duration
         lowers = a.departure == "lower"
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
@@ -122,19 +126,19 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
         uphill = max(a.slope, 0.0)
         push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
-        off = leave.off + _PUSH_BY_RISE * climb + push
+        off = toe_off.off + _PUSH_BY_RISE * climb + push
         flats.append((flat, a.t_off - heel_off))
-        knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in leave.rise]
+        knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in toe_off.rise]
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
-        landing = min(max(b.slope, 0.0), -land.touch - _MIN_HEEL_FIRST_RAD) if land.touch < 0.0 else 0.0
-        swung, before = leave.swing, land.before
+        slope_pitch = min(max(b.slope, 0.0), -landing.touch - _MIN_HEEL_FIRST_RAD) if landing.touch < 0.0 else 0.0
+        swing_knots, landing_knots = toe_off.swing, landing.before
         if a.departure == "push" and b.arrival == "flat":  # toes that swing up would have to go down again at once
-            swung, before = tuple((u, max(angle, land.touch)) for u, angle in swung), ()
-        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swung]
-        knots += [(a.t_off + u * swing, angle + landing + tiptoe) for u, angle in before]
-        flat = b.t_touch + min((land.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
-        touch, lasts = land.touch + landing + tiptoe, flat - b.t_touch
-        lowering = (_HIGH_LOWERING,) if high else land.lowering
+            swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()
+        knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
+        knots += [(a.t_off + u * swing, angle + slope_pitch + tiptoe) for u, angle in landing_knots]
+        flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
+        touch, lasts = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
+        lowering = (_HIGH_LOWERING,) if high else landing.lowering
         knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in lowering), (flat, 0.0)]
     knots.append((t_end + 10.0, 0.0))
     flats.append((flat, t_end + 10.0))

@@ -42,13 +42,13 @@ _STROLL_SPEED_M = 2.0  # distance over which it changes
 
 
 def speed_share(way: Way, s: Array) -> Array:
-    """Speed relative to a straight way: it follows curvature to the power -1/3 (Hicheur et al. 2005)."""
+    """(...) speed in a curve relative to a straight way: (r / 3 m)^(1/3), from 0.4 to 1 (Hicheur et al. 2005)."""
     radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)
     return np.clip(np.cbrt(radius / _STRAIGHT_RADIUS_M), _MIN_SPEED_SHARE, 1.0)
 
 
 def turn_share(way: Way, s0: float, s1: float) -> float:
-    """Change of heading between two arc lengths, relative to the largest change in one step."""
+    """Change of heading between two arc lengths, as a share of the largest change that one step makes."""
     return abs(float(way.heading(s1) - way.heading(s0))) / _MAX_TURN_PER_STEP_RAD
 
 
@@ -58,14 +58,24 @@ def widening(way: Way, s0: float, s1: float) -> float:
 
 
 def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Arc lengths from start to stop and the steps made until there, for steps of `step(s)` m on a straight way.
+    """Number of steps along the way, as a function of the arc length.
 
-    In curves the steps are shorter, as the square root of the speed, and no step turns farther than people do.
+    It integrates the steps per metre: 1 / (`step(s)` times the square root of `speed_share`) in curves, and at least as
+    many as keep the turn of each step below the largest one.
+
+    Args:
+        way: The way.
+        start: First arc length, m.
+        stop: Last arc length, m.
+        step: Step length, m, on a straight way at (N,) arc lengths.
+
+    Returns:
+        (N,) m, arc lengths from `start` to `stop`, and (N,) steps from `start` to each, which are fractional.
     """
     s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
     middle = (s[1:] + s[:-1]) / 2
-    turning = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD
-    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), turning)
+    steps_to_turn = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD
+    density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), steps_to_turn)
     return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
 
 
@@ -91,7 +101,14 @@ class Tempo:
 
     @classmethod
     def along(cls, layout: Layout, size: Wearer, gait: Gait, rng: np.random.Generator) -> Tempo:
-        """Tempo of one walk; only a wandering walk uses random numbers."""
+        """Plans the tempo of one walk; only a wandering walk uses random numbers.
+
+        Args:
+            layout: Route in the world.
+            size: Wearer.
+            gait: Gait of the person.
+            rng: Draws the wobble of a wandering walker's speed.
+        """
         profile = layout.profile
         end = profile[-1].s1 - RUN_OUT_M
         uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
@@ -110,13 +127,16 @@ class Tempo:
         return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
     def speed(self, s: Array | float) -> Array:
-        """(...) m/s, planned speed on a straight way at (...) arc lengths."""
+        """(...) m/s, planned speed on a straight way at (...) arc lengths.
+
+        It is the preferred speed, but never above √(v² + 2 a d) at a distance d from a place with the speed limit v.
+        """
         away = np.abs(np.asarray(s, dtype=float)[..., None] - self.slow)
         most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
     def stair_speed(self, s: float) -> float:
-        """Speed on the level, m/s, with the same cadence as the walker has on stairs there."""
+        """Speed that sets the cadence on stairs at `s`, m/s: the preferred one, at most `_MAX_STAIR_MPS`."""
         return min(self.gait.speed_mps * float(np.interp(s, self.grid, self.share)), _MAX_STAIR_MPS)
 
     def step_length(self, s: Array | float) -> Array:
@@ -124,7 +144,7 @@ class Tempo:
         return level_step_length(self.speed(s), self.size) * shuffle_step_share(self.gait.shuffle)
 
     def duration(self, s: float) -> float:
-        """Duration of that step, s."""
+        """Duration of one step on straight level ground at arc length `s`, in seconds; a shuffle has a lower limit."""
         return max(float(self.step_length(s) / self.speed(s)), _MIN_SHUFFLE_STEP_S * self.gait.shuffle)
 
 
@@ -176,7 +196,7 @@ class Foothold:
 
 
 def limp_factor(gait: Gait, foot: str) -> float:
-    """Relative excess of a foot's step length and step time over the mean."""
+    """Factor on step length and step time of a foot: 1 + asymmetry for `l`, 1 − asymmetry for `r`."""
     return 1.0 + (gait.asymmetry if foot == "l" else -gait.asymmetry)
 
 
@@ -202,13 +222,34 @@ def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: 
 
 
 def _foot_of_step(i: int) -> str:
+    """Foot of step i, `r` or `l`; the right foot makes the first one."""
     return "r" if i % 2 == 0 else "l"
 
 
 def _plan_on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
 ) -> list[Foothold]:  # fmt: skip
-    """Footholds on strip k (none for the two feet that stand at the start); `first` counts those before."""
+    """Footholds on one strip of ground, in order.
+
+    A stair tread that is too short for two footprints gets one foot, or both if the walker climbs step by step. On
+    other strips the steps between the first and the last possible place are equally long, except for the limp, for
+    shorter steps at the start, at the end and into pauses, and for a random error.
+
+    Args:
+        layout: Route in the world.
+        k: Number of the strip in the profile.
+        size: Wearer.
+        gait: Gait of the person.
+        tempo: Speed and step length along the way.
+        rng: Draws pauses and errors of the step length.
+        first: Number of footholds before this strip, which decides the foot.
+
+    Returns:
+        The footholds; none on the strip behind the start, where the two feet already stand.
+
+    Raises:
+        ConfigError: The strip is shorter than a shoe.
+    """
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
     last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0
@@ -295,7 +336,11 @@ def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narr
 
 
 def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
-    """Whether a walker who takes two treads at a time on the way up places no foot on a strip, for each."""
+    """Whether a walker who climbs two treads at a time places no foot on a strip, for each strip of the profile.
+
+    A tread is skipped if the steps before and behind it lead up, and both together are low and short enough for the
+    leg.
+    """
     leg, skipped = leg_length(size), [False] * len(profile)
     for k in range(1, len(profile) - 1):
         before, strip, beyond = profile[k - 1 : k + 2]

@@ -112,7 +112,19 @@ def check_gait(gait: Gait) -> None:
 def plan_timing(
     way: Way, holds: Sequence[Foothold], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> tuple[Array, list[Style]]:  # fmt: skip
-    """(N,) time from the previous touch-down to each touch-down, s, and the style of each step."""
+    """Times between touch-downs, and the walking style of each step.
+
+    Args:
+        way: The way.
+        holds: (N) footholds in order.
+        size: Wearer.
+        gait: Gait of the person.
+        tempo: Speed and step length along the way.
+        rng: Draws the errors of the step times.
+
+    Returns:
+        (N,) s from the previous touch-down to each touch-down, pauses included, and the N styles.
+    """
     rises = _riser_heights(holds)
     even = _step_durations(way, holds, rises, gait, tempo, rng)
     styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, even, size)]
@@ -137,7 +149,12 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
 def _step_durations(
     way: Way, holds: Sequence[Foothold], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
 ) -> Array:  # fmt: skip
-    """Durations of the steps of an even gait, s."""
+    """(N,) s, durations of the steps without limp and pauses.
+
+    A step on stairs takes `_STAIR_STEP_S` √(1.2 m/s / v), longer over high risers. Elsewhere the level step time grows
+    with the ratio of the step's length to the usual one, and it is longer in curves and on ramps. A random error of up
+    to `_MAX_TIME_ERROR` is added, and neighbouring steps are averaged: people do not change cadence abruptly.
+    """
     durations, previous = [], 0.0
     for i, (hold, rise) in enumerate(zip(holds, rises)):
         s = hold.s
@@ -168,7 +185,7 @@ def _step_durations(
 
 
 def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
-    """Style of each step, by its own speed."""
+    """Style of each step by its own speed; steps over risers get the double support and the swing time of stairs."""
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
     styles = []
@@ -255,6 +272,8 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
 
 @dataclass(frozen=True)
 class _Row:
+    """A footprint with its time and style, before its pose in the world is known."""
+
     foot: str
     s: float
     strip: Strip
@@ -263,6 +282,7 @@ class _Row:
 
     @property
     def z(self) -> float:
+        """Height of the ground on the way there, m."""
         return self.strip.height(self.s, 0.0)
 
 
@@ -270,6 +290,19 @@ def _footstep(
     way: Way, row: _Row, before: _Row, before_of_foot: _Row, ahead: _Row, after: _Row, t_off: float,
     rng: np.random.Generator, gait: Gait,
 ) -> Footstep:  # fmt: skip
+    """The footstep of a row: its pose in the world, its locomotion mode, and how the foot arrives and leaves.
+
+    Args:
+        way: The way.
+        row: The footprint.
+        before: Footprint of the other foot before it.
+        before_of_foot: The one before that, of the same foot.
+        ahead: The next footprint of the other foot.
+        after: The next footprint of the same foot.
+        t_off: Toe-off, s.
+        rng: Draws the lateral error.
+        gait: Gait of the person.
+    """
     slope, heading = row.strip.slope, float(way.heading(row.s))
     rise_before, rise_after = _riser_height(before.strip, row.strip), _riser_height(row.strip, after.strip)
     rise_of_foot = (
@@ -326,7 +359,7 @@ class Rhythm:
         return cls(steps=order, begin=begin, end=end)
 
     def phase(self, t: Array) -> Array:
-        """(N,) number of steps made at (N,) uniform s, smooth; constant before the first and after the last."""
+        """(N,) number of steps made until (N,) uniform s, smooth; constant before the first step and after the last."""
         knots = np.concatenate([[self.begin[0]], self.end])
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
@@ -336,13 +369,33 @@ class Rhythm:
         )
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
-        """(N,) at (N,) uniform s: each of (K,) values in the middle of its step, `before` and `after` in stance."""
+        """One value per step as a smooth function of time.
+
+        Args:
+            t: (N,) uniform s.
+            values: (K,) values, which hold in the middle of their steps.
+            before: Value while the walker stands at the start.
+            after: Value while the walker stands at the end.
+
+        Returns:
+            (N,) linear interpolation of these values, smoothed.
+        """
         middle = (self.begin + self.end) / 2
         at = np.concatenate([[self.begin[0] - WEIGHT_SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
         return smooth_gaussian(np.interp(t, at, np.concatenate([[before], values, [after]])), _SMOOTHING_S, t[1] - t[0])
 
     def blend_style(self, t: Array, name: str, standing_value: float, index: int | None = None) -> Array:
-        """(N,) a field of the steps' styles, blended as in `blend`."""
+        """One field of the steps' styles as a smooth function of time (`blend`).
+
+        Args:
+            t: (N,) uniform s.
+            name: Field of `Style`.
+            standing_value: Its value in quiet stance at both ends.
+            index: Entry of a field that is an array.
+
+        Returns:
+            (N,) values in the field's unit.
+        """
         values = [getattr(step.style, name) for step in self.steps]
         return self.blend(
             t, np.array([v if index is None else v[index] for v in values]), standing_value, standing_value

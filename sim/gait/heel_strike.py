@@ -171,10 +171,15 @@ class UpperMotion:
         cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
         pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
     ) -> Self:  # fmt: skip
-        """The motion of a walk with the footsteps of one foot; `rng` draws the variation from strike to strike.
+        """Motion of the upper for a walk with the footsteps of one foot.
 
-        `pitch` of the sole relative to the ground, rad, and `speed` of the foot, m/s, are functions of (N,) s. The
-        pivot, (3,) m in the foot's frame, is the position of the sensors, where the parameters were recorded.
+        Args:
+            steps: Footsteps of the foot in order of time.
+            pitch: Pitch of the sole relative to the ground, rad, at (N,) s.
+            speed: Speed of the foot, m/s, at (N,) s; it sets the strength of each strike.
+            pivot: (3,) m in the foot's frame, position of the sensors, where the parameters were recorded.
+            rng: Draws the variation from strike to strike.
+            parameters: Modes and amplitudes.
         """
         landings = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landings]) - BEFORE_S)
@@ -220,7 +225,7 @@ class UpperMotion:
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
 
     def upper_track(self, foot: Track) -> Track:
-        """Track of the upper, whose frame coincides with the foot's at rest."""
+        """Track of the upper, given that of its foot; the two frames coincide at rest."""
         return foot.displace(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
 
 
@@ -251,7 +256,18 @@ def _add_rocks(
     t: Array, rows: NDArray[np.int64], rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, value: Array,
     rate: Array,
 ) -> None:  # fmt: skip
-    """Adds the rocking, sines of random phase in a window; arguments as of `_add_vibrations`."""
+    """Adds the rocking of stance: sines of random phase in a window that fades in and out.
+
+    Args:
+        t: (N,) increasing s.
+        rows: (2, S) first row of each stance, and one past its last.
+        rocks: The stances.
+        rock_hz: (M,) frequencies.
+        rock_rate: (M, 3) rad/s, amplitudes of the angular rate.
+        fade_s: Duration of fade-in and fade-out.
+        value: (N, 6) displacement, m, and rotation, rad; the rotation is added to.
+        rate: (N, 6) their rates, likewise.
+    """
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - rocks.begin[e]
@@ -268,7 +284,10 @@ def _add_rocks(
 
 
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
-    """Time at which the sole slaps down on the ground, s."""
+    """Time at which the sole of a heel-first step slaps down, s: the first instant with a pitch below `flat_rad`.
+
+    The touch-down itself, if the foot does not become flat within 0.4 s.
+    """
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
     down = np.abs(pitch(t)) < flat_rad
     return float(t[down.argmax()]) if down.any() else step.t_touch

@@ -34,12 +34,12 @@ class LegAngles:
 
 
 def ankle_in_world(size: Wearer, p_foot_in_world: Array, R_world_foot: Array) -> Array:
-    """(N, 3) ankle centres of feet at (N, 3) with (N, 3, 3)."""
+    """(N, 3) m, ankle centres in the world, of feet at (N, 3) m with rotations (N, 3, 3)."""
     return p_foot_in_world + R_world_foot @ np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
 
 
 def reach(size: Wearer, knee_flexion: Array | float) -> Array:
-    """Hip-ankle distance at a knee angle, by the law of cosines."""
+    """Distance from hip to ankle, m, at a knee flexion in rad: √(a² + b² + 2 a b cos φ), thigh a and shank b."""
     a, b = size.body.thigh_m, size.body.shank_m
     return np.sqrt(a * a + b * b + 2 * a * b * np.cos(knee_flexion))
 

@@ -40,7 +40,10 @@ _MAX_DROP_M = 0.03  # ground that is lower by more belongs to another tread
 
 
 def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
-    """Share of the load on each foot, (N,), summing to 1; cubic transitions during double support."""
+    """Share of the load on each foot at (N,) s, by foot; the shares sum to 1.
+
+    A foot alone on the ground bears all. In double support the load moves by a cubic of the time (`_load_share`).
+    """
     raw = {foot: np.zeros_like(t) for foot in steps}
     for foot, foot_steps in steps.items():
         other_steps = [s for f in steps if f != foot for s in steps[f]]
@@ -58,7 +61,13 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
 
 
 def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, Array]:
-    """Shares with quiet stance at both ends: half on each foot, then a transition to the stance foot."""
+    """Shares of the load, by foot, with quiet stance at both ends: half on each foot, then a shift to the stance foot.
+
+    Args:
+        shares: (N,) shares of the walk by foot.
+        steps: Footsteps by foot.
+        t: (N,) s.
+    """
     first = min(s.t_off for foot_steps in steps.values() for s in foot_steps)
     last = max(s.t_touch for foot_steps in steps.values() for s in foot_steps)
     stand = np.maximum(ease((first - t) / WEIGHT_SHIFT_S), ease((t - last) / SETTLE_S))
@@ -108,7 +117,7 @@ def pressure_centres(
 
 
 def _rows_of_steps(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
-    """Each footstep and the rows of (N,) increasing times from its touch-down to the next one's."""
+    """Each footstep with the rows of (N,) increasing times from its touch-down to the next touch-down of this foot."""
     begin = np.searchsorted(t, [step.t_touch for step in steps])
     begin[0] = 0
     for step, a, b in zip(steps, begin, [*begin[1:], len(t)]):
@@ -122,7 +131,18 @@ def _tip_overhangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array])
 
 
 def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Shoe) -> Array:
-    """Keeps the centre of pressure at the heel's edge while the toes are up, in front of the ball while the heel is."""
+    """Centre of pressure (N,) within the part of the sole that touches the ground, as a share of the toe hinge's x.
+
+    Until the sole is flat it is at the heel's edge (after a landing on the heel) or in front of the ball; after the
+    heel has risen it is in front of the ball. The transitions take `_PASSING_S`.
+
+    Args:
+        x: (N,) wanted centre of pressure.
+        t: (N,) s.
+        step: The footstep.
+        pitch: (N,) rad, pitch of the foot relative to its ground.
+        shoe: Sole of the foot.
+    """
     stance = np.flatnonzero((t >= step.t_touch) & (t <= step.t_off))
     if not len(stance):
         return x

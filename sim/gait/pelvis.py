@@ -34,12 +34,15 @@ _ABOVE_REACH_WEIGHT = 5e3  # weight of a height beyond the legs' reach relative 
 
 
 def solve_cart_table(zmp: Array, kappa: Array, dt: float) -> Array:
-    """Path c with the given zero-moment point c - kappa c'' (linear inverted pendulum, Kajita 2003).
+    """Path c of the centre of mass with a zero-moment point p = c − κ c'' (linear inverted pendulum, Kajita 2003).
+
+    The second derivative is a central difference, so that each row reads −k c₋ + (1 + 2 k) c − k c₊ = p with k = κ /
+    Δt²; at both ends c = p.
 
     Args:
-        zmp: (N, k) zero-moment point, m; at rest at both ends.
-        kappa: (N,) (z_com - z_zmp) / (g + z_com''), s².
-        dt: Time between rows, s.
+        zmp: (N, k) zero-moment point p, m; at rest at both ends.
+        kappa: (N,) κ = (z_com - z_zmp) / (g + z_com''), s².
+        dt: Time Δt between rows, s.
     """
     n = len(zmp)
     k = kappa / dt**2
@@ -53,7 +56,15 @@ def solve_cart_table(zmp: Array, kappa: Array, dt: float) -> Array:
 def max_pelvis_height(
     size: Wearer, p_pelvis_in_world: Array, R_world_pelvis: Array, paths: Mapping[str, FootPath], min_knee: Array
 ) -> Array:
-    """(N,) height of the pelvis at which one of the legs is as straight as (N,) `min_knee` allows."""
+    """(N,) m, height of the pelvis at which the straighter leg has just its least knee flexion.
+
+    Args:
+        size: Wearer.
+        p_pelvis_in_world: (N, 3) m; the height has no effect.
+        R_world_pelvis: (N, 3, 3).
+        paths: Path of each foot.
+        min_knee: (N,) rad, least knee flexion.
+    """
     limits = []
     for side in SIDES:
         sign = 1.0 if side == "l" else -1.0
@@ -65,7 +76,10 @@ def max_pelvis_height(
 
 
 def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
-    """(N,) rad at (N,) uniform s, least knee flexion that determines the height of the pelvis."""
+    """(N,) rad, least knee flexion at (N,) uniform s, which determines the height of the pelvis.
+
+    It is larger on stairs and uphill, there also for the next two steps, until the rear foot has left the ground.
+    """
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
     bent = np.array([of_mode.get(step.mode, _MIN_KNEE_RAD) for step in rhythm.steps])
@@ -77,7 +91,14 @@ def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
 
 
 def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, Array]:
-    """Height of the pelvis on the level at (N,) uniform s, from the styles of the steps, for legs of `leg_m`.
+    """Height of the pelvis on the level, from the styles of the steps.
+
+    The oscillation is Σ leg (a_k cos 2πkφ + b_k sin 2πkφ) over three harmonics of the phase φ of the steps.
+
+    Args:
+        rhythm: Steps.
+        t: (N,) uniform s.
+        leg_m: Hip centre to sole, m.
 
     Returns:
         (N,) mean height in the world, m; (N,) oscillation about it, m; and (N,) share of level ground, 0-1.
@@ -97,7 +118,11 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
 
 
 def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
-    """Smoothest height close to a goal and below a limit, (N,) m: least squares with a third-derivative penalty."""
+    """(N,) m, smooth height close to a goal and below a limit, both (N,) m.
+
+    It minimises Σ w (z − target)² + `_SMOOTHNESS`² Σ (z''')². The target is the goal with w = 1; where z would exceed
+    the limit, it is the limit with w = `_ABOVE_REACH_WEIGHT`. The set of these rows is found by iteration.
+    """
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)

@@ -64,7 +64,17 @@ class GazeMotion:
 def plan_gaze(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
 ) -> GazeMotion:  # fmt: skip
-    """Rotations of head and chest at (N,) m along the way, with (N,) mean slope nearby; others as in `plan_posture`."""
+    """Rotations of head and chest with the walker's gaze.
+
+    Args:
+        gaze: Gaze of the walker.
+        t: (N,) uniform s.
+        s: (N,) m along the way.
+        climb: (N,) mean slope of the ground nearby.
+        profile: Ground along the way.
+        leg_m: Hip centre to sole, m.
+        rng: Draws the directions of a wandering gaze; other kinds do not use it.
+    """
     dt = float(t[1] - t[0])
     usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
     pitch, yaw = usual, np.zeros_like(t)
@@ -90,14 +100,24 @@ def plan_gaze(
 
 
 def _ground_gaze_pitch(s: Array, dt: float, profile: Sequence[Strip], leg_m: float) -> Array:
-    """(N,) pitch of a head that looks at the ground where the walker will be in `_LOOK_AHEAD_S`."""
+    """(N,) rad, pitch of a head that looks at the ground where the walker will be in `_LOOK_AHEAD_S`; eyes do the rest.
+
+    Args:
+        s: (N,) m along the way.
+        dt: Time between rows, s.
+        profile: Ground along the way.
+        leg_m: Hip centre to sole, m.
+    """
     ahead = np.maximum(_advance_in_time(s, _LOOK_AHEAD_S, dt) - s, _MIN_LOOK_AHEAD_M)
     below = _EYE_HEIGHT_LEGS * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
     return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
 
 
 def _draw_gaze_shifts(t: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(N,) pitch and (N,) yaw offsets: quick movements between directions that are held for a while."""
+    """(N,) pitch and (N,) yaw of a wandering gaze at (N,) s, rad: quick movements between directions that are held.
+
+    The time for which a direction is held is log-normal; the directions are normal, within limits.
+    """
     angles = [np.zeros_like(t), np.zeros_like(t)]
     now, last = t[0], np.zeros(2)
     while now < t[-1]:

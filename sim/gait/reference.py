@@ -45,7 +45,10 @@ from stridetwin.streams.so3 import from_euler, rot_x, rot_y, rot_z
 
 
 def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
-    """Angles of both legs that bring the feet to their paths under a pelvis at (N, 3), (N, 3, 3)."""
+    """Angles of both legs that bring the feet to their paths, by side.
+
+    The pelvis is at (N, 3) m with rotations (N, 3, 3). Feet out of reach are reported by `LegAngles.stretch`.
+    """
     return {
         side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
                         HARD_MIN_KNEE_RAD)
@@ -57,7 +60,17 @@ def stack_coordinates(
     size: Wearer, layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles],
     exo: Mapping[str, Array], paths: Mapping[str, FootPath],
 ) -> Array:  # fmt: skip
-    """(N, names) coordinates in the order of `layout.names`; `exo` holds (N, J) angles by side, or is empty."""
+    """(N, names) generalised coordinates in the order of `layout.names`.
+
+    Args:
+        size: Wearer.
+        layout: Names and order of the coordinates.
+        p_pelvis: (N, 3) m, pelvis in the world.
+        pose: Orientation of the pelvis, and angles of trunk, neck and arms.
+        legs_: Angles of the legs by side.
+        exo: (N, J) rad, angles of the exoskeleton's legs by side; empty without exoskeleton.
+        paths: Paths of the feet, for the extension of the toes.
+    """
     columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
     columns |= pose.joints
     for side in SIDES:
@@ -72,12 +85,14 @@ def stack_coordinates(
 def zero_moment_point(
     p_root: Array, force: Array, moment: Array, com_z: Array, z: Array, mass: float
 ) -> tuple[Array, Array]:  # fmt: skip
-    """Zero-moment point of a motion.
+    """Zero-moment point of a motion: the point of the ground about which the needed wrench has no horizontal moment.
+
+    x = x_root + ((z − z_root) F_x − M_y) / F_z and y = y_root + ((z − z_root) F_y + M_x) / F_z.
 
     Args:
         p_root: (N, 3) m, root in the world.
-        force: (N, 3) N, external force that the motion needs, world axes (`rigid_tree.root_wrench`).
-        moment: (N, 3) N m, likewise, about the root.
+        force: (N, 3) N, external force F that the motion needs, world axes (`rigid_tree.root_wrench`).
+        moment: (N, 3) N m, its moment M about the root.
         com_z: (N,) height of the centre of mass, m.
         z: (N,) height of the ground, m.
         mass: Of the whole body, kg.
@@ -127,7 +142,7 @@ class WalkMotion(ABC):
         return self.coordinates.evaluate(self.splines, np.clip(t, 0.0, self.duration_s))
 
     def position_velocity(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """The first two results of `state`, faster."""
+        """Generalised position (N, nq) and velocity (N, nv) at (N,) s, in MuJoCo's layout; faster than `state`."""
         return self.coordinates.position_velocity(self.splines, np.clip(t, 0.0, self.duration_s))
 
     @abstractmethod
@@ -150,7 +165,7 @@ class Reference(WalkMotion):
     grid: Array
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
-        """As `WalkMotion`."""
+        """(N,) rad, planned pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
         return np.interp(t, self.grid, self.paths[side].pitch)
 
 
@@ -237,10 +252,20 @@ def _fit_exoskeleton(
     stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
     start: dict[str, Array] | None = None,
 ) -> dict[str, Array]:  # fmt: skip
-    """(N, J) angles of both legs of the exoskeleton, computed at every `stride`-th instant and interpolated.
+    """(N, J) rad, angles of the exoskeleton's legs by side, for a motion of the wearer; empty without exoskeleton.
 
-    They are those of weightless legs, or, with a model in `weighing`, of legs with weight, starting from the angles
-    `start` of an earlier round.
+    They are computed at every `stride`-th instant and interpolated by quintic splines.
+
+    Args:
+        size: Wearer.
+        t: (N,) uniform s.
+        p_pelvis: (N, 3) m.
+        R_pelvis: (N, 3, 3).
+        paths: Paths of the feet by side.
+        legs: Angles of the wearer's legs by side.
+        stride: Step between the instants that are computed.
+        weighing: Model, layout and posture, from which the frame's weight and inertia follow; None for weightless legs.
+        start: (N, J) rad by side, result for a similar motion, from which the solution starts.
     """
     if size.exo is None:
         return {}

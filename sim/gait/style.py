@@ -61,13 +61,13 @@ class Style:
 
     @classmethod
     def from_vector(cls, x: Array) -> Style:
-        """Style from a vector of its fields in the order above."""
+        """Style from the vector of `to_vector`, (`len(LABELS)`,), the fields in the order above."""
         parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
     def to_vector(self) -> Array:
-        """The fields as one vector."""
+        """(`len(LABELS)`,) all fields one after another, as the table of styles and its fit use them."""
         return np.concatenate([np.atleast_1d(getattr(self, f.name)) for f in fields(self)])
 
 
@@ -96,7 +96,7 @@ def level_style(pace_: float) -> Style:
 
 @cache
 def _read_table() -> tuple[Array, Array]:
-    """Dimensionless speeds (K,) and the style parameters at each (len(LABELS), K)."""
+    """The table `level_style.csv`: (K,) dimensionless speeds, and (len(LABELS), K) style parameters at each."""
     text = resources.files("stridetwin.sim.gait").joinpath("level_style.csv").read_text(encoding="utf-8")
     lines = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
     values = {row[0]: [float(v) for v in row[1:]] for row in lines}
@@ -159,7 +159,10 @@ def style_at(pace: float) -> Style:
 
 
 def apply_shuffle(style: Style, shuffle: float) -> Style:
-    """Style of feet that slide along: flat, low, and with short swings; `shuffle` from 0 to 1."""
+    """Style of feet that slide along the ground: flat, low, and with short swings.
+
+    `shuffle` is the amount from 0, unchanged, to 1.
+    """
     if shuffle == 0.0:
         return style
     k = 1.0 - _SHUFFLE_LOWERS * shuffle
@@ -185,7 +188,7 @@ def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
 
 
 def _scale_amplitudes(style: Style, k: float) -> Style:
-    """Style with the amplitudes of feet and pelvis scaled."""
+    """Style with smaller amplitudes: pitch, swing and pelvis list times k, the pelvis' oscillation times k²."""
     return replace(
         style, pitch=k * style.pitch, height=np.append(style.height[0], k**2 * style.height[1:]),
         forward=k * style.forward, lift=k * style.lift, list_=k * style.list_,

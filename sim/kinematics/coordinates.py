@@ -22,7 +22,10 @@ _called = cached(__file__, quaternions.__file__)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordinates:
-    """Layout: `names[:6]` is the root (x, y, z, yaw, pitch, roll), the rest are hinges in the model's order.
+    """Layout of the generalised coordinates of a wearer.
+
+    The first six, `names[:6]`, are the root's x, y, z in m and its yaw, pitch, roll in rad; then follow the hinges in
+    the model's order, in rad.
 
     Attributes:
         names: All coordinates.
@@ -63,11 +66,11 @@ class Coordinates:
         return x
 
     def evaluate(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
-        """`to_mujoco` of splines of the coordinates at (N,) s."""
+        """Qpos (N, nq), qvel (N, nv) and qacc (N, nv) at (N,) s, from splines of the coordinates."""
         return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
 
     def position_velocity(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
-        """Qpos (N, nq) and qvel (N, nv) of splines of the coordinates at (N,) s."""
+        """Qpos (N, nq) and qvel (N, nv) at (N,) s, from splines of the coordinates; faster than `evaluate`."""
         x, dx = splines(t), splines(t, 1)
         q, v = np.empty((len(x), self.nq)), np.empty((len(x), self.nv))
         _fill_position_velocity(x, dx, self.qpos, self.dof, q, v)
@@ -87,7 +90,10 @@ class Coordinates:
 def _fill_position_velocity(
     x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array
 ) -> None:
-    """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and rates."""
+    """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and their rates.
+
+    The root's quaternion is R_z(yaw) R_y(pitch) R_x(roll), with w >= 0; its angular velocity is in its own axes.
+    """
     for i in range(len(x)):
         y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
         pose = multiply((math.cos(y), 0.0, 0.0, math.sin(y)), (math.cos(p), 0.0, math.sin(p), 0.0))

@@ -34,7 +34,7 @@ def vec3_at(a: Array, i: int) -> Vec3:
 
 @numba.njit(**INSIDE)
 def store_vec3_at(v: Vec3, out: Array, i: int) -> None:
-    """Stores a vector in an array, from `i` on."""
+    """Stores a vector in the entries i, i + 1, i + 2 of an array."""
     out[i], out[i + 1], out[i + 2] = v
 
 
@@ -52,19 +52,19 @@ def store_vec3(a: Vec3, out: Array) -> None:
 
 @numba.njit(**INSIDE)
 def plus(a: Vec3, b: Vec3) -> Vec3:
-    """Sum of two."""
+    """Sum a + b of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @numba.njit(**INSIDE)
 def minus(a: Vec3, b: Vec3) -> Vec3:
-    """Difference of two."""
+    """Difference a - b of two vectors."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @numba.njit(**INSIDE)
 def times(k: float, a: Vec3) -> Vec3:
-    """Scaled by k."""
+    """Vector a times the number k."""
     return k * a[0], k * a[1], k * a[2]
 
 
@@ -106,7 +106,7 @@ _SMALL = 1e-3  # rad: below this, series
 
 @numba.njit(**INSIDE)
 def quaternion(a: Array) -> Quaternion:
-    """The entries of a (4,) array."""
+    """Quaternion (w, x, y, z) from a (4,) array."""
     return a[0], a[1], a[2], a[3]
 
 
@@ -146,7 +146,7 @@ def matrix(q: Quaternion) -> Mat3:
 
 @numba.njit(**INSIDE)
 def from_matrix(R: Mat3) -> Quaternion:
-    """Unit quaternion, w >= 0, of a rotation matrix, from its largest entry for a safe division."""
+    """Unit quaternion, w >= 0, of a rotation matrix (Shepperd 1978: it divides by the largest of the four entries)."""
     x, y, z = R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]
     xy, xz, yz = R[0][1] + R[1][0], R[0][2] + R[2][0], R[1][2] + R[2][1]
     trace = R[0][0] + R[1][1] + R[2][2]
@@ -164,7 +164,7 @@ def from_matrix(R: Mat3) -> Quaternion:
 
 @numba.njit(**INSIDE)
 def rotate(q: Quaternion, a: Vec3) -> Vec3:
-    """Vector rotated by a unit quaternion."""
+    """Vector a rotated by a unit quaternion: a + 2 w (v × a) + 2 v × (v × a), v the vector part."""
     axis = (q[1], q[2], q[3])
     once = cross(axis, a)
     return plus(a, times(2.0, plus(times(q[0], once), cross(axis, once))))
@@ -181,7 +181,7 @@ def exp(phi: Vec3) -> Quaternion:
 
 @numba.njit(**INSIDE)
 def log(q: Quaternion) -> Vec3:
-    """Rotation vector, rad, of at most half a turn, of a unit quaternion."""
+    """Rotation vector of a unit quaternion, rad, of at most half a turn."""
     sign = 1.0 if q[0] >= 0.0 else -1.0
     axis = (sign * q[1], sign * q[2], sign * q[3])
     sine = math.sqrt(dot(axis, axis))
@@ -196,6 +196,7 @@ def quat_from_matrix(R: Array) -> Array:
 
 @_called
 def _quaternions(R: Array) -> Array:
+    """(N, 4) unit quaternions of (N, 3, 3) rotation matrices."""
     q = np.empty((len(R), 4))
     for i in range(len(R)):
         store_quaternion(from_matrix(mat3(R[i])), q[i])
@@ -209,6 +210,7 @@ def matrix_from_quat(q: Array) -> Array:
 
 @_called
 def _matrices(q: Array) -> Array:
+    """(N, 3, 3) rotation matrices of (N, 4) unit quaternions."""
     R = np.empty((len(q), 3, 3))
     for i in range(len(q)):
         M = matrix(quaternion(q[i]))

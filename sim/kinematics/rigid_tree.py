@@ -75,7 +75,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Tree:
-        """The wearer of a model: everything on its first joint that has mass or carries mass."""
+        """Tree of a model's wearer: all bodies below its first joint that have mass or carry mass."""
         root = int(model.jnt_bodyid[0])
         ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
         index = {int(body): i for i, body in enumerate(ids)}
@@ -99,7 +99,10 @@ class Tree(NamedTuple):
         return int(np.searchsorted(self.ids, body))
 
     def subtree(self, bodies: Sequence[int]) -> Tree:
-        """The part of the tree that carries these bodies (indices in the tree) or is carried by them."""
+        """The part of the tree that carries some bodies or is carried by them.
+
+        The arguments are indices in this tree. The motion of the remaining bodies is that of the whole tree.
+        """
         kept = set(bodies)
         for body, up in enumerate(self.parent):
             if up in kept:
@@ -145,7 +148,7 @@ class _Bodies(NamedTuple):
 
 @numba.njit(**INSIDE)
 def _allocate_bodies(tree: Tree) -> _Bodies:
-    """Memory for the motion of the bodies."""
+    """Uninitialised arrays for the motion of all bodies at one instant."""
     n = len(tree.parent)
     return _Bodies(
         np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
@@ -258,6 +261,7 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
             store_vec3(times(tree.mass[b], arm), first[b])
             heavy[b] = tree.mass[b]
             _world_inertia(tree, b, motions.R, arm, inertia[b])
+        # composite bodies: add each body to its carrier, from the tips to the root
         for b in range(bodies - 1, 0, -1):
             up = tree.parent[b]
             d = minus(vec3(p[b]), vec3(p[up]))
@@ -271,6 +275,7 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
                 b = chains[k, j]
                 axis = vec3(axes[tree.hinges[b, 0]])
                 load[i, k, j] = dot(axis, vec3(moment[b]))
+                # force and moment about its origin of the composite for 1 rad/s²; M_oj = axis_o · moment
                 force_, moment_ = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
                 for o in range(j + 1):
                     d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
@@ -281,7 +286,11 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
 
 @numba.njit(**INSIDE)
 def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
-    """Fills the motion of the bodies: q (nq,), v (nv,) and a (nv,) in MuJoCo's layout."""
+    """Writes poses, velocities and accelerations of all bodies at one instant, from the root outwards.
+
+    `q` (nq,), `v` (nv,) and `a` (nv,) are in MuJoCo's layout. Each hinge adds its rotation, its rate and its
+    acceleration, ω × axis included, about its anchor.
+    """
     p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
         up = tree.parent[b]
@@ -301,6 +310,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
             )
             M = matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
+            # move to the anchor, rotate about the hinge, and move back to the body's origin
             r, local_axis = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
             axis, rate, half = matvec(M, local_axis), v[tree.dof[j]], 0.5 * q[tree.qpos[j]]
             origin, velocity = plus(origin, r), plus(velocity, cross(omega, r))
@@ -326,13 +336,21 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
 
 @numba.njit(**INSIDE)
 def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
-    """Acceleration of a point at r relative to an origin that accelerates with dv, on a body with rates w and dw."""
+    """Acceleration dv + ω̇ × r + ω × (ω × r) of a point at r from an origin that accelerates with dv.
+
+    `w` and `dw` are the angular velocity ω and acceleration ω̇ of the body; all vectors are in world axes.
+    """
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
 @numba.njit(**INSIDE)
 def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
-    """Force and moment about a body's origin that its motion needs, and the arm to its centre of mass."""
+    """Wrench that the motion of one body needs, without those that it carries.
+
+    Returns:
+        Force m (a_com − g), N; moment about the body's origin, arm × force + R (I ω̇ + ω × I ω), N m; and the arm from
+        the origin to the centre of mass, m. All are in world axes.
+    """
     M, inertia, omega, alpha = mat3(bodies.R[b]), mat3(tree.inertia[b]), vec3(bodies.w[b]), vec3(bodies.dw[b])
     arm = matvec(M, vec3(tree.com[b]))
     force = times(tree.mass[b], minus(_point_acceleration(arm, omega, vec3(bodies.dv[b]), alpha), gravity))
@@ -344,7 +362,7 @@ def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tupl
 
 @numba.njit(**INSIDE)
 def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
-    """Fills a body's inertia about its own origin, world axes."""
+    """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m²."""
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
     for k in range(3):
         store_vec3(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
@@ -353,7 +371,19 @@ def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
 
 @numba.njit(**INSIDE)
 def _add_to_carrier(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
-    """Adds inertia and first moment of mass of a body at d to those of its carrier."""
+    """Adds the inertia of a composite body at d from its carrier's origin to that of the carrier, about that origin.
+
+    With h the composite's first moment of mass about its own origin, the carrier gains the first moment h + m d and the
+    inertia I + (d·h' + d·h) 1 − d h'ᵀ − h dᵀ, h' = h + m d.
+
+    Args:
+        inertia: (3, 3) kg m² of the composite about its own origin.
+        first: Its first moment of mass h, kg m.
+        mass: Its mass, kg.
+        d: From the carrier's origin to its own, m.
+        to_inertia: (3, 3) inertia of the carrier, which is added to.
+        to_first: (3,) first moment of the carrier, which is added to.
+    """
     first_about_carrier = plus(first, times(mass, d))  # its first moment about the carrier
     for k in range(3):
         cut = plus(times(d[k], first_about_carrier), times(first[k], d))

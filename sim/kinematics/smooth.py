@@ -29,13 +29,13 @@ def soft_ease(s: Array | float) -> Array:
 
 
 def bump(s: Array) -> Array:
-    """1 in the middle, 0 at s = 0 and s = 1, as smooth there as `soft_ease`."""
+    """Smooth bump over (N,) shares: 1 at s = 0.5, 0 at and beyond s = 0 and s = 1, without a jump of the jerk."""
     s = np.clip(s, 0.0, 1.0)
     return (4.0 * s * (1.0 - s)) ** _SOFTNESS
 
 
 def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:
-    """Quintic on [0, 1] from (x0, v0) to (x1, v1) with no acceleration at its ends."""
+    """Quintic at (N,) s in [0, 1] from value x0 and slope v0 to x1 and v1, its second derivative 0 at both ends."""
     d = x1 - x0
     c3, c4, c5 = 10 * d - 6 * v0 - 4 * v1, -15 * d + 8 * v0 + 7 * v1, 6 * d - 3 * (v0 + v1)
     return x0 + v0 * s + s**3 * (c3 + s * (c4 + s * c5))

@@ -60,7 +60,7 @@ class Track:
         return Track(**{name: values[rows] for name, values in vars(self).items()})
 
     def append_track(self, after: Track) -> Track:
-        """This track followed by a later one."""
+        """This track followed by another one, whose instants are all later."""
         return Track(**{name: np.concatenate([values, getattr(after, name)]) for name, values in vars(self).items()})
 
     @property
@@ -69,10 +69,10 @@ class Track:
         return Rotation.from_quat(self.q_world_body, scalar_first=True)
 
     def to_sensor(self, T_body_sensor: ArrayLike) -> Track:
-        """Track of a frame that is rigidly mounted on this one.
+        """Track of a frame that is rigidly mounted on this one, such as that of a sensor.
 
         Args:
-            T_body_sensor: (4, 4) sensor frame to body frame.
+            T_body_sensor: (4, 4) from the sensor's frame to this one.
         """
         T = np.asarray(T_body_sensor, dtype=float)
         return self._with_columns(_to_sensor(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3].copy()))
@@ -98,11 +98,12 @@ class Track:
 
     @property
     def _columns(self) -> _Columns:
+        """Position, attitude, velocity and rate as contiguous arrays for compiled code."""
         p, v = np.ascontiguousarray(self.p_body_in_world), np.ascontiguousarray(self.v_body_in_world)
         return p, np.ascontiguousarray(self.q_world_body), v, np.ascontiguousarray(self.w_body)
 
     def _with_columns(self, columns: _Columns) -> Track:
-        """Track of another frame at the same instants."""
+        """Track at the instants of this one, with other position, attitude, velocity and rate."""
         p, q, v, w = columns
         return Track(t_ns=self.t_ns, p_body_in_world=p, q_world_body=q, v_body_in_world=v, w_body=w)
 
@@ -115,6 +116,10 @@ class Track:
 
 @_called
 def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
+    """Columns of a frame at `lever` (3,) m with the attitude `q_body_sensor` (4,) on a body.
+
+    p + R l, q ⊗ q_bs, v + R (ω × l), and R_bsᵀ ω.
+    """
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     arm, mount = vec3(lever), quaternion(q_body_sensor)
@@ -133,6 +138,12 @@ def _displace(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
     rotation_rate: Array,
 ) -> _Columns:  # fmt: skip
+    """Columns of a frame with a small motion relative to the body; arguments as columns of `Track.displace`, (N, 3).
+
+    With the rotation vector φ, E = Exp(φ) and the pivot c, the frame's origin is at r = c + d − E c in the body, and
+    its relative rate is u = J_r(φ) φ̇, the right Jacobian to second order. So the position is p + R r, the velocity is
+    v + R (ω × r + ḋ − E (u × c)), and the rate in the frame's own axes is Eᵀ ω + u.
+    """
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     centre = vec3(pivot)

@@ -55,11 +55,12 @@ class Figure:
 
 
 def _type_with_source(bare: Any) -> Any:
-    """A figure that says where it comes from."""
+    """Type of a figure with its source, `{value: ..., source: ...}`, as an alternative to the bare value."""
     return create_model("Sourced", __config__=ConfigDict(extra="forbid"), value=(bare, ...), source=(str, ""))
 
 
 def _strip_source(node: object) -> object:
+    """Value of a figure that may be written with its source; rejects other keys and a missing value."""
     if not isinstance(node, dict):
         return node
     for key in node:
@@ -73,21 +74,45 @@ def _strip_source(node: object) -> object:
 def figure(
     key: str, low: float, high: float, *, scale: float = 1.0, ideal: Any = None, default: Any = dataclasses.MISSING
 ) -> Any:
-    """A dataclass field that is a number in the file; one without default must stand there."""
+    """Dataclass field of a part that is a number in its file.
+
+    Args:
+        key: Name in the file, with the unit.
+        low: Smallest value that makes sense, in the file's unit.
+        high: Largest one.
+        scale: From the file's unit to SI.
+        ideal: Value of an ideal part, in SI; None: the part's own.
+        default: Value if the file has no such key; a figure without default must be there.
+    """
     return _field(Figure(key=key, low=low, high=high, scale=scale, ideal=ideal), default)
 
 
 def numbers(key: str, count: int, low: float, high: float, *, ideal: Any = None) -> Any:
-    """A dataclass field that is a list of numbers in the file, zeros where it does not stand there."""
+    """Dataclass field of a part that is a list of `count` numbers in its file; zeros if the file has no such key.
+
+    Args:
+        key: Name in the file.
+        count: Number of values.
+        low: Smallest value that makes sense.
+        high: Largest one.
+        ideal: Value of an ideal part; None: the part's own.
+    """
     return _field(Figure(key=key, low=low, high=high, count=count, ideal=ideal), (0.0,) * count)
 
 
 def word(key: str, *words: str, ideal: str | None = None) -> Any:
-    """A dataclass field that is one of a few words in the file, the first where it does not stand there."""
+    """Dataclass field of a part that is one of a few words in its file; the first one if the file has no such key.
+
+    Args:
+        key: Name in the file.
+        words: The valid words.
+        ideal: Word of an ideal part; None: the part's own.
+    """
     return _field(Figure(key=key, words=words, ideal=ideal), words[0])
 
 
 def _field(entry: Figure, default: Any) -> Any:
+    """Dataclass field with a `Figure` in its metadata."""
     metadata = {_FIGURE: entry}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
@@ -99,7 +124,9 @@ D = TypeVar("D")
 
 @cache
 def file_model(kind: type) -> type[BaseModel]:
-    """The pydantic model of what a file says of a dataclass of figures; dataclasses inside it are mappings within.
+    """Pydantic model of the keys that a part file has for a dataclass of figures.
+
+    Dataclasses inside it become nested mappings. The name of a part is that of its file, so it is no key.
 
     Args:
         kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are such dataclasses, or plain text.
@@ -121,12 +148,19 @@ def file_model(kind: type) -> type[BaseModel]:
 
 
 def _file_field(entry: dataclasses.Field[Any]) -> Any:
+    """Field of the file model, with the name in the file and the default value."""
     default = ... if entry.default is dataclasses.MISSING else entry.default
     return Field(default, alias=entry.metadata[_FIGURE].key) if _FIGURE in entry.metadata else Field(default)
 
 
 def build_part(kind: type[D], read: BaseModel, **attributes: Any) -> D:
-    """The dataclass from what its file model has read; `attributes` are attributes that the file lacks."""
+    """Dataclass of figures from what its file model has read.
+
+    Args:
+        kind: The dataclass.
+        read: Result of its `file_model`.
+        attributes: Attributes that the file lacks, such as the name.
+    """
     hints = get_type_hints(kind)
     values = {name: getattr(read, name) for name in type(read).model_fields}
     inner = {name: build_part(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
@@ -134,7 +168,7 @@ def build_part(kind: type[D], read: BaseModel, **attributes: Any) -> D:
 
 
 def make_ideal(part: D) -> D:
-    """The noise-free version: same rate, size and place, but no error, limit or delay."""
+    """Noise-free version of a part: with its rate, size and place, but without error, limit or delay."""
     changes: dict[str, Any] = {}
     for entry in dataclasses.fields(part):  # type: ignore[arg-type]
         value = getattr(part, entry.name)

@@ -28,7 +28,7 @@ def part_files() -> dict[str, Path]:
 
 @cache
 def load_part(name: str) -> Part:
-    """A part of the library; with the suffix `-ideal`, its noise-free version.
+    """A part of the library by its name; with the suffix `-ideal`, its noise-free version.
 
     Raises:
         ConfigError: Unknown part; the message lists the known ones.
@@ -74,7 +74,7 @@ def full_scales(text: str) -> Mapping[str, float]:
 
 
 def _find_described_part(text: str) -> Part | None:
-    """The part with this description, otherwise the one with the longest name in the text."""
+    """Part of the library with this description, otherwise the one with the longest name in the text; None for none."""
     plain = text.replace("-", " ")
     parts = [load_part(name) for name in part_files()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]

@@ -67,6 +67,10 @@ def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
 
 
 def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> CameraCalibration:
+    """Calibration of a camera with random errors of mount, intrinsics, time shift and readout time.
+
+    Each error has its own child stream of the camera's topic, so that one does not change the others.
+    """
     from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
 
     draw = {name: _noise(camera.topic, name, seed) for name in _DRAWN}
@@ -84,10 +88,12 @@ def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> Ca
 
 
 def _noise(topic: str, what: str, seed: int) -> Noise:
+    """Noise of one quantity of a camera's calibration in the walk of a seed."""
     return Noise.of_topic(seed, f"{topic}#calibration of {what}")
 
 
 def _sonar(part: SonarPart) -> Parameters:
+    """Parameters of a sonar: its range and the SD of a reading, with the rounding to steps."""
     return {
         "beam_rad": part.beam,
         "range_min_m": part.range_min,
@@ -98,6 +104,7 @@ def _sonar(part: SonarPart) -> Parameters:
 
 
 def _ahrs(part: AhrsPart) -> Parameters:
+    """Parameters of an AHRS: SDs of tilt, heading and rates."""
     return {
         "tilt_sd_rad": part.tilt_moving,
         "tilt_bias_sd_rad": part.tilt_bias,
@@ -109,6 +116,7 @@ def _ahrs(part: AhrsPart) -> Parameters:
 
 
 def _encoder(part: EncoderPart) -> Parameters:
+    """Parameters of an encoder: counts per turn, and the SD of its angle."""
     return {
         "counts": 2.0 ** (part.bits or _BITS_WITHOUT_COUNTING),
         "angle_sd_rad": math.hypot(part.nonlinearity / math.sqrt(2), part.index_offset),
@@ -116,6 +124,7 @@ def _encoder(part: EncoderPart) -> Parameters:
 
 
 def _insole(part: ForceCellPart) -> Parameters:
+    """Parameters of a force cell under a foot: its range and the SD at a typical load."""
     return {
         "force_sd_n": math.hypot(part.noise, part.gain * _TYPICAL_LOAD_N),
         "force_max_n": part.range,
@@ -124,10 +133,12 @@ def _insole(part: ForceCellPart) -> Parameters:
 
 
 def _interaction(part: ForceCellPart) -> Parameters:
+    """Parameters of a force-cell pair in a cuff: those of its cells, and their preload."""
     return _insole(part) | {"preload_n": part.preload}
 
 
 def _actuator(part: ActuatorPart) -> Parameters:
+    """Parameters of an actuation module: SDs of torque and speed."""
     return {"torque_sd_nm": part.torque_noise, "speed_sd_radps": part.speed_noise}
 
 

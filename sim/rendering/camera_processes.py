@@ -88,8 +88,13 @@ class CameraProcesses:
     def request(self, motion: Motion, after_ns: int, until_ns: int) -> Iterator[Image | Depth]:
         """Starts to render the images after `after_ns` and up to `until_ns`.
 
+        Args:
+            motion: Motion at the instants of all images.
+            after_ns: True time.
+            until_ns: True time.
+
         Returns:
-            The images in order of time with the stamps of their clocks, to be taken before those of the next request.
+            The images in order of time with the stamps of their clocks; take them before those of the next request.
         """
         due: list[FrameRequest] = []
         stamps: dict[tuple[str, int], int] = {}
@@ -119,6 +124,7 @@ class CameraProcesses:
             self._running.append(self._threads.submit(self._render, *self._waiting.popleft()))
 
     def _render(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
+        """The `count` images of one batch, from the next idle process; runs in a thread of the pool."""
         worker = self._idle.get()
         try:
             return worker.images(poses, count)
@@ -126,6 +132,12 @@ class CameraProcesses:
             self._idle.put(worker)
 
     def _collect(self, batches: int, stamps: dict[tuple[str, int], int]) -> Iterator[Image | Depth]:
+        """Images of the next batches in order of time, exposed where that depends on earlier images, and stamped.
+
+        Args:
+            batches: Number of batches.
+            stamps: Stamp of each image by topic and true time; negative: before the recording, so it is dropped.
+        """
         for _ in range(batches):
             rendered = self._running.popleft().result()
             self._submit()
@@ -193,6 +205,7 @@ class _Worker:
         self._process.wait()
 
     def close(self) -> None:
+        """Closes the pipes of a process that has ended."""
         for pipe in (self._requests, self._answers):
             with contextlib.suppress(BrokenPipeError):
                 pipe.close()

@@ -80,6 +80,7 @@ class Patch:
 
 @cache
 def _blank_image(shape: tuple[int, int]) -> Pixels:
+    """Read-only grey image of a shape; all images of that shape share it."""
     image = np.full(shape, BLANK, np.uint8)
     image.setflags(write=False)
     return image
@@ -98,7 +99,7 @@ class Cameras:
         self._views = {shadows: self._make_view(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
 
     def _make_view(self, shadows: bool) -> SensorView:
-        """A view as large as every camera with shadows, or without, needs it."""
+        """A view large enough for every camera with shadows, or for every one without."""
         lenses = [c.lens for c in self._cameras.values() if c.shadows == shadows]
         width, height = max(lens.width for lens in lenses), max(lens.height for lens in lenses)
         return SensorView(self._model, width, height, shadows=shadows)
@@ -106,7 +107,9 @@ class Cameras:
     def frames(
         self, due: Sequence[FrameRequest], qpos: Array, uppers: Mapping[str, Array] | None = None
     ) -> Iterator[Image | Depth | Patch]:
-        """Images in the order requested; cameras for which `has_auto_exposure` holds return them before exposure.
+        """Images of the requested frames, in order.
+
+        Cameras with automatic exposure (`has_auto_exposure`) return them before exposure.
 
         Args:
             due: Frames in order of time.
@@ -137,24 +140,25 @@ class Cameras:
 
 
 def board_seen_by(sensor_rig: SensorRig, topic: str) -> Board | None:
-    """The board on the other shoe that a shoe's camera observes."""
+    """The board on the other shoe, if the camera of this topic is on a shoe; otherwise None."""
     other_foot = {"/foot_l/camera": "foot_r", "/foot_r/camera": "foot_l"}.get(topic)
     return sensor_rig.rig.boards.get(other_foot) if other_foot else None
 
 
 def has_auto_exposure(sensor_rig: SensorRig, topic: str) -> bool:
-    """Whether a camera's gain depends on its previous images, so that they must be exposed in order of time."""
+    """Whether a camera has automatic exposure: its images must be exposed in order of time."""
     return bool(_imager(sensor_rig, topic).auto_exposure_s)
 
 
 def make_image_sensor(sensor_rig: SensorRig, topic: str, seed: int) -> ImageSensor:
-    """Sensor model that converts a camera's irradiance to grey values or colours."""
+    """Image sensor of a camera, with the noise of the walk's seed."""
     calibration, imager = sensor_rig.rig.cameras[topic], _imager(sensor_rig, topic)
     shape = (calibration.height, calibration.width, *(() if imager.colour == "grey" else (3,)))
     return ImageSensor(shape, imager, sensor_rig.sensors[topic].sensor_config.light, Noise.of_topic(seed, topic))
 
 
 def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
+    """True parameters of the image sensor and lens of a camera."""
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, CameraPart | RgbdPart)
     return part.imager
@@ -169,7 +173,7 @@ class _VisibleBoard:
 
 
 class _Camera:
-    """One camera of the rig."""
+    """Renderer of one camera of the rig: lens, motion during the exposure, image sensor and depth."""
 
     def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
         mounted = sensor_rig.sensors[topic]
@@ -197,7 +201,14 @@ class _Camera:
     def render(
         self, view: SensorView, data: mujoco.MjData, due: FrameRequest, T_body_frame: Array
     ) -> Iterator[Image | Depth | Patch]:
-        """The image, and the depth image with it; `T_body_frame` (4, 4) as in `renderer.mount_pose`."""
+        """Renders one frame: the image, and the depth image with it for a camera with depth.
+
+        Args:
+            view: View that is large enough for the camera.
+            data: State of the model, kinematics up to date.
+            due: The frame.
+            T_body_frame: (4, 4) pose on the body of the frame that holds the mount, after slips.
+        """
         T_world_camera = mount_pose(data, self._calibration.mount, T_body_frame)
         board = self._find_board(data, due, T_world_camera)
         if self._around_board:
@@ -223,6 +234,7 @@ class _Camera:
             yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
     def _to_sensor_colours(self, rgb: Pixels) -> Pixels:
+        """The RGB image in the colours of the sensor: grey values (H, W) or RGB (H, W, 3)."""
         return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8) if self._grey else rgb
 
     def _render_board(
@@ -233,7 +245,7 @@ class _Camera:
         T_world_camera: Array,
         board: _VisibleBoard | None,
     ) -> Patch:
-        """An image with nothing but the board and its surroundings."""
+        """Patch with the board on the other shoe and its surroundings; without pixels if no board is visible."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
             row, column = board.box[0].start, board.box[1].start
@@ -243,15 +255,17 @@ class _Camera:
         return Patch(topic=due.topic, t_ns=due.t_ns, shape=shape, pixels=pixels, row=row, column=column)
 
     def _expose(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
+        """Grey values or colours of a part of the image at a pixel; unchanged with automatic exposure."""
         return clean if self._sensor is None else self._sensor.expose(t_ns, clean, row, column)
 
     def _apply_motion(self, clean: Pixels, sweep: Sweep) -> Pixels:
+        """The image with rolling shutter and motion blur, for the motion of one plane relative to the camera."""
         if self._imager.rolling_s:
             clean = sweep.apply_rolling_shutter(clean, self._imager.rolling_s)
         return sweep.blur(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _find_board(self, data: mujoco.MjData, due: FrameRequest, T_world_camera: Array) -> _VisibleBoard | None:
-        """The board in the middle of the exposure; None when it is out of view."""
+        """Pixels around the board and its motion in the middle of the exposure; None when it is out of view."""
         if self._board is None:
             return None
         T_world_board = mount_pose(data, self._board.mount)
@@ -288,13 +302,31 @@ class _Camera:
         normal: Array,
         away_m: float,
     ) -> Sweep:
+        """Motion of a plane relative to the camera, in the camera's axes.
+
+        Args:
+            data: State of the model.
+            due: The frame, with the twist of the body that carries the camera.
+            T_world_camera: (4, 4) pose of the camera.
+            v: (3,) m/s of the plane where the camera is, world axes.
+            w: (3,) rad/s of the plane, world axes.
+            normal: (3,) unit normal of the plane, camera axes.
+            away_m: Distance of the plane along its normal, m, signed.
+        """
         camera_v, camera_w = _point_velocity(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
         R = T_world_camera[:3, :3].T
         return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - camera_v), rate=R @ (w - camera_w))
 
 
 def _point_velocity(data: mujoco.MjData, name: str, twist: Array, point: Array) -> tuple[Array, Array]:
-    """Velocity of a point fixed to a body, and the angular rate of the body, both in world axes."""
+    """Velocity of a point fixed to a body, m/s, and angular rate of the body, rad/s, both in world axes.
+
+    Args:
+        data: State of the model.
+        name: Body; for a foot, the shoe's upper.
+        twist: (6,) velocity of its origin in world axes, and angular rate in its own axes.
+        point: (3,) m in the world.
+    """
     body = data.body(UPPERS.get(name, name))
     w = body.xmat.reshape(3, 3) @ twist[3:]
     x, y, z = point - body.xpos
@@ -302,7 +334,7 @@ def _point_velocity(data: mujoco.MjData, name: str, twist: Array, point: Array) 
 
 
 def _median_depth(depth: NDArray[np.float32]) -> float:
-    """Distance to the middle of the visible scene, m."""
+    """Median of the depths of every 16th pixel that sees a surface, m; `_FAR_M` if none does."""
     depths = np.sort(depth[::16, ::16], axis=None)
     visible = depths[np.searchsorted(depths, 0.0, "right") :]
     half = len(visible) // 2

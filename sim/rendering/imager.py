@@ -57,7 +57,14 @@ class ImageSensor:
     def expose(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
         """Grey values or colours of a part (h, w, ...) of an image, given its upper left pixel.
 
-        Images of a camera with automatic exposure must be passed in time order.
+        Images of a camera with automatic exposure must come in order of time, because each one changes the gain of the
+        next.
+
+        Args:
+            t_ns: Time of the image; it selects the noise.
+            clean: (h, w, ...) noise-free levels, 255 for white.
+            row: First row of the part in the image.
+            column: First column of the part in the image.
         """
         gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
@@ -73,17 +80,21 @@ class ImageSensor:
         return measured.reshape(clean.shape)
 
     def _update_gain(self, t_ns: int, clean: Pixels) -> float:
-        """The gain of this image; that of the next one follows its brightness with the lag of the exposure control."""
+        """Gain of this image over the nominal one; updates the gain of the next image.
+
+        The automatic exposure wants a mean of `_TARGET` times white. The logarithm of the gain approaches that of the
+        wanted gain with the lag of the control.
+        """
         lag = self._imager.auto_exposure_s
         if not lag:
             return 1.0
         small = cv2.resize(clean, (40, 30), interpolation=cv2.INTER_NEAREST)
         mean = max(float(np.mean(small)), 1.0) / 255 * self._light
-        wanted = min(max(_TARGET / mean, _GAINS[0]), _GAINS[1])
-        now = wanted if self._gain is None else self._gain
-        stays = math.exp(-(t_ns - self._before_ns) * 1e-9 / lag)
-        self._gain, self._before_ns = now**stays * wanted ** (1 - stays), t_ns
-        return now
+        wanted_gain = min(max(_TARGET / mean, _GAINS[0]), _GAINS[1])
+        gain = wanted_gain if self._gain is None else self._gain
+        kept_share = math.exp(-(t_ns - self._before_ns) * 1e-9 / lag)
+        self._gain, self._before_ns = gain**kept_share * wanted_gain ** (1 - kept_share), t_ns
+        return gain
 
 
 @cached(__file__, error_model="numpy")
@@ -91,7 +102,19 @@ def _measure_levels(
     levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
     start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,
 ) -> Pixels:  # fmt: skip
-    """Measured levels (H, W): vignetting by the squared tangents of rows and columns, noise and gain."""
+    """Measured levels (H, W): round(gain (level / (1 + tan²)² + noise)), clipped to 0-255.
+
+    The noise has the variance `variance[0]` level + `variance[1]`, shot noise and read noise.
+
+    Args:
+        levels: (H, W) clean levels.
+        tan2_rows: (H,) squared tangents of the rows, for vignetting.
+        tan2_columns: (W,) squared tangents of the columns.
+        bank: Unit normal deviates, larger than the image.
+        start: First row and column in the bank.
+        variance: (2,) coefficients of the variance.
+        gain: Gain.
+    """
     measured, one, white = np.empty(levels.shape, np.uint8), np.float32(1), np.float32(255)
     of_light, in_dark = variance
     top, left = start
@@ -108,7 +131,9 @@ _WIDEST = 4.0  # largest pinhole image, times the image size: it cannot contain 
 
 
 class RenderedLens:
-    """Lens of a camera with `radtan` (Brown-Conrady) or `equidistant` (Kannala-Brandt) distortion.
+    """Lens of a rendered camera, with `radtan` (Brown-Conrady) or `equidistant` (Kannala-Brandt) distortion.
+
+    A pinhole image that covers all rays of the camera is rendered; `distort` then resamples it.
 
     Attributes:
         straight: Whether there is no distortion.
@@ -137,7 +162,7 @@ class RenderedLens:
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
     def distort(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
-        """The camera's image (H, W, ...) from a pinhole image (height, width, ...)."""
+        """The camera's image (H, W, ...), resampled from the pinhole image (height, width, ...)."""
         return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
 
 

@@ -167,13 +167,28 @@ class SensorView(_OffScreen):
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
         size: tuple[int, int] | None = None,
     ) -> Rgb:  # fmt: skip
-        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth; arguments as in `frame`."""
+        """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            T_world_camera: (4, 4) pose of the optical frame in the world.
+            intrinsics: Of the image.
+            size: (W, H) of the image, up to the view's own, which is the default.
+        """
         return self._render_view(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
 
     def crop(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, rows: slice, columns: slice
     ) -> Rgb:
-        """Some rows and columns of `color` alone, (h, w, 3): the same pixels, faster."""
+        """Colour of some rows and columns of the image, (h, w, 3) uint8 RGB; faster, with the pixels of `color`.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            T_world_camera: (4, 4) pose of the optical frame in the world.
+            intrinsics: Of the full image.
+            rows: Rows to render.
+            columns: Columns to render.
+        """
         fu, fv, pu, pv = intrinsics
         width, height = columns.stop - columns.start, rows.stop - rows.start
         shifted = fu, fv, pu - columns.start, pv - rows.start
@@ -199,7 +214,16 @@ class SensorView(_OffScreen):
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int,
         hidden: int | None = None,
     ) -> None:  # fmt: skip
-        """Copies the poses of visible bodies, without a hidden geom, and points the camera."""
+        """Copies the poses of the visible bodies to the scene, and places the camera in it.
+
+        Args:
+            data: State of the model.
+            T_world_camera: (4, 4) pose of the optical frame.
+            intrinsics: Of the image.
+            width: Of the image, pixels.
+            height: Of the image, pixels.
+            hidden: Geom that is left out, such as a pane of glass.
+        """
         shown = self.model.geom_group.copy()
         if hidden is not None:
             self.model.geom_group[hidden] = _HIDDEN_GROUP
@@ -232,7 +256,7 @@ class FilmCamera(_OffScreen):
         self._camera = mujoco.MjvCamera()
 
     def frame(self, data: mujoco.MjData, lookat: ArrayLike, azimuth: float, elevation: float, distance: float) -> Rgb:
-        """One image.
+        """Renders one image of the film.
 
         Args:
             data: State of the model, kinematics up to date.
@@ -292,7 +316,18 @@ def _bound_planes(
 def _find_geoms_in_view(
     model: mujoco.MjModel, data: mujoco.MjData, T_world_camera: Array, intrinsics: Intrinsics, width: int, height: int
 ) -> NDArray[np.bool_]:
-    """Geoms whose bounding sphere reaches into the view frustum; drawing the others costs as much as drawing these."""
+    """(ngeom,) whether the bounding sphere of a geom reaches into the view frustum.
+
+    Drawing the others would cost as much as drawing these.
+
+    Args:
+        model: The scene.
+        data: Its state.
+        T_world_camera: (4, 4) pose of the optical frame.
+        intrinsics: Of the image.
+        width: Of the image, pixels.
+        height: Of the image, pixels.
+    """
     fu, fv, pu, pv = intrinsics
     inward = np.array([
         [fu, 0.0, pu + 0.5], [-fu, 0.0, width - 0.5 - pu], [0.0, fv, pv + 0.5], [0.0, -fv, height - 0.5 - pv],
@@ -306,7 +341,10 @@ def _find_geoms_in_view(
 
 @cached(__file__, error_model="numpy")
 def _metric_depth(z: DepthImage) -> DepthImage:
-    """Depth, m, from an upside-down z-buffer, in which 1 is the near plane and 0 the far one."""
+    """(H, W) m, depth along the optical axis from an upside-down z-buffer z: near far / (z (far − near) + near).
+
+    In the z-buffer 1 is the near plane and 0 the far one, which becomes inf.
+    """
     near, far = np.float32(NEAR_M), np.float32(FAR_M)
     depth = np.empty_like(z)
     for i in range(len(z)):
@@ -318,6 +356,7 @@ def _metric_depth(z: DepthImage) -> DepthImage:
 
 
 def _gl_context(width: int, height: int) -> Any:
+    """Off-screen OpenGL context: of the library in MUJOCO_GL, otherwise EGL, otherwise OSMesa."""
     if os.environ.get("MUJOCO_GL"):
         from mujoco.gl_context import GLContext
     elif ctypes.util.find_library("EGL"):
@@ -329,7 +368,7 @@ def _gl_context(width: int, height: int) -> Any:
 
 @contextmanager
 def _temporary_quality(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
-    """Sets image size and quality of the model temporarily."""
+    """Sets image size and quality of the model within a `with` block, and restores them."""
     screen, look = model.vis.global_, model.vis.quality
     values = (
         (screen, "offwidth", width), (screen, "offheight", height), (look, "offsamples", 0),
@@ -416,6 +455,22 @@ def _paint(
     rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
     steepness: float, edge: float, share: float, haze: Array,
 ) -> None:  # fmt: skip
+    """Colours the sky and the haze in place; arguments as attributes of `_Sky`, and the view.
+
+    A pixel beyond the edge of the ground gets the sky's colour at the sine of its elevation. Between the beginning of
+    the haze, (1 − `share`) `edge`, and the horizon, the haze is blended in, most at the edge.
+
+    Args:
+        rgb: (H, W, 3) image, which is painted on.
+        depth: (H, W) m, inf where nothing was rendered.
+        colours: (N, 3) sky by the sine of the elevation.
+        vertical: (3,) world's vertical in camera axes.
+        intrinsics: (4,) fu, fv, pu, pv.
+        steepness: Distance of the ground's edge over the camera's height.
+        edge: Distance of the ground's edge, m.
+        share: Width of the haze as a share of that distance.
+        haze: (3,) RGB of the haze.
+    """
     fu, fv, pu, pv = intrinsics
     half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
     slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1

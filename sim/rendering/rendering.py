@@ -13,6 +13,10 @@ from stridetwin.sim.rendering.cameras import Cameras
 
 
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
+    """Answers batches of frames until the requests end.
+
+    The first pickled object has the arguments of `Cameras`; every further one has frames, positions and uppers.
+    """
     cv2.setNumThreads(1)  # the other core has the other process
     with Cameras(*pickle.load(requests)) as cameras:
         while True:

@@ -20,11 +20,18 @@ _FINEST_STEP_PER_M = 1e-4
 
 
 class DepthModel:
-    """Converts exact depth to measured depth for images of shape (H, W), in pixels of `focal` and `centre`.
+    """Converts exact depth to the depth that a stereo camera measures.
 
-    A disparity is f b / z, so its constant noise and steps give errors of depth that grow with z². The noise is
+    A disparity is f b / z, so that its constant noise and steps give errors of depth that grow with z². The noise is
     correlated over a matching window. There is no depth beside discontinuities, on dark surfaces and at glancing
     angles, and some pixels beside a discontinuity are between the two surfaces (flying pixels).
+
+    Args:
+        shape: (H, W) of the images.
+        focal: Focal length, pixels.
+        centre: Principal point, pixels.
+        part: True parameters of the camera.
+        noise: Source of its errors.
     """
 
     def __init__(
@@ -72,7 +79,13 @@ class DepthModel:
         )
 
     def _mask_unmatched(self, near: Grid, mean: Grid, grey: Pixels | None) -> NDArray[np.bool_]:
-        """Pixels without a match for other reasons than discontinuities, at half the resolution."""
+        """(h, w) pixels at half the resolution without a match, because the surface is dark or at a glancing angle.
+
+        Args:
+            near: (h, w) disparity counts at half the resolution.
+            mean: (H, W) mean counts around each pixel.
+            grey: (H, W) brightness; None: bright enough.
+        """
         part = self._part
         unmatched = np.zeros(near.shape, bool)
         if part.slant:
@@ -87,7 +100,7 @@ class DepthModel:
 
 @cached(__file__, error_model="numpy")
 def _disparity_counts(depth: Grid, per_m: np.float32) -> Grid:
-    """(H, W) disparity in its steps, 0 without depth."""
+    """(H, W) disparities in steps, `per_m` / depth; 0 without depth."""
     counts = np.empty_like(depth)
     for i in range(depth.shape[0]):
         for j in range(depth.shape[1]):
@@ -99,10 +112,21 @@ def _disparity_counts(depth: Grid, per_m: np.float32) -> Grid:
 def _find_glancing_surfaces(
     near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
 ) -> NDArray[np.bool_]:
-    """Surfaces at a glancing angle, away from discontinuities; (h, w), like all arguments but `mean`, (H, W).
+    """(h, w) whether a pixel sees its surface at a glancing angle, away from discontinuities.
 
-    For a plane the count is linear in the image: its normal is (f a, f b, c), and the sine of the ray against the plane
-    is the count over both lengths (a, b its slopes, c the rest on the axis).
+    For a plane the count is linear in the image: its normal is (f a, f b, c), and the sine of the angle between ray and
+    plane is the count over the lengths of ray and normal.
+
+    Args:
+        near: (h, w) counts at half the resolution.
+        mean: (H, W) mean counts around each pixel.
+        a: (h, w) slope of the counts along the rows, per pixel.
+        b: (h, w) slope along the columns.
+        x: (h, w) x / z of the rays.
+        y: (h, w) y / z of the rays.
+        length: (h, w) length of the rays of depth 1.
+        focal: Focal length f, pixels.
+        sine: Sine of the limit angle.
     """
     slanted = np.empty(near.shape, np.bool_)
     for i in range(near.shape[0]):
@@ -120,7 +144,20 @@ def _measure_depth(
     depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
     noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],
 ) -> Grid:  # fmt: skip
-    """(H, W) m with missing and flying pixels at discontinuities, noise and steps; half-size arrays are (h, w)."""
+    """(H, W) m, measured depth: 0 without a match, with flying pixels, noise and steps of the disparity.
+
+    Args:
+        depth: (H, W) m, exact depth.
+        counts: (H, W) disparity counts.
+        mean: (H, W) their mean around each pixel, from which discontinuities follow.
+        unmatched: (h, w) pixels without a match, at half the resolution.
+        front: (h, w) largest count nearby.
+        back: (h, w) smallest count nearby.
+        mixed: Bank of deviates: at a discontinuity, positive ones lose the pixel, others place it between the surfaces.
+        noise: Bank of disparity errors, counts.
+        start: First row and column in both banks.
+        depth_of_count: Depth by count, m; 0 out of range.
+    """
     measured, last = np.zeros_like(depth), len(depth_of_count) - 1
     (top, left), width = start, depth.shape[1]
     for i in range(depth.shape[0]):
@@ -140,7 +177,7 @@ def _measure_depth(
 
 
 def _noise_bank(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
-    """Bank of unit normal deviates that are correlated over some pixels."""
+    """Unit normal deviates, larger than the image by `SPARE`, that are correlated over `alike_px` pixels."""
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
     if alike_px == 1:

@@ -50,11 +50,15 @@ class Sweep:
         return math.hypot(x / z - u, y / z - v)
 
     def crop(self, row: int, column: int) -> Sweep:
-        """The same motion in the pixels of a part of the image, given its upper left pixel."""
+        """Sweep in the pixels of a part of the image, given the row and column of its upper left pixel."""
         return replace(self, K=np.array([[1.0, 0.0, -column], [0.0, 1.0, -row], [0.0, 0.0, 1.0]]) @ self.K)
 
     def blur(self, image: Pixels, exposure_s: float) -> Pixels:
-        """Mean of an image, taken at mid-exposure, along its motion during the exposure."""
+        """The image, taken at mid-exposure, averaged along its motion during the exposure.
+
+        Two to sixteen copies, spaced by about `_COPY_PX`, are warped by the homographies and averaged; a motion of less
+        than `_LEAST_BLUR_PX` leaves the image unchanged.
+        """
         height, width = image.shape[:2]
         length = self.path_px(exposure_s, (width - 1) / 2, (height - 1) / 2)
         if length < _LEAST_BLUR_PX:
@@ -73,7 +77,10 @@ class Sweep:
         return np.asarray(cv2.convertScaleAbs(total, alpha=1 / copies))
 
     def apply_rolling_shutter(self, image: Pixels, readout_s: float) -> Pixels:
-        """Rows exposed one after another, the middle one at the time of the image."""
+        """The image as a rolling shutter takes it, the middle row at the time of the image.
+
+        Each row is moved by its share of the motion in the readout time, to first order.
+        """
         height, width = image.shape[:2]
         v, u = np.mgrid[:height, :width].astype(np.float32)
         x, y, z = np.einsum("ij,jhw->ihw", self.homography(readout_s), np.stack([u, v, np.ones_like(u)]))
@@ -85,7 +92,10 @@ class Sweep:
 
 @cached(__file__)
 def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
-    """As `Sweep.homographies`: K is upper triangular, and so is its inverse."""
+    """(N, 3, 3) homographies K (R + t nᵀ / d) K⁻¹ after (N,) `dt` s, lower right element 1; K is upper triangular.
+
+    R = Exp(ω dt) to second order and t = v dt.
+    """
     inverse = np.zeros((3, 3))
     inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1 / K[0, 0], 1 / K[1, 1], 1.0
     inverse[0, 1] = -K[0, 1] / (K[0, 0] * K[1, 1])
@@ -95,6 +105,7 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
     for k in range(len(dt)):
         phi = rate * dt[k]  # a degree at most: the second order of it is enough
         squared = np.sum(phi * phi)
+        # M = 1 + [φ]ₓ + (φ φᵀ - |φ|² 1) / 2 + v dt nᵀ / d
         M = np.empty((3, 3))
         for i in range(3):
             for j in range(3):
@@ -108,6 +119,7 @@ def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rat
         M[2, 1] += phi[0]
         for i in range(3):
             for j in range(3):
+                # K M K⁻¹, without the zeros of the triangular matrices
                 total = 0.0
                 for a in range(i, 3):
                     for b in range(j + 1):

@@ -45,11 +45,14 @@ _POSE = {"pos": "0 0 0", "quat": "1 0 0 0"}
 
 
 def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
-    """The root element `mujoco` of a model.
+    """Root element `mujoco` of a model's MJCF, with exact numbers.
 
     Args:
         spec: The model; its textures and meshes are files of `spec.assets`, built in, or (meshes) inline.
         model: The same, compiled.
+
+    Raises:
+        ValueError: MuJoCo writes elements in another order than the model has them.
     """
     with silence_prefix_warnings():
         root = ElementTree.fromstring(spec.to_xml())
@@ -89,7 +92,11 @@ def format_numbers(values: ArrayLike) -> str:
 
 
 def find_section(parent: Element, tag: str) -> Element:
-    """The one section of a model with this tag."""
+    """The one section of a model with a tag.
+
+    Raises:
+        ValueError: There is none, or more than one.
+    """
     sections = parent.findall(tag)
     if len(sections) != 1:
         raise ValueError(f"invalid MJCF: expected one {tag}, found {len(sections)}")
@@ -97,14 +104,24 @@ def find_section(parent: Element, tag: str) -> Element:
 
 
 def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
-    """Rows of the compiled model's arrays are found by order, as not every element has a name."""
+    """Rejects elements in another order than the model's.
+
+    Not every element has a name, so the rows of the compiled model's arrays are assigned by order.
+
+    Raises:
+        ValueError: A name differs.
+    """
     for (_, node), item in zip(rows, items, strict=True):
         if node.get("name", "") != item.name:
             raise ValueError(f"invalid order of MJCF: expected {item.name!r}, found {node.get('name')!r}")
 
 
 def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
-    """Replaces numbers of an element, and its pose in every case, as `to_xml` omits what six digits round to zero."""
+    """Writes exact numbers to attributes of an element.
+
+    Attributes that the element lacks are skipped, except for poses, which `to_xml` omits where six digits round them to
+    their defaults.
+    """
     for name, value in values.items():
         text = node.get(name)
         if text is None and name not in _POSE:
@@ -116,7 +133,7 @@ def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
 
 
 def _dissolve_frames(parent: Element) -> None:
-    """Replaces each frame by what it holds; the poses of these bodies are rewritten afterwards."""
+    """Replaces each frame below an element by its children; their poses are rewritten afterwards."""
     for node in list(parent):
         _dissolve_frames(node)
         if node.tag == "frame":

@@ -40,7 +40,7 @@ FOLLOW = "follow the walker"
 
 @dataclass
 class Playhead:
-    """Where a playback is, and how the keys move it.
+    """Time, speed and camera of a playback; keys and the passing time change them.
 
     Attributes:
         duration_s: Length of the walk.
@@ -59,7 +59,7 @@ class Playhead:
     camera: int = 0
 
     def press(self, key: int) -> None:
-        """A key by GLFW's number; those without a meaning here have no effect."""
+        """Handles a key, by its GLFW number; keys without a meaning here have no effect."""
         if key == _SPACE:
             if self.paused and self.time_s >= self.duration_s:
                 self.time_s = 0.0
@@ -74,12 +74,13 @@ class Playhead:
             self.camera = (self.camera + 1) % len(self.cameras)
 
     def advance(self, elapsed_s: float) -> None:
-        """Time passes; the playback pauses at the end of the walk."""
+        """Advances the playback by `elapsed_s` of real time; it pauses at the end of the walk."""
         if not self.paused:
             self._seek(self.time_s + self.speed * elapsed_s)
             self.paused = self.time_s >= self.duration_s
 
     def _seek(self, time_s: float) -> None:
+        """Sets the time, within the walk."""
         self.time_s = min(max(time_s, 0.0), self.duration_s)
 
 
@@ -133,6 +134,11 @@ def play(twin: Twin) -> None:
 
 
 def _launch_viewer(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.SimpleQueue[int]) -> viewer.Handle:
+    """Opens MuJoCo's passive viewer; pressed keys arrive in the queue.
+
+    Raises:
+        StrideTwinError: No window can be opened, on macOS for example without `mjpython`.
+    """
     try:
         return viewer.launch_passive(model, data, key_callback=pressed.put, show_left_ui=False, show_right_ui=False)
     except RuntimeError as error:  # macOS without mjpython
@@ -140,6 +146,7 @@ def _launch_viewer(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.Si
 
 
 def _aim_camera(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
+    """Sets the window's camera: one of the model, or for number 0 a view that follows the pelvis."""
     if head.camera:
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, head.camera - 1
         return
@@ -149,7 +156,7 @@ def _aim_camera(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead)
 
 
 def _overlay_text(head: Playhead) -> tuple[str, str]:
-    """Two columns of text in a corner of the window."""
+    """Two columns of text in a corner of the window: time, speed, camera and keys."""
     rows = (
         ("time", f"{head.time_s:.1f} of {head.duration_s:.1f} s{', paused' if head.paused else ''}"),
         ("speed", f"{head.speed:g} x real time"),

@@ -86,7 +86,13 @@ def write_scene(files: Mapping[str, bytes], name: str, folder: Path) -> None:
 
 
 def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, bytes]:
-    """Replaces painted textures of a model by files, one per image; returns the files."""
+    """Replaces the painted textures of a model by references to PNG files, and returns these files by path.
+
+    Args:
+        spec: The model, which is changed.
+        finish: Suffix of the names.
+        size: Edge of the images, pixels.
+    """
     files: dict[str, bytes] = {}
     painted: dict[bytes, str] = {}
     for texture in spec.textures:
@@ -101,6 +107,7 @@ def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, 
 
 
 def _png(pixels: NDArray[np.uint8], size: int) -> bytes:
+    """PNG file of an image, scaled to `size` pixels along each edge."""
     if size != len(pixels):
         pixels = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
     done, encoded = cv2.imencode(".png", pixels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
@@ -126,7 +133,12 @@ def _obj(mesh: mujoco.MjsMesh) -> str:
 
 
 def _split_off_wearer(root: Element) -> Element:
-    """Moves the wearer out of a scene, which then includes `WEARER`; returns that file's root element."""
+    """Moves the wearer out of a scene's MJCF, which then includes the file `WEARER`.
+
+    Returns:
+        Root element of that file: the wearer's bodies, the materials, meshes and textures that they use, and servos,
+        cuffs and sensors.
+    """
     world, assets = find_section(root, "worldbody"), find_section(root, "asset")
     wearer = Element("mujoco", model="wearer")
     wearer.append(find_section(root, "compiler"))
@@ -149,6 +161,7 @@ def _split_off_wearer(root: Element) -> Element:
 
 
 def _move(nodes: list[Element], source: Element, target: Element) -> None:
+    """Moves elements from one parent to the end of another."""
     for node in nodes:
         source.remove(node)
         target.append(node)

@@ -102,7 +102,7 @@ def _scene_name(topic: str) -> str:
 
 
 def _site_mounts(rig: Rig) -> Iterator[tuple[str, Mount]]:
-    """Sites and their mounts."""
+    """Name and mount of the site of every sensor and board."""
     for sensors in (rig.imus, rig.cameras, rig.others):
         yield from ((_scene_name(topic), sensor.mount) for topic, sensor in sensors.items())
     for name, board in rig.boards.items():
@@ -110,10 +110,12 @@ def _site_mounts(rig: Rig) -> Iterator[tuple[str, Mount]]:
 
 
 def _mount_body(spec: mujoco.MjSpec, mount: Mount) -> mujoco.MjsBody:
+    """Body of the model that carries a mount; for a foot, the shoe's upper."""
     return spec.body(UPPERS.get(mount.body, mount.body))
 
 
 def _add_sensor(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, of: mujoco.mjtObj, target: str) -> None:
+    """Adds one of MuJoCo's own sensors, of a type `kind`, to a site or joint."""
     spec.add_sensor(name=name, type=kind, objtype=of, objname=target)
 
 
@@ -145,7 +147,11 @@ def _add_servos_and_keyframe(composition: Composition, config: TwinConfig) -> No
 
 
 def _add_cuffs(composition: Composition) -> None:
-    """A strap holds its point on the limb, a holder the rotation, too; soft constraints with MuJoCo's own defaults."""
+    """Adds a pair of sites and an equality constraint for every cuff.
+
+    A strap holds its point on the limb (`connect`), a holder the rotation, too (`weld`); both are soft constraints with
+    MuJoCo's own defaults.
+    """
     spec = composition.spec
     for cuff in exo_couplings(composition.size):
         ends = (f"cuff_{cuff.name}", cuff.exo_body, cuff.p_in_exo), (f"limb_{cuff.name}", cuff.body, cuff.p_in_body)
@@ -158,7 +164,7 @@ def _add_cuffs(composition: Composition) -> None:
 
 
 def _add_actuators(spec: mujoco.MjSpec, config: TwinConfig) -> None:
-    """Servos named as the wearer's hinges, and motors named as those of the exoskeleton that modules drive."""
+    """Adds a servo for each hinge of the wearer and a motor for each powered hinge, with the hinge's name."""
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE and not joint.name.startswith("exo_"):
             servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)

@@ -41,7 +41,7 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
         self._wander = Wander(np.full(3, part.rate_instability), np.zeros(3), calibration.rate_hz, noise.at(1))
 
     def read(self, body: Track) -> Block[Ahrs]:
-        """Samples at the instants of the carrying body's track."""
+        """The next samples, at the instants of the track of the body that carries the sensor."""
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
         white = self._noise.normal(1.0, (len(body), 6))
         rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
@@ -50,7 +50,13 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
         return self._block(Ahrs, body.t_ns, q_world_sensor=q, angular_rate=rate)
 
     def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
-        """(N, 3) rotation vectors in the world."""
+        """(N, 3) rad, rotation vectors of the attitude error in the world: two of tilt, then the heading error.
+
+        Args:
+            rate: (N,) rad/s, magnitude of the angular rate, which sets the share of full motion.
+            t_ns: (N,) instants, for the heading's drift.
+            white: (N, 3) unit normal deviates.
+        """
         from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
 
         part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)

@@ -49,7 +49,7 @@ class ForceCells:
         self._filter = np.zeros((1, 2, count))
 
     def read(self, load: Array) -> Array:
-        """(N, count) measured force, N, for the next true loads (N, count), N."""
+        """(N, count) N, measured forces for the next true loads (N, count), N; the state is kept between calls."""
         from scipy.signal import lfilter, sosfilt
 
         bare = self._gain * load
@@ -70,7 +70,11 @@ class ForceCells:
 
 @_called
 def _apply_play(last: Array, load: Array) -> Array:
-    """Output of the hysteresis for (N, count) loads, from the (count,) state `last`, which is updated."""
+    """Output of the hysteresis for (N, count) loads: a play between 0.9 and 1.1 times the load.
+
+    The output stays while it lies in this interval, and otherwise moves to its nearest end. `last` (count,) is the
+    output before the first row; it is updated.
+    """
     play = np.empty(load.shape)
     for k in range(len(load)):
         for i in range(len(last)):
@@ -79,7 +83,7 @@ def _apply_play(last: Array, load: Array) -> Array:
 
 
 def _quantize(force: Array, b1: float, b2: float) -> Array:
-    """Force after quantisation by the converter, N."""
+    """Force in N after the converter: the inverse of the calibration curve, rounded to counts, and the curve again."""
     kgf = force / G
     x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
     counts = np.clip(np.round(1000 * x), 0, _FULL_COUNT) / 1000
@@ -99,7 +103,7 @@ class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
         self._cells = ForceCells(part, len(self._places), calibration.rate_hz, noise)
 
     def read(self, foot: Track, force_in_world: Array, torque_in_world: Array) -> Block[Insole]:
-        """Samples at the track's instants.
+        """The next samples, at the instants of the track.
 
         Args:
             foot: Track of the foot's frame, whose z = 0 is the sole.
@@ -131,7 +135,7 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
 
 
 def cell_shares(cells: Array, cop: Array) -> Array:
-    """Share of the load on each cell: Wachspress coordinates of the centre of pressure (Wachspress 1975).
+    """Share of the load on each cell of an insole: Wachspress coordinates of the centre of pressure (Wachspress 1975).
 
     Args:
         cells: (4, 2) positions of heel, lateral ball, medial ball and toe, a convex outline, m.
@@ -155,7 +159,14 @@ def cell_shares(cells: Array, cop: Array) -> Array:
 
 
 def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -> Array:
-    """Points (N, 2); those outside the outline are moved to its nearest point."""
+    """(N, 2) points, of which those outside a convex outline are moved to its nearest point.
+
+    Args:
+        corner: (K, 2) corners of the outline.
+        after: (K, 2) next corner of each.
+        sense: 1 if the corners run anticlockwise, -1 if clockwise.
+        point: (N, 2) points.
+    """
     side = after - corner
     to = point[:, None] - corner
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
@@ -166,4 +177,5 @@ def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -
 
 
 def _cross(a: Array, b: Array) -> Array:
+    """(...) cross product of (..., 2) vectors."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

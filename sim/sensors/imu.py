@@ -62,6 +62,7 @@ def compute_increments(before: Track, sensor: Track, gravity: Array) -> tuple[Ar
 
 
 def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
+    """Instants, attitude and velocity of a track."""
     return track.t_ns, track.q_world_body, track.v_body_in_world
 
 
@@ -69,6 +70,10 @@ def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
 def _compute_increments(
     t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
 ) -> tuple[Array, Array, Array]:
+    """Durations (N,) s, rates (N, 3) and specific forces (N, 3) of the intervals; see `compute_increments`.
+
+    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). The first interval starts at `t0`.
+    """
     n = len(t)
     dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
     t_last, back, v_last, g = t0[0], inverse(quaternion(q0[0])), vec3(v0[0]), vec3(gravity)
@@ -85,7 +90,10 @@ def _compute_increments(
 
 @_called
 def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
-    """One rate and force for every `steps` intervals with the same rotation and velocity change: no coning or sculling.
+    """Constant rate and specific force over every `steps` intervals, without coning or sculling error.
+
+    Rotation and velocity change of the `steps` intervals are composed, and converted to the constant rate and force
+    with which one long interval has the same rotation and velocity change.
 
     Args:
         dt: (N,) s.
@@ -113,7 +121,7 @@ def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tupl
 
 
 def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
-    """`steps` instants before the track's first, `dt` apart, for constant rate and velocity until then."""
+    """Track of the `steps` instants before the first of `sensor`, `dt` s apart, at constant velocity and rate."""
     first = sensor[:1]
     ago = dt * np.arange(steps, 0, -1)[:, None]
     return Track(
@@ -152,7 +160,7 @@ INNER_HZ = 1000.0
 
 
 class ImuModel(SensorModel[ImuCalibration, ImuPart]):
-    """Sample k is the mean over (t_{k-1}, t_k].
+    """Inertial measurement unit: sample k is the mean of rate and specific force over (t_{k-1}, t_k].
 
     A real part samples the motion at `INNER_HZ` or more, with scale factors, misalignment, g-sensitivity, turn-on bias
     and bandwidth (a second-order low-pass filter, whose delay the stamps compensate). The inner steps of a sample are
@@ -162,7 +170,11 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     trapezoidal rule for the velocity, up to Δt²/12 times the change of the acceleration. Before the first sample, the
     motion is assumed to be steady.
 
-    `gravity` is along −z of the world, m/s².
+    Args:
+        calibration: Topic, rate and mount.
+        part: True parameters of the sensor.
+        noise: Source of its errors.
+        gravity: Along −z of the world, m/s².
     """
 
     def __init__(
@@ -209,7 +221,7 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])
 
     def _filter(self, true: Array) -> Array:
-        """(N, 6) rate and force after the bandwidth of the sensing elements."""
+        """(N, 6) rate and specific force after the errors and the low-pass filters, whose state is kept."""
         sensed = true @ self._mix.T + self._bias
         for axis, low_pass in enumerate(self._filters):
             sensed[:, axis] = low_pass(sensed[:, axis])
@@ -241,12 +253,15 @@ class _LowPass:
 
 
 def _six_axes(part: ImuPart, name: str) -> Array:
-    """(6,) a parameter of the three gyroscopes, then of the three accelerometers."""
+    """(6,) one parameter of a part: that of the gyroscope three times, then that of the accelerometer three times."""
     return np.repeat([getattr(part.gyroscope, name), getattr(part.accelerometer, name)], 3)
 
 
 def _draw_sensitivity(part: ImuPart, noise: Noise) -> Array:
-    """(6, 6) sensitivity of each axis to each component: scale factors, misalignment, g-sensitivity."""
+    """(6, 6) sensitivity of each axis to the true rate (3) and specific force (3), drawn from the part's tolerances.
+
+    It has scale factors on the diagonal, misalignment beside it, and g-sensitivity from force to rate.
+    """
     mix = np.eye(6)
     triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
     for triad, rows in zip(triads, (slice(3), slice(3, 6))):
@@ -257,6 +272,6 @@ def _draw_sensitivity(part: ImuPart, noise: Noise) -> Array:
 
 
 def _quantize(x: Array, resolution: Array) -> Array:
-    """Values rounded to whole counts, where the part has a resolution."""
+    """(N, K) values rounded to whole counts of the resolution (K,); unchanged where that is 0."""
     step = np.where(resolution > 0, resolution, 1.0)
     return np.where(resolution > 0, np.round(x / step) * step, x)

@@ -38,6 +38,7 @@ class SensorModel(Generic[CalibrationT, PartT]):
         self._calibration, self._part, self._noise = calibration, part, noise
 
     def _block(self, kind: type[SampleT], t_ns: Instants, **columns: Array) -> Block[SampleT]:
+        """Block of samples of this sensor's topic, from columns by field of the sample."""
         return Block(topic=self._calibration.topic, kind=kind, t_ns=t_ns, columns=columns)
 
 
@@ -56,14 +57,20 @@ def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
 
 
 class Stamps:
-    """Clock of one stream, with `noise` as the source of its jitter."""
+    """Clock of one stream: it turns true sample times into stamps.
+
+    Args:
+        clock: Offset, drift, jitter and latency.
+        rate_hz: Sample rate, which limits the jitter: stamps never change their order.
+        noise: Source of the jitter.
+    """
 
     def __init__(self, clock: Clock, rate_hz: float, noise: Noise) -> None:
         self._clock, self._noise = clock, noise
         self._most = _MOST_JITTER / rate_hz
 
     def stamp(self, t_ns: Instants) -> Instants:
-        """(N,) stamps of the next samples, measured at (N,) true times; −1 for stamps before the recording's start."""
+        """(N,) stamps of the next samples, from their (N,) true times; −1 for stamps before the recording's start."""
         clock = self._clock
         if clock == Clock():
             return t_ns
@@ -75,7 +82,7 @@ class Stamps:
         return stamps
 
     def stamp_block(self, block: Block[Any]) -> Block[Any]:
-        """The block with its clock's stamps, without samples from before the recording's start."""
+        """Block with the stamps of this clock, without samples from before the recording's start."""
         stamps = self.stamp(block.t_ns)
         kept = stamps >= 0
         return replace(block, t_ns=stamps[kept], columns={name: x[kept] for name, x in block.columns.items()})

@@ -42,13 +42,13 @@ class Slip:
     pivot: Array
 
     def mount_track(self, body: Track) -> Track:
-        """Track of a frame that initially coincides with the body's and slips on it."""
+        """Track of a frame on a body that coincides with the body's frame before the slip and moves with it."""
         share, rate = (x[:, None] for x in self._share(body.t_ns))
         p, phi = self.translation, self.rotation
         return body.displace(self.pivot, share * p, share * phi, rate * p, rate * phi)
 
     def T_body_frame(self, t_ns: int) -> Array:
-        """(4, 4) pose of that frame in the body at one time."""
+        """(4, 4) pose of the slipped frame in the body at one time."""
         share, _ = self._share(np.array([t_ns]))
         T = np.eye(4)
         T[:3, :3] = Rotation.from_rotvec(share[0] * self.rotation).as_matrix()
@@ -76,7 +76,14 @@ class MountSlips:
 
     @classmethod
     def of(cls, planned: Iterable[tuple[Fault, Events]], rig: Rig) -> MountSlips:
-        """The slips of planned faults."""
+        """Slips of the loose straps among planned faults.
+
+        Sensors of one body and one strap slip about their common centre.
+
+        Args:
+            planned: Faults with their events (`plan_faults`).
+            rig: Rig with the true mounts.
+        """
         slips: dict[str, list[Slip]] = {}
         for fault, events in planned:
             if isinstance(fault, LooseStrap):
@@ -92,26 +99,27 @@ class MountSlips:
         )
 
     def mount_track(self, topic: str, body: Track) -> Track:
-        """Track of the frame of a sensor's mount, given that of its body."""
+        """Track of the frame that holds a sensor's mount, after all its slips, given that of its body."""
         for slip in self.slips.get(topic, ()):
             body = slip.mount_track(body)
         return body
 
     def T_body_frame(self, topic: str, t_ns: int) -> Array:
-        """(4, 4) pose of that frame in the sensor's body at one time."""
+        """(4, 4) pose in the body, at one time, of the frame that holds a sensor's mount."""
         T = np.eye(4)
         for slip in self.slips.get(topic, ()):
             T = T @ slip.T_body_frame(t_ns)
         return T
 
     def move_housings(self, model: mujoco.MjModel, t_ns: int) -> None:
-        """Moves the housings in a model to their poses at one time."""
+        """Moves the visible housings of slipping sensors in a model to their poses at one time."""
         for topic, (name, mount) in self.housings.items():
             T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
             housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
 
 
 def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
+    """Slip of an event, about a random axis and in a random direction; without a duration it lasts the whole event."""
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(
@@ -121,6 +129,7 @@ def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
 
 
 def _topics_by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
+    """Topics with events, by the body that carries their sensors."""
     bodies: dict[str, list[str]] = {}
     for topic, (body, _) in _mounts(rig).items():
         if topic in events:
@@ -129,6 +138,6 @@ def _topics_by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
 
 
 def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
-    """Body and position of every sensor; a depth image has those of its camera."""
+    """Body and position (3,) m of every sensor by topic; a camera's depth image has the entry of its colour topic."""
     mounts = {topic: sensor.mount for group in (rig.imus, rig.cameras, rig.others) for topic, sensor in group.items()}
     return {topic: (mount.body, mount.T_body_sensor[:3, 3]) for topic, mount in mounts.items()}

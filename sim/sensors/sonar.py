@@ -24,11 +24,17 @@ _RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
 
 
 class SonarModel(SensorModel[OtherSensor, SonarPart]):
-    """Range of the nearest echo in whole steps; 0 for no echo within the range.
+    """Ultrasonic ranger: distance of the nearest echo in whole steps, 0 without an echo within the range.
 
-    A ghost is an indirect echo: a reading anywhere between the least and the largest range.
+    A ghost is an indirect echo: a reading anywhere between the least and the largest range. The x axis of the sensor's
+    frame is the axis of the beam.
 
-    The x axis of the sensor's frame is the axis of the beam. `terrain` and `crowd` are what reflects.
+    Args:
+        calibration: Topic, rate and mount.
+        part: True parameters of the sensor.
+        terrain: Ground and objects that reflect.
+        crowd: Bystanders, who reflect, too.
+        noise: Source of its errors.
     """
 
     def __init__(self, calibration: OtherSensor, part: SonarPart, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
@@ -48,15 +54,20 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         return self._block(Range, body.t_ns, distance=self._measure(nearest))
 
     def _measure(self, nearest: Array) -> Array:
+        """(N,) m, readings for the distance of the nearest echo (N,), inf for none, with ghosts, noise and steps."""
         part = self._part
-        luck, where = self._luck.uniform((len(nearest), 2)).T
-        ghost = part.range_min + where * (part.range_max - part.range_min)
+        luck, position = self._luck.uniform((len(nearest), 2)).T
+        ghost = part.range_min + position * (part.range_max - part.range_min)
         nearest = np.where(luck < part.ghost, ghost, nearest)
-        heard = np.maximum(nearest + self._noise.normal(part.noise, len(nearest)), part.range_min)
-        heard = np.where(nearest <= part.range_max, heard, 0.0)
-        return part.step * np.round(heard / part.step) if part.step else heard
+        reading = np.maximum(nearest + self._noise.normal(part.noise, len(nearest)), part.range_min)
+        reading = np.where(nearest <= part.range_max, reading, 0.0)
+        return part.step * np.round(reading / part.step) if part.step else reading
 
     def _range_of_terrain(self, T_world_sensor: Array) -> Array:
+        """(N,) m, distance of the nearest echo from terrain and objects; inf without one.
+
+        Rays that meet a face farther than `_ECHO_SLANT_RAD` from its normal give no echo.
+        """
         n, m = len(T_world_sensor), len(self._fan)
         rays = np.einsum("nij,mj->nmi", T_world_sensor[:, :3, :3], self._fan).reshape(-1, 3)
         distance, normal = self._terrain.ray_hit(np.repeat(T_world_sensor[:, :3, 3], m, axis=0), rays)
@@ -65,7 +76,14 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
 
 
 def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, half_beam: float) -> Array:
-    """(N,) range of the nearest of (N, B, 3) spheres."""
+    """(N,) m, distance of the nearest sphere in the beam; inf for none.
+
+    Args:
+        T_world_sensor: (N, 4, 4) pose of the sensor.
+        centre_in_world: (N, B, 3) m.
+        radius: (B,) m.
+        half_beam: Half angle of the beam, rad.
+    """
     in_world = centre_in_world - T_world_sensor[:, None, :3, 3]
     return np.min(
         _range_of_balls(np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], in_world), radius, half_beam), -1
@@ -73,7 +91,13 @@ def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, 
 
 
 def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
-    """Shortest distance within the cone about x from its apex to each sphere (..., B, 3); inf for a miss."""
+    """(..., B) m, shortest distance from the apex of a cone about x to each sphere, within the cone; inf for a miss.
+
+    Args:
+        centre: (..., B, 3) m, centres in the cone's frame.
+        radius: (B,) m.
+        half_beam: Half angle of the cone, rad.
+    """
     away = np.linalg.norm(centre, axis=-1)
     off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
     slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray

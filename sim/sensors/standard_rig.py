@@ -51,7 +51,14 @@ Calibration = ImuCalibration | CameraCalibration | OtherSensor
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MountedSensor:
-    """A mounted sensor of a group: nominal calibration, true parameters, and its differences from the standard."""
+    """A sensor on the wearer.
+
+    Attributes:
+        group: Group of sensors, such as `foot_imu`.
+        calibration: Topic, mount and nominal figures.
+        part: True parameters.
+        sensor_config: Differences of the group from the standard one.
+    """
 
     group: str
     calibration: Calibration
@@ -79,7 +86,11 @@ class SensorRig:
 
 
 def standard_rig(config: TwinConfig) -> Rig:
-    """True calibration of a walk's rig; arguments and errors as for `sensor_rig`."""
+    """True calibration of a walk's rig; without exoskeleton, its sensors are omitted.
+
+    Raises:
+        ConfigError: An unknown group of sensors or an unknown place for the RGB-D camera.
+    """
     return sensor_rig(config).rig
 
 
@@ -107,18 +118,22 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
 
 
 def _own_exo(config: TwinConfig) -> OwnExo | None:
-    """The user's own exoskeleton, if the wearer has one."""
+    """The custom exoskeleton of the wearer; None without one."""
     return config.exo.own if config.exo is not None else None
 
 
 def _group_config(config: TwinConfig, group: str) -> SensorConfig:
+    """Configuration of a group of sensors: that of the scenario, or the standard one."""
     return config.fittings.get(group, SensorConfig())
 
 
 def _select_part(config: TwinConfig, group: str, standard: str | Part | None = None) -> tuple[Any, Any, SensorConfig]:
-    """True part and nominal part of a group, and the group's configuration.
+    """True part and nominal part of a group of sensors, and the group's configuration.
 
-    `standard` is the default part: a name, or a part from the rig file of an exoskeleton.
+    Args:
+        config: Scenario.
+        group: Group of sensors.
+        standard: Default part: its name, or a part from the rig file of an exoskeleton; None for that of the group.
     """
     sensor_config = _group_config(config, group)
     if not isinstance(standard, Part):
@@ -130,6 +145,7 @@ def _select_part(config: TwinConfig, group: str, standard: str | Part | None = N
 
 
 def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
+    """An IMU of a group, mounted on a body."""
     part, nominal, sensor_config = _select_part(config, group, standard)
     return MountedSensor(
         group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
@@ -137,7 +153,10 @@ def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str
 
 
 def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
-    """The calibration of an IMU as its data sheet gives it."""
+    """Nominal calibration of an IMU, from the figures of its data sheet.
+
+    The random walk of each bias is such that it varies by its in-run instability in 100 s.
+    """
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
         topic=topic, part=part.description, rate_hz=part.rate_hz, mount=mount,
@@ -154,7 +173,7 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
 
 
 def foot_imu_position(config: TwinConfig, side: str) -> Array:
-    """(3,) m, position of a shoe's IMU in the foot's frame, even if it is off."""
+    """(3,) m, position of a shoe's IMU in the foot's frame; it is defined even if that IMU is off."""
     forward, outward, up = _group_config(config, "foot_imu").position_m or _FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
@@ -169,18 +188,30 @@ def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
 
 
 def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The IMUs of both shoes."""
     for side in SIDES:
         pose = _pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
         yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
 def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The IMU of the RGB-D camera, on head or chest."""
     camera = _rgbd_mount(config)
     mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
     yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
 
 def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
+    """A camera of a group.
+
+    Args:
+        config: Scenario.
+        group: Group of the camera.
+        imu_group: Group of the IMU to which its time shift refers.
+        place: Prefix of its topics, such as `head` or `foot_l`.
+        mount: Its mount.
+        depth: Whether it has depth.
+    """
     part, nominal, sensor_config = _select_part(config, group)
     imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
@@ -197,11 +228,13 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
 
 
 def _nominal_shift(config: TwinConfig, group: str) -> float:
+    """Constant delay of a group's stamps that its calibration knows, s."""
     clock = _group_config(config, group).clock
     return clock.shift_s if clock.calibrated else 0.0
 
 
 def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The cameras of both shoes; each one sees the board on the other shoe."""
     seat = _group_config(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _shoe_place(seat, side)
@@ -218,10 +251,12 @@ def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
 
 
 def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The RGB-D camera on head or chest."""
     yield _camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
+    """Mount of the RGB-D camera: on head or chest, pitched down."""
     body, position = _RGBD_MOUNT[config.rig_mount]
     sensor_config = _group_config(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
@@ -231,6 +266,7 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
 
 
 def _boards(config: TwinConfig) -> Iterator[Board]:
+    """The checkerboards on both shoes: 6 by 9 squares of 5 mm, upright."""
     seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
         position, out = _shoe_place(seat, side)
@@ -242,6 +278,16 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
 
 
 def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+    """A sensor that is neither IMU nor camera.
+
+    Args:
+        config: Scenario.
+        group: Group of sensors.
+        kind: Kind of `OtherSensor`.
+        topic: Its topic.
+        mount: Its mount.
+        more: Further parameters of the calibration; `standard` is the default part, `named` replaces its description.
+    """
     part, nominal, sensor_config = _select_part(config, group, more.pop("standard", None))
     calibration = OtherSensor(
         topic=topic, kind=kind, part=more.pop("named", nominal.description), rate_hz=nominal.rate_hz, mount=mount,
@@ -251,6 +297,7 @@ def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: 
 
 
 def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The ultrasonic rangers of both shoes, which face the other foot."""
     seat = _group_config(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
@@ -262,6 +309,7 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The pressure insoles of both shoes with the places of their four cells."""
     for side in SIDES:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
@@ -272,6 +320,7 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The attitude references on the links of the exoskeleton."""
     own_exo = _own_exo(config)
     mounts = {place: Mount(body=f"exo_{place}") for place in _AHRS_PLACES}
     if own_exo is not None:
@@ -292,6 +341,7 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The encoders of the exoskeleton's joints; each is mounted on the body that its joint moves."""
     own_exo = _own_exo(config)
     moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     if own_exo is not None:
@@ -301,6 +351,7 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The force-cell pairs in the exoskeleton's cuffs."""
     own_exo = _own_exo(config)
     cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
     if own_exo is not None:
@@ -310,6 +361,7 @@ def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
+    """The actuation modules as sensors of torque and speed; joints without a module report zero torque."""
     mounted = {} if config.exo is None else modules(config.exo)
     limits: dict[str, dict[str, Any]] = {
         name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
@@ -344,14 +396,17 @@ _SENSORS = {
 
 
 def _link_mount(seat: OnLink) -> Mount:
+    """Mount on a link of a custom exoskeleton."""
     return Mount(body=seat.link, T_body_sensor=seat.T_link)
 
 
 def _outward(side: str) -> float:
+    """Sign of the outward direction along y: 1 for `l`, -1 for `r`."""
     return 1.0 if side == "l" else -1.0
 
 
 def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
+    """(4, 4) transform of a (3, 3) rotation and a (3,) position, m."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation, position
     return T

@@ -24,7 +24,15 @@ from stridetwin.streams.samples import Array, Block
 
 
 class SensorSuite:
-    """Every sensor of the rig except the cameras; the sonars need terrain and bystanders."""
+    """Every sensor of the rig except the cameras.
+
+    Args:
+        sensor_rig: The sensors with their true calibration.
+        terrain: Ground, for the sonars.
+        crowd: Bystanders, for the sonars.
+        seed: Seed of the walk.
+        mount_slips: Slips of the sensor mounts.
+    """
 
     def __init__(
         self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
@@ -85,6 +93,7 @@ _MODELS: dict[str, Any] = {
 
 
 def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: Noise) -> Any:
+    """Model of a sensor, by its kind."""
     kind = sensor.calibration.kind if isinstance(sensor.calibration, OtherSensor) else "imu"
     surroundings = (terrain, crowd) if kind == "range" else ()
     return _MODELS[kind](sensor.calibration, sensor.part, *surroundings, noise)
@@ -93,6 +102,16 @@ def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: No
 def _read_block(
     sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants
 ) -> Block[Any]:
+    """Samples of a sensor that is neither IMU nor camera, at (N,) instants.
+
+    Args:
+        sensor: Its calibration.
+        model: Its model.
+        carrier: Track of the frame that holds its mount, at these instants.
+        motion: Motion of the whole body, for angles, speeds and cuff forces.
+        loads: Ground reaction and motor torques, interpolated to these instants.
+        t_ns: (N,) instants.
+    """
     rows = motion.rows(t_ns)
     place, _, side = sensor.topic.split("/")[-2].rpartition("_")  # foot_l, thigh_r, knee_l; the back has no side
     match sensor.kind:

@@ -78,7 +78,7 @@ SHOE_SOLE_M = 0.025
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Inertial:
+class MassProperties:
     """Mass properties of a body.
 
     Attributes:
@@ -114,7 +114,7 @@ class Anthropometry:
     hip_half_width_m: float
     shoe_length_m: float
     trunk_m: float
-    inertials: dict[str, Inertial]
+    inertials: dict[str, MassProperties]
 
 
 def anthropometry(person: Person) -> Anthropometry:
@@ -136,11 +136,11 @@ def anthropometry(person: Person) -> Anthropometry:
     def length(name: str) -> float:
         return table[name][1] * 1e-3 * k
 
-    def segment(name: str, z_proximal: float) -> Inertial:
+    def segment(name: str, z_proximal: float) -> MassProperties:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
         percent, _, com, *radii = table[name]
         mass, size = person.mass_kg * percent / 100.0, length(name)
-        return Inertial(
+        return MassProperties(
             mass=mass, com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]),
             inertia=mass * (np.array(radii) / 100.0 * size) ** 2,
         )  # fmt: skip
@@ -166,8 +166,8 @@ def anthropometry(person: Person) -> Anthropometry:
         "hand": segment("hand", 0.0),
         "thigh": segment("thigh", 0.0),
         "shank": segment("shank", 0.0),
-        "foot": Inertial(mass=foot.mass - toe_mass, com=np.array([0.050, 0.0, 0.045]), inertia=0.7 * about),
-        "toe": Inertial(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * about),
+        "foot": MassProperties(mass=foot.mass - toe_mass, com=np.array([0.050, 0.0, 0.045]), inertia=0.7 * about),
+        "toe": MassProperties(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * about),
     }
     return Anthropometry(
         thigh_m=length("thigh"), shank_m=length("shank"), upper_arm_m=length("upper_arm"),
@@ -178,11 +178,12 @@ def anthropometry(person: Person) -> Anthropometry:
     )  # fmt: skip
 
 
-def _combine(a: Inertial, b: Inertial) -> Inertial:
+def _combine(a: MassProperties, b: MassProperties) -> MassProperties:
+    """Mass properties of two bodies together, in their common frame (parallel-axis theorem)."""
     mass = a.mass + b.mass
     com = (a.mass * a.com + b.mass * b.com) / mass
     inertia = np.zeros(3)
     for part in (a, b):
         d2 = (part.com - com) ** 2
         inertia += part.inertia + part.mass * (d2.sum() - d2)
-    return Inertial(mass=mass, com=com, inertia=inertia)
+    return MassProperties(mass=mass, com=com, inertia=inertia)

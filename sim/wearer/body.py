@@ -28,7 +28,11 @@ _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "
 
 
 def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
-    """Dimensions of `person` in shoes, and of the exoskeleton fitted to them.
+    """Dimensions of a person in shoes, and of the built-in exoskeleton fitted to them.
+
+    Args:
+        person: The person.
+        with_exo: Whether they wear the exoskeleton.
 
     Raises:
         ConfigError: A person outside the range of the tables.
@@ -44,7 +48,7 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
 
 
 def bodies_to_track(size: Wearer) -> tuple[str, ...]:
-    """Bodies whose motion is reported."""
+    """Names of the bodies whose motion the twin reports: trunk, head, legs, and the links of the exoskeleton."""
     if size.exo is None:
         return _TRACKED
     return _TRACKED + (_TRACKED_EXO if isinstance(size.exo, ExoLinks) else size.exo.bodies)
@@ -92,12 +96,19 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
 
 
 def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Compiled model."""
+    """Compiles a model, without MuJoCo's warnings about empty prefixes."""
     with silence_prefix_warnings():
         return spec.compile()
 
 
 def _scale_leaf(name: str, length_scale: dict[str, float], girth: float) -> mujoco.MjSpec:
+    """Leaf file scaled to a person.
+
+    Args:
+        name: Name of the leaf.
+        length_scale: Factor on the length of each body; others keep theirs.
+        girth: Factor on the thickness.
+    """
     spec = read_leaf(name)
     for body in spec.bodies[1:]:
         k = length_scale.get(body.name, 1.0)
@@ -120,6 +131,7 @@ def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
 
 
 def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:
+    """Sets masses and inertias of the wearer's bodies; their geoms get no mass and do not collide."""
     for target in spec.bodies[1:]:
         for geom in target.geoms:
             geom.mass = geom.contype = geom.conaffinity = 0

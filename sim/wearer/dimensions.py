@@ -13,7 +13,15 @@ _TOE_SPRING_M = 0.018
 
 @dataclass(frozen=True, kw_only=True)
 class Shoe:
-    """Sole in the foot's frame, m: where it ends and where it bends."""
+    """Sole of a shoe in the foot's frame, m: its ends, its width and its toe hinge.
+
+    Attributes:
+        heel_back_x: Back edge of the heel.
+        toe_hinge_x: Axis of the toe hinge.
+        toe_hinge_z: Height of that axis above the sole.
+        toe_tip_x: Front end.
+        half_width: Half of its width.
+    """
 
     heel_back_x: float
     toe_hinge_x: float
@@ -23,13 +31,21 @@ class Shoe:
 
     @property
     def flat_tip_x(self) -> float:
-        """Where the sole begins to curve up; nothing in front of it presses on the ground."""
+        """Front end of the flat part of the sole, m; nothing in front of it presses on the ground."""
         return self.toe_tip_x - _TOE_SPRING_M
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wearer:
-    """Dimensions of the person and the exoskeleton, as the gait planner needs them."""
+    """Dimensions of the person and the exoskeleton, as the gait planner needs them.
+
+    Attributes:
+        body: Lengths and masses of the person.
+        girth: Thickness of trunk and limbs over that of the mean person.
+        shoe: Sole of the shoes.
+        ankle_x: Ankle's axis in the foot's frame, m.
+        exo: Links of the built-in exoskeleton, or a custom one; None without it.
+    """
 
     body: Anthropometry
     girth: float

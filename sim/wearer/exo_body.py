@@ -62,7 +62,7 @@ def add_exoskeleton(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float, modul
 
 
 def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
-    """The leaf `exo_back`, fitted."""
+    """Back panel of the exoskeleton from the leaf `exo_back`, fitted to a person."""
     spec = read_leaf("exo_back")
     panel = spec.body("exo_back")
     moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
@@ -75,7 +75,7 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
 
 
 def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
-    """The leaf `exo_leg`, a left leg, fitted."""
+    """Left leg of the exoskeleton from the leaf `exo_leg`, fitted to a person."""
     spec = read_leaf("exo_leg")
     for name, offset in zip(EXO_LEG_BODIES, chain(links, "l")[0]):
         spec.body(name).pos = offset
@@ -95,7 +95,17 @@ def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
 
 
 def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth: float) -> None:
-    """A bar beside a limb, and its cuff: a bracket bridges the clearance from the bar to the skin."""
+    """Fits the bar beside a limb and its cuff to a person.
+
+    The bracket bridges the clearance from the bar to the skin, and the strap goes around the limb.
+
+    Args:
+        leg: The leaf `exo_leg`.
+        part: `thigh` or `shank`.
+        length: Of the link, m.
+        beside: From the joint's axis sideways to the bar, m.
+        girth: Thickness of the limb over that of the mean person.
+    """
     band, down = _LIMB[part], CUFF_SHARE[part] * length
     gap = beside - band.half_y * girth
     bar, bracket, pad = (leg.geom(f"exo_{part}_{name}") for name in ("bar", "bracket", "pad"))
@@ -134,13 +144,13 @@ def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: flo
 
 
 def _limit_torque(hinge: mujoco.MjsJoint, module: Module) -> None:
-    """The most that a joint's motor gives."""
+    """Limits the torque of a joint's motor to the repeated peak torque of its module."""
     hinge.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
     hinge.actfrcrange = [-module.torque_max_nm, module.torque_max_nm]
 
 
 def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> None:
-    """Attaches the exoskeleton to the pelvis."""
+    """Attaches a custom exoskeleton to the pelvis: its base and both legs, with the limits of its motors."""
     base = _add_link(spec, pelvis, exo.base)
     for leg in exo.legs.values():
         parent = base
@@ -156,6 +166,7 @@ def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> Non
 
 
 def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:
+    """Adds the body of a link with its inertia and visual shapes, without its joint."""
     body = parent.add_body(name=link.name, pos=link.offset)
     inertia, axes = np.linalg.eigh(link.inertia)
     if np.linalg.det(axes) < 0:

@@ -66,7 +66,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pose:
+class BodyState:
     """Pose and twist of a body in any common frame.
 
     Attributes:
@@ -101,7 +101,7 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
     return displacement, rotation, 0.5 * (np.trace(R, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - R), point
 
 
-def wrench(c: Coupling, exo: Pose, body: Pose) -> tuple[Array, Array, Array]:
+def wrench(c: Coupling, exo: BodyState, body: BodyState) -> tuple[Array, Array, Array]:
     """Wrench of the wearer on the exoskeleton; the exoskeleton exerts the opposite on the wearer.
 
     The elastic part is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r in the strains d and r.
@@ -139,7 +139,7 @@ class LegFrame:
 
 
 def leg_frame(size: Wearer, side: str) -> LegFrame:
-    """A leg of the wearer's exoskeleton.
+    """Bodies, joints, offsets, axes and stops of a leg of the wearer's exoskeleton.
 
     Raises:
         ValueError: The wearer has no exoskeleton.
@@ -193,14 +193,19 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
 
 
 def coupling_law(kind: str, diagonals: Sequence[Array | None] = (None,) * 4) -> Array:
-    """(4, 3, 3) law of a coupling of a kind of `COMPLIANCE`; diagonals (3,) that are `diagonals` replace the kind's."""
+    """(4, 3, 3) law of a coupling: stiffness, damping, and both of rotation, as diagonal matrices.
+
+    Args:
+        kind: Kind of `COMPLIANCE`, `strap` or `holder`.
+        diagonals: (3,) diagonals that replace those of the kind; None keeps one.
+    """
     return np.array(
         [np.diag(usual if diagonal is None else diagonal) for usual, diagonal in zip(COMPLIANCE[kind], diagonals)]
     )
 
 
 def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
-    """The cuffs, without strain while wearer and exoskeleton stand with every joint at zero.
+    """Couplings at the cuffs of a custom exoskeleton, without strain while every joint is at zero.
 
     Raises:
         ConfigError: A cuff that is too far from its limb.
@@ -232,12 +237,15 @@ def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
 def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, damping: Array) -> None:
     """Rejects a leg that its cuffs do not hold, or hold too stiffly for its weight and steps of 1 ms.
 
+    A joint is not held if the least eigenvalue of the stiffness is below `_LOOSEST` times the largest. The highest
+    natural frequency √λ(M⁻¹ K) / 2π may be `_HIGHEST_HZ`, the fastest decay λ(M⁻¹ D) one per step.
+
     Args:
         exo: The exoskeleton.
         side: `l` or `r`.
         mass: (J, J) kg m², joints at zero.
         stiffness: (J, J) N m/rad of the cuffs, on a wearer standing upright.
-        damping: (J, J) N m s/rad, likewise.
+        damping: (J, J) N m s/rad of the cuffs, in the same posture.
 
     Raises:
         ConfigError: The leg is not held, or held too stiffly.
@@ -257,7 +265,7 @@ def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, 
 
 
 def _origins(size: Wearer, side: str) -> dict[str, Array]:
-    """(3,) m, origin of each body of a leg in the pelvis' frame, standing upright."""
+    """(3,) m, origin of each body of a leg in the pelvis' frame, while the wearer stands upright."""
     y, knee = size.body.hip_half_width_m * outward(side), size.body.thigh_m
     return {
         "thigh": np.array([0.0, y, 0.0]),

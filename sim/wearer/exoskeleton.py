@@ -140,9 +140,11 @@ def dh_table(links: ExoLinks, side: str) -> tuple[DhRow, ...]:
 
 
 def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
-    """(6, 3) origin of each body of `EXO_LEG_BODIES` in its parent's frame, m, and (6, 3) the axis of its joint.
+    """Offsets and joint axes of a leg in the twin's body axes, with the kinematics of `dh_table`.
 
-    The same leg as `dh_table` in this twin's body axes; the first parent is the pelvis.
+    Returns:
+        (6, 3) m, origin of each body of `EXO_LEG_BODIES` in its parent's frame, the pelvis being the first parent; and
+        (6, 3) axis of its joint.
     """
     s = outward(side)
     offsets = [
@@ -163,10 +165,12 @@ def outward(side: str) -> float:
 
 
 def _nearest_hole(length: float) -> float:
+    """Length of a link in the nearest hole, m."""
     return round(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
 
 
 def _next_hole(length: float) -> float:
+    """Length of a link in the next hole that is not shorter, m."""
     return math.ceil(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
 
 

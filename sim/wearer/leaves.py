@@ -14,7 +14,7 @@ from stridetwin.assets import mjcf
 
 
 def read_leaf(name: str) -> mujoco.MjSpec:
-    """The model of a leaf file."""
+    """Model of a leaf file of the package's assets, by its name."""
     return mujoco.MjSpec.from_string(mjcf(name))
 
 
@@ -41,7 +41,10 @@ def attach(
 
 @contextmanager
 def silence_prefix_warnings() -> Iterator[None]:
-    """Silences MuJoCo's warnings about an empty prefix: names are unique by their side's suffix."""
+    """Silences MuJoCo's warnings about an empty prefix within a `with` block.
+
+    Names are unique without a prefix, by the suffix of their side.
+    """
     warn = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
@@ -53,7 +56,11 @@ def silence_prefix_warnings() -> Iterator[None]:
 
 
 def _mirror(spec: mujoco.MjSpec) -> None:
-    """Reflects a left leaf on the sagittal plane; axes of rotation and quaternions are axial."""
+    """Reflects a left leaf on the sagittal plane (y → −y), in place.
+
+    Positions are polar vectors; axes of rotation and vector parts of quaternions are axial, so that their x and z
+    change sign.
+    """
     for frame in spec.frames:  # of parts that are attached to this one
         frame.pos = np.asarray(frame.pos) * [1, -1, 1]
         frame.quat = np.asarray(frame.quat) * [1, -1, 1, -1]

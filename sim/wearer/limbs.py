@@ -60,7 +60,13 @@ class Limbs:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, q: Array, v: Array) -> Limbs:
-        """The shapes at (N, nq) positions; the velocities (N, nv) have no effect."""
+        """Shapes of person, shoes and exoskeleton at N instants.
+
+        Args:
+            model: Compiled model of the wearer.
+            q: (N, nq) positions.
+            v: (N, nv) velocities, which have no effect.
+        """
         tree = Tree.of(model)
         shapes_ = find_shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.body_motion(tree, q, v)
@@ -75,15 +81,12 @@ class Limbs:
         )
 
     def occludes(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
-        """Whether a limb occludes each target from its origin.
+        """Whether a limb occludes each target from its origin, for (M, K) lines of sight.
 
         Args:
             rows: (M,) instants.
             origins: (M, 3) m in the world, one per instant; deeper than `SUNK_M` inside a limb everything is occluded.
             targets: (M, K, 3) m in the world.
-
-        Returns:
-            (M, K).
         """
         return _find_occluded(
             self.kind, self.size, self.reach, self.p, self.R, np.asarray(rows, np.int64),
@@ -92,7 +95,7 @@ class Limbs:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shape:
+class LimbShape:
     """A convex shape on a body.
 
     Attributes:
@@ -112,7 +115,12 @@ class Shape:
     R: Array
 
     def ray_distance(self, origin: Array, direction: Array) -> float:
-        """Distance to the shape in multiples of `direction` (3,) from `origin` (3,), body's frame; inf for a miss."""
+        """Distance along a ray to the shape, in multiples of `direction`; inf for a miss, negative from inside.
+
+        Args:
+            origin: (3,) m, body's frame.
+            direction: (3,), body's frame.
+        """
         o, d = self.R.T @ (origin - self.p), self.R.T @ direction
         enters, leaves = _inside_interval_for_python(
             self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
@@ -121,8 +129,8 @@ class Shape:
         return enters if enters <= leaves and leaves >= 0.0 else math.inf
 
 
-def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
-    """Shapes on some bodies and on bodies that are fixed to these without a joint."""
+def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShape]:
+    """Shapes on the given bodies and on bodies that are fixed to these without a joint."""
     shapes = []
     for geom in range(model.ngeom):
         body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
@@ -131,7 +139,9 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[Shape]:
             p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
-            shapes.append(Shape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R))
+            shapes.append(
+                LimbShape(body=body, kind=int(model.geom_type[geom]), size=size, reach=reach, p=p.copy(), R=R)
+            )
     return shapes
 
 
@@ -140,6 +150,11 @@ def _find_occluded(
     kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
     targets: Array,
 ) -> NDArray[np.bool_]:  # fmt: skip
+    """(M, K) whether a shape occludes each line of sight.
+
+    The arguments are the fields of `Limbs`, then those of `Limbs.occludes`. Shapes whose bounding sphere the segment
+    misses are skipped.
+    """
     occluded = np.zeros(targets.shape[:2], np.bool_)
     for m in range(len(rows)):
         n = rows[m]

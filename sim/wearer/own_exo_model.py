@@ -44,7 +44,7 @@ _SHAPES = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chains:
-    """The exoskeleton's links.
+    """Links of a custom exoskeleton, and the place of each body of its model among them.
 
     Attributes:
         base: Link fixed to the pelvis.
@@ -60,7 +60,7 @@ class Chains:
 
 
 def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[str, str]) -> Chains:
-    """Reads a model.
+    """Reads the model of a custom exoskeleton as a base and two chains of hinges.
 
     Args:
         path: MJCF or URDF file.
@@ -88,6 +88,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     origin = {root: data.xpos[root]} | {b: data.xanchor[model.body_jntadr[b]] for leg in chains for b in leg}
 
     def link(b: int, parent: int | None) -> Link:
+        """The link of body b with all bodies merged into it, in the pelvis' axes; the base has no parent."""
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
         merged = [i for i, owner in owners.items() if owner == b]
@@ -142,6 +143,12 @@ def files_of(path: Path) -> list[str]:
 
 
 def _text(path: Path) -> str:
+    """Text of a model file.
+
+    Raises:
+        StrideTwinError: It cannot be read.
+        ConfigError: It has elements that a model of an exoskeleton may not have.
+    """
     try:
         text = read_bytes(path, _LARGEST_FILE).decode()
     except (OSError, UnicodeDecodeError) as error:
@@ -161,6 +168,7 @@ def _is_urdf(text: str) -> bool:
 
 
 def _parse_spec(path: Path, text: str) -> mujoco.MjSpec:
+    """Editable model of an MJCF or URDF file; a URDF without settings for MuJoCo gets them."""
     if not _is_urdf(text) or "<mujoco" in text:
         return mujoco.MjSpec.from_file(str(path))
     folder = quoteattr(str(path.absolute().parent))
@@ -169,6 +177,12 @@ def _parse_spec(path: Path, text: str) -> mujoco.MjSpec:
 
 
 def _compile(path: Path) -> mujoco.MjModel:
+    """Compiled model of an MJCF or URDF file, in which fixed links keep their own bodies.
+
+    Raises:
+        ConfigError: It has elements that a model of an exoskeleton may not have.
+        StrideTwinError: It cannot be read or compiled.
+    """
     text = _text(path)
     with _one_line(path, "compile"):
         spec = _parse_spec(path, text)
@@ -178,7 +192,7 @@ def _compile(path: Path) -> mujoco.MjModel:
 
 @contextmanager
 def _one_line(path: Path, action: str) -> Iterator[None]:
-    """Turns MuJoCo's errors, which are of several kinds, into one line."""
+    """Turns MuJoCo's errors within a `with` block into `StrideTwinError` with one line."""
     try:
         yield
     except Exception as error:
@@ -232,7 +246,11 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
 
 
 def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
-    """Body with a joint (or the base) that each body is merged into."""
+    """For each body, the body that it is merged into: the nearest carrier with a joint, or the base.
+
+    Raises:
+        ConfigError: The base hangs on a joint, or a body does not hang on the base.
+    """
     owners: dict[int, int] = {}
     if any(model.body_jntnum[up] for up in _carriers(model, model.body_parentid[root])):
         raise ConfigError(path, "base", model.body(root).name, "a link that no joint carries")
@@ -256,7 +274,11 @@ def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
 
 
 def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
-    """Bodies with a joint, from the base to the tip, of each leg."""
+    """For each of the two legs, its bodies with a joint from the base to the tip.
+
+    Raises:
+        ConfigError: A leg branches, or the model has not two legs of the same number of joints.
+    """
     below: dict[int, list[int]] = {}
     for b in range(1, model.nbody):
         if model.body_jntnum[b]:
@@ -280,7 +302,18 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
 def _mass_properties(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
-    """Mass, (3,) centre of mass and (3, 3) inertia about it of several bodies together."""
+    """Mass, centre of mass and inertia of several bodies together.
+
+    Args:
+        model: The exoskeleton's model.
+        data: Its state with all joints at zero.
+        bodies: The bodies.
+        origin: (3,) m, origin of their link in the model's world.
+        to_pelvis: (3, 3) rotation from the model's world to the pelvis' axes.
+
+    Returns:
+        kg; (3,) m from the origin, and (3, 3) kg m² about the centre of mass, in the pelvis' axes.
+    """
     masses = model.body_mass[bodies]
     mass = float(masses.sum())
     if mass <= 0.0:
@@ -330,5 +363,5 @@ def _shapes(
 
 
 def _exo_name(name: str) -> str:
-    """Name of a link or joint in the wearer's model."""
+    """Name of a link or joint in the wearer's model: `exo_` and its own name with underscores."""
     return "exo_" + re.sub(r"\W", "_", name)

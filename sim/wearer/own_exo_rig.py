@@ -41,9 +41,10 @@ def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs
 
 
 def _part_field(kind: str) -> Any:
-    """A part of this kind: of the library, or of the user's own beside the rig file."""
+    """Validator of a field that names a part of a kind: one of the library, or a YAML file beside the rig file."""
 
     def read_named_part(name: object, info: ValidationInfo) -> Part:
+        """The part; refuses unknown names and parts of another kind."""
         read = None
         if isinstance(name, str) and name.endswith((".yaml", ".yml")):
             try:
@@ -73,6 +74,7 @@ def _check_short_names(valid: str, *more: str) -> AfterValidator:
 
 
 def _check_unique(joints: dict[str, str]) -> dict[str, str]:
+    """Refuses a joint of the model that two short names share."""
     names = list(joints.values())
     if twice := [name for name in names if names.count(name) > 1]:
         raise refused(twice[0], "every joint once")
@@ -90,6 +92,7 @@ def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
 
 
 def _check_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
+    """Refuses cuffs on anything but thighs, shanks and feet, and cuffs on one leg only."""
     for body in cuffs:
         if body not in _BODIES:
             raise refused(body, f"keys {suggest(body, _BODIES)}")
@@ -206,7 +209,7 @@ class OwnExoFile(FileModel):
 
 
 def read_own_exo(model: Path, rig: Path) -> OwnExo:
-    """Reads an exoskeleton.
+    """Reads a custom exoskeleton from its model and its rig file.
 
     Args:
         model: MJCF or URDF file.
@@ -258,7 +261,11 @@ def _find_unknown_names(file: OwnExoFile, chains: Chains, rig: Path, model: Path
 
 
 def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...], dict[str, int]]:
-    """The cuffs, and which chain is the leg of a side."""
+    """The cuffs in the frames of their links, and by side the number of the chain that is its leg.
+
+    Raises:
+        ConfigError: A cuff on the base, or cuffs of both sides on one chain.
+    """
     cuffs, sides = [], dict[str, int]()
     for body, cuff in file.cuffs.items():
         leg, at = chains.carrier[cuff.link]
@@ -293,7 +300,7 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
 
 
 def _module(motor: _Motor, link: Link) -> Module:
-    """What drives a joint; rotor, gear and friction are the model's."""
+    """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model."""
     return Module(
         gear=1.0, rotor_inertia=link.armature, friction_nm=link.friction, viscous_nms=link.damping,
         torque_max_nm=motor.torque_max_nm, speed_max_radps=motor.speed_max_radps, mass_kg=0.0,
@@ -301,6 +308,7 @@ def _module(motor: _Motor, link: Link) -> Module:
 
 
 def _on_link(seat: _Seat, chains: Chains) -> OnLink:
+    """Pose of a seat on the link that its place is merged into."""
     leg, at = chains.carrier[seat.link]
     link = chains.base if leg < 0 else chains.legs[leg][at]
     return OnLink(link=link.name, T_link=chains.T_carrier[seat.link] @ seat.pose)

@@ -33,7 +33,13 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
 
 
 def visible_items(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
-    """Name of the body, leaf file, topic (empty for a board) and mount of each visible item."""
+    """Sensors and boards that are visible on the wearer.
+
+    IMUs inside another housing, of an RGB-D camera or an AHRS, are left out.
+
+    Yields:
+        Name of the body, leaf file, topic (empty for a board) and mount.
+    """
     shown: list[tuple[str, str, Mount]] = []
     for topic, camera in rig.cameras.items():
         shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))

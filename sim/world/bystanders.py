@@ -66,7 +66,7 @@ _SIZE_RANGE = (0.93, 1.05)  # stature as a share of 1.75 m
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bystander:
-    """One bystander.
+    """One person who walks around, as functions of time.
 
     Attributes:
         t: (N,) uniform s.
@@ -128,7 +128,17 @@ class Bystander:
         return p[:, part_index] + np.einsum("mbij,bj->mbi", R[:, part_index], local[:, :3]), local[:, 3]
 
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
-        """(M, 3) ankle, (M, 3, 3) axes and (M,) m in front of the hips of one foot."""
+        """Ankle, axes and reach of one foot, for (M,) numbers of steps made.
+
+        The foot stands for `_SUPPORT` steps before and after the body passes it, then swings to its next foothold.
+
+        Args:
+            steps: (M,) number of steps made.
+            odd: 0 for the left foot, 1 for the right one.
+
+        Returns:
+            (M, 3) m, ankle in the world; (M, 3, 3) axes of the foot; (M,) m, how far the foot is in front of the hips.
+        """
         count = steps - odd
         cycle = np.floor((count + _SUPPORT) / 2)
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
@@ -159,7 +169,7 @@ Crowd = tuple[Bystander, ...]
 def plan_bystanders(
     count: int, terrain: Terrain, t: Array, s: Array, p_walker: Array, rng: np.random.Generator
 ) -> Crowd:  # fmt: skip
-    """People who circle around a walker.
+    """Plans people who circle around a walker.
 
     Args:
         count: Number of bystanders.
@@ -179,6 +189,19 @@ def plan_bystanders(
 
 
 def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, turn: Array, size: float) -> Bystander:
+    """Plans one bystander on a smooth path around the walker.
+
+    The path is `_MAX_AHEAD_M` cos(turn) before the walker along the way, and to its left or right by a squared-off sine
+    of the turn. It keeps `_KEEP_AWAY_M` from the walker.
+
+    Args:
+        terrain: Terrain.
+        t: (N,) uniform s.
+        along: (N,) m, smooth arc length of the walker.
+        walker: (N, 2) m, pelvis of the walker.
+        turn: (N,) rad, angle around the walker.
+        size: Stature as a share of 1.75 m.
+    """
     way, profile = terrain.layout.way, terrain.profile
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
@@ -250,11 +273,20 @@ def _hip_height(body: Bystander) -> Array:
 
 
 def _smooth(x: Array, sigma_s: float) -> Array:
+    """(N, ...) values every `_GRID_S`, filtered by a Gaussian of standard deviation `sigma_s`."""
     return gaussian_filter1d(x, sigma_s / _GRID_S, axis=0, mode="nearest")
 
 
 def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: float) -> tuple[Array, Array]:
-    """(N, 3) knee, bent forward, and (N, 3) ankle, as far as the leg reaches."""
+    """Knee, bent forward, and ankle of a leg from hip to ankle, both (N, 3) m; the ankle is moved into reach.
+
+    Args:
+        hip: (N, 3) m.
+        ankle: (N, 3) m, wanted.
+        ahead: (N, 3) unit vectors forward.
+        thigh: Length, m.
+        shank: Length, m.
+    """
     along = ankle - hip
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
@@ -266,7 +298,7 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
 
 
 def _horizontal(yaw: Array) -> tuple[Array, Array]:
-    """(N, 3) unit vectors ahead and to the left."""
+    """(N, 3) unit vectors ahead and to the left, for (N,) rad of yaw."""
     cos, sin, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
     return np.stack([cos, sin, zero], -1), np.stack([-sin, cos, zero], -1)
 
@@ -280,7 +312,7 @@ def _frame(left: Array, up: Array) -> Array:
 
 
 def _swing_limb(left: Array, ahead: Array, flexion: Array) -> Array:
-    """(N, 3, 3) axes of a hanging limb that is swung forward by (N,) rad."""
+    """(N, 3, 3) axes of a limb that hangs down and is swung forward by (N,) rad of flexion."""
     return _frame(left, np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead)
 
 
@@ -303,7 +335,7 @@ def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
 
 
 def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:
-    """Places all bystanders at an instant."""
+    """Places all bystanders of a model at the instant `t_s`, s of the walk."""
     for i, person in enumerate(crowd):
         p, R = person.parts(np.array([t_s]))
         first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])
@@ -312,6 +344,8 @@ def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: fl
 
 
 def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, float, float]) -> list[_Geom]:
+    """Type, centre, size and colour of the geoms of a body part, in its frame."""
+
     def limb(length: float, radius: float, colour: tuple[float, float, float]) -> _Geom:
         return (_CAPSULE, (0.0, 0.0, -length / 2), (radius, length / 2, 0.0), colour)
 

@@ -146,7 +146,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
 
 
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
-    """Triangles with x along the way, y to its left and z up, from its start."""
+    """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
     if way.up == "y":
         y, z = -z, y
@@ -156,7 +156,20 @@ def _to_way_frame(corners: Array, way: MeshWay) -> Array:
 
 
 def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
-    """(N,) height of the ground along a line: starts nearest to 0, then the highest surface in reach of a step."""
+    """(N,) m, height of the ground on the mesh along a line parallel to the way.
+
+    The first height is the surface nearest to 0. Then it is the highest surface that one step reaches from the last
+    height.
+
+    Args:
+        corners: (T, 3, 3) m, triangles in the frame of the way.
+        s: (N,) m along the way.
+        left: Distance of the line to the left of the way, m.
+        way: The way, for messages.
+
+    Raises:
+        ConfigError: A hole in the mesh, or no ground in reach.
+    """
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
@@ -185,7 +198,13 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
 
 
 def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
-    """Levels, ramps and stairs of a profile that begins at height 0."""
+    """Levels, ramps and stairs of a height profile (N,) that begins at 0.
+
+    Steps between neighbouring samples are risers. Short levels between risers of one direction are treads.
+
+    Raises:
+        ConfigError: A riser, tread or slope that cannot be walked, or a way that does not begin and end on a level.
+    """
     parts: list[MeshSegment] = []
     jumps = np.flatnonzero(np.abs(np.diff(z)) > _MIN_JUMP_M)
     starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
@@ -276,7 +295,11 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
 def _replacement_error(
     segments: tuple[MeshSegment, ...], s: Array, heights: Array, width_m: float, way: MeshWay
 ) -> Array:
-    """(K,) m, distance of the mesh from its replacement, over the way except near risers."""
+    """(K,) m, vertical distance of the mesh from its replacement at all samples except those beside risers.
+
+    Raises:
+        ConfigError: The replacement cannot be built, or it differs by more than `_MAX_ERROR_M`.
+    """
     from stridetwin.sim.world.terrain import Terrain  # imports the simulator, which is not needed without a mesh
 
     try:

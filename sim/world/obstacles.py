@@ -85,7 +85,14 @@ class _Frame:
 def surroundings(
     scenery: str, layout: Layout, bottom_m: float, things: Sequence[Landmark] = ()
 ) -> tuple[Landmark, ...]:
-    """Things in `things`, and landmarks of a scenery (`outdoor`, `room`, `corridor`), down to `bottom_m`."""
+    """The given things, and the landmarks of a scenery that are clear of the ground and of each other.
+
+    Args:
+        scenery: `outdoor`, `room` or `corridor`.
+        layout: Route in the world.
+        bottom_m: Height down to which the landmarks reach.
+        things: Upright things of the route, which always stay.
+    """
     groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     landmarks = list(things)
@@ -161,7 +168,7 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
-    """The nearest place beside the way that no slab covers, lanes included."""
+    """Frame of the nearest place beside the way, on a side, that no slab covers; lanes count, too."""
     x, y = layout.way.point(s).tolist()
     yaw = float(layout.way.heading(s))
     reach = half
@@ -174,6 +181,7 @@ def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
 
 
 def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) -> list[Landmark]:
+    """A square pillar with a stone cap beside the way, on the side `side` (1 left, -1 right)."""
     size = rng.uniform(0.3, 0.45)
     left = side * (size / 2 + rng.uniform(0.0, 0.5) + 0.05)
     top = at.z + rng.uniform(1.7, 2.6)
@@ -184,6 +192,7 @@ def _pillar(rng: np.random.Generator, at: _Frame, bottom: float, side: float) ->
 def _planter(
     rng: np.random.Generator, at: _Frame, bottom: float, side: float, hedge_m: tuple[float, float]
 ) -> list[Landmark]:
+    """A stone trough with a hedge of a height in `hedge_m` beside the way, on the side `side` (1 left, -1 right)."""
     length, depth = rng.uniform(1.0, 1.7), rng.uniform(0.4, 0.55)
     left = side * (depth / 2 + rng.uniform(0.0, 0.3))
     rim = at.z + rng.uniform(0.1, 0.2)
@@ -253,6 +262,7 @@ def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -
 
 
 def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    """A table of random size at a place in a room."""
     length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
     below, ends = at.z + height - 0.04, [e * (length / 2 - 0.08) for e in (-1, 1)]
     sides = [at.box("wood", 0.05, width - 0.1, at.z, below, along=along) for along in ends]
@@ -260,6 +270,7 @@ def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
 
 
 def _chest(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
+    """A chest of random size at a place in a room."""
     length, width, height = rng.uniform(0.4, 0.9), rng.uniform(0.4, 0.6), rng.uniform(0.35, 0.6)
     return [at.box(str(rng.choice(["brick", "leaves"])), length, width, at.z, at.z + height)]
 
@@ -283,7 +294,7 @@ def floor_markings(things: Sequence[Thing], layout: Layout, width_m: float) -> I
 
 
 def upright_things(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, ...]:
-    """Upright objects."""
+    """Boxes of the upright things on or beside the way: tables, chairs, crates, walls and panes of glass."""
     return tuple(
         part
         for thing in things
@@ -293,14 +304,14 @@ def upright_things(things: Sequence[Thing], layout: Layout) -> tuple[Landmark, .
 
 
 def _frame_of_thing(thing: Thing, layout: Layout) -> _Frame:
-    """The middle of an object, on its ground."""
+    """Frame in the middle of a thing on the way, at the height of its ground."""
     s = thing.at_m + LENGTHS_M[thing.kind] / 2
     x, y = layout.way.point(s, thing.left_m).tolist()
     return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip_at(layout, thing.at_m).z0)
 
 
 def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
-    """One box, as long as its kind of object."""
+    """A thing that is one box, with the length of its kind."""
     yield at.box(material, LENGTHS_M[kind], width, at.z, at.z + height)
 
 
@@ -331,6 +342,7 @@ _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
 
 
 def _strip_at(layout: Layout, s: float) -> Strip:
+    """Strip of the profile at an arc length, the last one beyond the end."""
     return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
 
 

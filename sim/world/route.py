@@ -69,7 +69,7 @@ class _Pen:
     flights: list[range] = field(default_factory=list)  # treads of each winding flight, by index of the slab
 
     def start_beside(self, left: float) -> _Pen:
-        """An empty pen on the same line, to the left."""
+        """New pen without a layout, on this pen's line and `left` m to its left, for a lane."""
         x, y = self.x - left * math.sin(self.heading), self.y + left * math.cos(self.heading)
         return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
 
@@ -77,7 +77,17 @@ class _Pen:
         self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0,
         recess: float = 0.0,
     ) -> None:  # fmt: skip
-        """Lays a slab along a line."""
+        """Lays a slab along a line, and the way on it.
+
+        Args:
+            length: m.
+            terrain: Class of the ground.
+            left: Extent to the left of the way, m.
+            right: Extent to the right of the way, m.
+            rise: Change of height over the length, m.
+            cross_slope: Tilt sideways, rad.
+            recess: By which the slab overhangs its riser, m; the sign gives the end.
+        """
         self._add_slab_here(length, left, right, terrain, rise, cross_slope, recess)
         self._advance(length, 0.0, terrain, rise, cross_slope)
 
@@ -130,7 +140,7 @@ class _Pen:
     def _advance(
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
-        """Advances, and appends to the way and its profile."""
+        """Moves the pen along a line or an arc, and adds the segment to the way and its profile."""
         here = CurveSegment(
             s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature
         )
@@ -151,13 +161,14 @@ class _Pen:
         self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0,
         recess: float = 0.0,
     ) -> None:  # fmt: skip
+        """Adds a slab that begins at the pen, in its direction and at its height."""
         self._add_slab(
             Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
                  z1=self.z + rise, terrain=terrain, cross_slope=cross, recess=recess)
         )  # fmt: skip
 
     def round_last_edge(self, radius: float) -> None:
-        """Rounds the end of the last slab."""
+        """Rounds the end of the last slab with a radius, m."""
         if self.slabs:
             self.slabs[-1] = replace(self.slabs[-1], end_radius=radius)
 

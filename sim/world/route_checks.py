@@ -60,17 +60,20 @@ def check_segments(route: Route) -> None:
     for i, segment in enumerate(route.segments):
         neighbours = [(k, route.segments[k]) for k in (i - 1, i + 1) if 0 <= k < len(route.segments)]
         if isinstance(segment, Turn):
-            for k, other in neighbours:
-                _check_beside_turn(f"segments[{k}]", other)
+            for k, neighbour in neighbours:
+                _check_beside_turn(f"segments[{k}]", neighbour)
         if isinstance(segment, Stairs) and segment.turn_rad:
             _check_winding(segment, f"segments[{i}]", route.width_m)
         if isinstance(segment, Lanes):
-            for k, other in neighbours:
-                level = isinstance(other, Level) and other.cross_slope_rad == 0.0
-                _require(f"segments[{k}]", _kind(other), level, "a level without cross slope before and after lanes")
+            for k, neighbour in neighbours:
+                level = isinstance(neighbour, Level) and neighbour.cross_slope_rad == 0.0
+                _require(
+                    f"segments[{k}]", _kind(neighbour), level, "a level without cross slope before and after lanes"
+                )
 
 
 def _check_chain(segments: Sequence[Segment], name: str) -> None:
+    """Rejects segments of a route or of a lane with invalid values, or in an invalid order."""
     for i, segment in enumerate(segments):
         at = f"{name}[{i}]"
         match segment:
@@ -106,6 +109,7 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:
+    """Rejects stairs with invalid risers, treads or edges."""
     low, high = RISER_RANGE_M
     risers, heights = stairs.risers, stairs.heights_m
     _require(f"{at}.risers", risers, isinstance(risers, int) and risers >= 1, "a whole number from 1 on")
@@ -119,6 +123,7 @@ def _check_stairs(stairs: Stairs, at: str) -> None:
 
 
 def _check_winding(stairs: Stairs, at: str, width: float) -> None:
+    """Rejects a winding stair that turns too far, or whose treads would meet at its pole."""
     turn, treads = abs(stairs.turn_rad), stairs.risers - 1
     _require(f"{at}.risers", stairs.risers, treads >= 2, "3 or more risers of a stair that winds")
     _require(
@@ -135,6 +140,7 @@ def _check_winding(stairs: Stairs, at: str, width: float) -> None:
 
 
 def _check_beside_turn(at: str, segment: Segment) -> None:
+    """Rejects a segment next to a turn that is neither a turn nor a level of sufficient length."""
     suits = isinstance(segment, Turn) or (
         isinstance(segment, Level)
         and segment.cross_slope_rad == 0.0
@@ -145,9 +151,11 @@ def _check_beside_turn(at: str, segment: Segment) -> None:
 
 
 def _kind(segment: Segment) -> str:
+    """Name of a segment's kind in scenario files."""
     return type(segment).__name__.lower()
 
 
 def _require(field: str, value: object, valid: bool, range_in_words: str) -> None:
+    """Raises ConfigError for a field of the route whose value is not valid."""
     if not valid:
         raise ConfigError("route", field, value, range_in_words)

@@ -47,7 +47,7 @@ def split_into_quads(polygon: Array) -> list[Array]:
 
 
 def _cut_outside(part: Array, hole: Array) -> list[Array]:
-    """Cuts off the part beyond each side of the hole in sequence; the final rest is inside the hole."""
+    """Convex parts of a convex polygon outside a hole: one beyond each side of the hole, in sequence."""
     parts: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
         beyond = _clip_half_plane(part, a, b, -1.0)
@@ -108,9 +108,9 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
     for i, solid in enumerate(solids):
         # where tops coincide, one face would shine through the other; a loop comes back to its height within rounding
         painted = [
-            corners(other)[4:]
-            for other in solids[:i]
-            if abs(other.start - solid.start) < _TINY_M and abs(other.end - solid.end) < _TINY_M
+            corners(earlier)[4:]
+            for earlier in solids[:i]
+            if abs(earlier.start - solid.start) < _TINY_M and abs(earlier.end - solid.end) < _TINY_M
         ]
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
         quads += _side_quads(solid, _SIDE)
@@ -130,7 +130,7 @@ def paint_box(box: Solid, material: str) -> list[Quad]:
 
 
 def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
-    """Whether there is ground one riser lower beyond the start (-1) or the end (1) of a top."""
+    """Whether the ground is a riser lower just beyond one end of a solid: -1 the low-x end, 1 the high-x end."""
     beyond = end * (solid.length / 2 + 0.01)
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
     height, solid_index = surface.top_facet([x, y])
@@ -138,14 +138,22 @@ def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
 
 
 def _top_quads(solid: Solid, start: float, end: float, material: str, painted: Sequence[Array] = ()) -> list[Quad]:
-    """Part of the top between two distances along the solid's length, except for areas that are painted already."""
+    """Textured part of a solid's top between two distances along its length, without areas that are painted already.
+
+    Args:
+        solid: The solid.
+        start: Distance from its low-x end, m.
+        end: Distance from its low-x end, m.
+        material: Material of the part.
+        painted: Outlines of other tops at the same height.
+    """
     cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
     axes = np.array([[cos, sin], [-sin, cos]])
     centre, half = np.array([solid.x, solid.y]), np.array([solid.length, solid.width]) / 2
     slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
     local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
     quads = []
-    for part in subtract_holes(centre + local @ axes, [other[:, :2] for other in painted]):
+    for part in subtract_holes(centre + local @ axes, [outline[:, :2] for outline in painted]):
         for quad in split_into_quads(part):
             local_quad = (quad - centre) @ axes.T
             z = (solid.start + solid.end) / 2 + local_quad @ slope
@@ -157,6 +165,7 @@ def _top_quads(solid: Solid, start: float, end: float, material: str, painted: S
 
 
 def _side_quads(solid: Solid, material: str) -> list[Quad]:
+    """Textured side faces of a solid; the texture runs along the world's axes."""
     c = corners(solid)
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
@@ -167,7 +176,13 @@ def _side_quads(solid: Solid, material: str) -> list[Quad]:
 
 
 def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
-    """Adds rectangles to the model's world, one mesh and geom per material, finished as in `textures.FINISHES`."""
+    """Adds textured rectangles to a model's world, one mesh and one geom per material.
+
+    Args:
+        spec: The model.
+        quads: The rectangles.
+        finish: Finish of the textures, a key of `textures.FINISHES`.
+    """
     by_material = defaultdict(list)
     for quad in quads:
         by_material[quad.material].append(quad)
@@ -191,6 +206,7 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
 
 
 def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
+    """Adds a material of the scenery with its colour or texture, in a finish."""
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
     if name in _COLOURS:
@@ -207,6 +223,7 @@ def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMate
 
 @cache
 def _texture(name: str) -> Pixels:
+    """Texture of a material; its seed is fixed, so that the world looks the same in every walk."""
     return TEXTURES[name](np.random.default_rng([_SEED, *name.encode()]))
 
 

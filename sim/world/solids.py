@@ -75,7 +75,17 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
 def find_tops(
     points: Array, centre: Array, axes: Array, half: Array, mid: Array, slope: Array, touch: float
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Highest top over (N, 2) points: (N,) height, -inf for none, and (N,) index of the solid."""
+    """Highest top over each point: (N,) m, -inf for none, and (N,) index of its solid, -1 for none.
+
+    Args:
+        points: (N, 2) m.
+        centre: (S, 2) m, centres of the footprints.
+        axes: (S, 2, 2) unit vectors along length and width, as rows.
+        half: (S, 2) m, half length and half width.
+        mid: (S,) m, height of the top at the centre.
+        slope: (S, 2) rise of the top along both axes.
+        touch: Distance from a border within which a point still counts, m.
+    """
     n = len(points)
     height, index = np.empty(n), np.empty(n, np.int64)
     for i in range(n):

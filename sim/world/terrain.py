@@ -65,7 +65,7 @@ class Terrain:
 
     @cached_property
     def solids(self) -> tuple[Solid, ...]:
-        """The slabs and the floor of a room, on the ground plane; a tread with a nosing is a plank on its riser."""
+        """Solids of the ground: the slabs, and the floor of a room; a tread with a nosing is a plank on its riser."""
         slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
         return tuple(solid for slab in slabs for solid in _solids(slab, self.ground_m - _FOOT_OF_SLABS_M))
 
@@ -95,10 +95,12 @@ class Terrain:
 
     @cached_property
     def _obstacles(self) -> SolidSet:
+        """Ground and landmarks, for rays."""
         return SolidSet([*self.solids, *(mark.box for mark in self.landmarks)], self.ground_m)
 
     @cached_property
     def _solid_set(self) -> SolidSet:
+        """The ground without landmarks, for heights and normals."""
         return SolidSet(self.solids, self.ground_m)
 
     def height(self, xy: ArrayLike) -> Array:
@@ -115,11 +117,24 @@ class Terrain:
         return np.array(names)[self._solid_set.top_facet(xy)[1]]
 
     def ray_cast(self, origins: ArrayLike, directions: ArrayLike) -> Array:
-        """(N,) distance, m, along rays to the surface or a landmark, as for `SolidSet.ray_cast`."""
+        """(N,) m, distance along rays to the ground or a landmark; inf for a miss, 0 from inside a solid.
+
+        Args:
+            origins: (N, 3) m in the world.
+            directions: (N, 3) of any length.
+        """
         return self.ray_hit(origins, directions)[0]
 
     def ray_hit(self, origins: ArrayLike, directions: ArrayLike) -> tuple[Array, Array]:
-        """As `ray_cast`, and the (N, 3) outward normal of the face that is hit (zero for a miss)."""
+        """Distances along rays to the ground or a landmark, and the faces that they hit.
+
+        Args:
+            origins: (N, 3) m in the world.
+            directions: (N, 3) of any length.
+
+        Returns:
+            (N,) m, inf for a miss, 0 from inside a solid; (N, 3) outward normal of the face, zero for a miss.
+        """
         return self._obstacles.ray_cast(origins, directions)
 
 
@@ -147,12 +162,13 @@ def _roundings(radius: float) -> Iterator[tuple[float, float, float, float]]:
 
 
 def _part(slab: Slab, since: float, until: float, start_below: float = 0.0, end_below: float = 0.0) -> Slab:
-    """A slab from one place on its axis to another, lower there than its top."""
+    """Slab from one place on a slab's axis to another; its ends may be lower than the slab's top."""
     (x, y, z0), (_, _, z1) = slab.point([since, until], [0.0, 0.0]).tolist()
     return replace(slab, x=x, y=y, length=until - since, z0=z0 - start_below, z1=z1 - end_below)
 
 
 def _solid(slab: Slab, bottom: float) -> Solid:
+    """Solid on the footprint of a slab, from `bottom` up to its surface."""
     x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
     return Solid(
         x=x, y=y, yaw=slab.heading, length=slab.length, width=slab.left + slab.right, bottom=bottom,

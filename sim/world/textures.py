@@ -87,7 +87,7 @@ _WHITE = (236, 236, 232)
 
 
 def _plain(pixels: Pixels) -> Pixels:
-    """The same colour with hardly any texture."""
+    """Texture with hardly any contrast and the mean colour of the original."""
     mean = pixels.mean(axis=(0, 1))
     return (mean + _PLAIN_CONTRAST * (pixels - mean)).astype(np.uint8)
 
@@ -113,7 +113,14 @@ def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] 
 def _slabs(
     columns: int, rows: int, joint_m: float, shift: float = 0.0
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Column and row of the slab under each pixel, and the joints; odd rows are offset."""
+    """Column and row of the slab under each pixel, and whether it is a joint: three (SIZE, SIZE) arrays.
+
+    Args:
+        columns: Slabs per row of the texture.
+        rows: Rows of slabs.
+        joint_m: Width of the joints, m.
+        shift: Offset of odd rows, in slabs.
+    """
     v, u = np.mgrid[0:SIZE, 0:SIZE] / SIZE
     down = v * rows
     row = np.floor(down).astype(int)
@@ -129,7 +136,14 @@ def _to_border(value: Array) -> Array:
 
 
 def _pebbles(rng: np.random.Generator, count: int, radius: tuple[float, float], contrast: float) -> Array:
-    """Scattered discs, lighter or darker; their sharp borders are features for corner detectors."""
+    """(SIZE, SIZE) scattered discs, whose sharp borders are features for corner detectors.
+
+    Args:
+        rng: Draws places, sizes and brightness.
+        count: Number of discs.
+        radius: Smallest and largest radius, pixels.
+        contrast: Standard deviation of their brightness over that around them, which is 0.
+    """
     image = np.zeros((SIZE, SIZE))
     centre = rng.integers(0, SIZE, (count, 2))
     size = rng.uniform(*radius, count)

@@ -21,7 +21,7 @@ from stridetwin.streams.fields import FileModel, number, refused, words
 from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
-    from stridetwin.sim.wearer.limbs import Shape
+    from stridetwin.sim.wearer.limbs import LimbShape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
 _OUTSIDE_M = 0.6
@@ -52,7 +52,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
 
 
 @cache
-def _shapes(surface: str, person: Person) -> list[Shape]:
+def _shapes(surface: str, person: Person) -> list[LimbShape]:
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model

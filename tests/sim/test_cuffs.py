@@ -17,7 +17,7 @@ from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.exo_couplings import Pose, exo_couplings, wrench
+from stridetwin.sim.wearer.exo_couplings import BodyState, exo_couplings, wrench
 from stridetwin.sim.wearer.exoskeleton import EXO_LEG_JOINTS
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block
@@ -50,10 +50,10 @@ def settled(twin: Twin, place: str, push: float) -> float:
     data.qpos = twin.reference.state(np.zeros(1))[0][0]
     angle, speed = data.qpos[own + 1].copy(), np.zeros(len(own))
 
-    def pose(body: int) -> Pose:
+    def pose(body: int) -> BodyState:
         twist = np.empty(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
-        return Pose(p=data.xpos[body], R=data.xmat[body].reshape(3, 3), v=twist[3:], w=twist[:3])
+        return BodyState(p=data.xpos[body], R=data.xmat[body].reshape(3, 3), v=twist[3:], w=twist[:3])
 
     for _ in range(600):
         data.qpos[own + 1], data.qvel[own] = angle, speed

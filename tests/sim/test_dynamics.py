@@ -13,7 +13,7 @@ from stridetwin.sim.config import Dynamics, Level, Misstep, Person, Push, Route,
 from stridetwin.sim.dynamics import spatial, whole_body_problem
 from stridetwin.sim.dynamics.contacts import Contacts, sense_floor, sole_point_numbers, subtract_bias
 from stridetwin.sim.dynamics.couplings import CouplingSet, coupling_forces
-from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan, advance
+from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet, StepReplan, advance_shifts
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.dynamics.simulate import apply_disturbances, misstep_offsets, push_forces
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
@@ -21,14 +21,14 @@ from stridetwin.sim.dynamics.soles import sole_points, toe_weights
 from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.exo_couplings import Pose, exo_couplings, wrench
+from stridetwin.sim.wearer.exo_couplings import BodyState, exo_couplings, wrench
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 from tests.estimators.from_python import from_python
 
 bias_acceleration, velocity = from_python(spatial.bias_acceleration), from_python(spatial.velocity)
 jacobian, contact_forces = from_python(spatial.jacobian), from_python(whole_body_problem.contact_forces)
-eliminate, solve = from_python(whole_body_problem.eliminate), from_python(whole_body_problem.solve)
+eliminate, solve = from_python(whole_body_problem.eliminate), from_python(whole_body_problem.solve_control_step)
 
 STAIRS: tuple[Segment, ...] = (
     Level(length_m=2.5), Stairs(risers=3), Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=2.0),
@@ -141,10 +141,10 @@ def test_compiled_couplings_follow_their_law(twin: Twin, moving: mujoco.MjData) 
     got = coupling_forces(CouplingSet.of(model, coupled), State.of(moving))
     expected, read = np.zeros(model.nv), np.empty(6)
 
-    def pose(body: str) -> Pose:
+    def pose(body: str) -> BodyState:
         b = model.body(body).id
         mujoco.mj_objectVelocity(model, moving, mujoco.mjtObj.mjOBJ_XBODY, b, read, 0)
-        return Pose(
+        return BodyState(
             p=moving.xpos[b].copy(), R=moving.xmat[b].reshape(3, 3).copy(), v=read[3:].copy(), w=read[:3].copy()
         )
 
@@ -238,7 +238,7 @@ def replanned(
         R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
         w_foot=vec, dw_foot=vec,
     )  # fmt: skip
-    advance(shift, 0.002, planned, off, floor, np.array(pressing), misplaced)
+    advance_shifts(shift, 0.002, planned, off, floor, np.array(pressing), misplaced)
 
 
 def test_feet_are_moved_only_where_the_body_is_off_its_plan() -> None:

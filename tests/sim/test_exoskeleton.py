@@ -25,7 +25,7 @@ from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, fit_wearer
-from stridetwin.sim.wearer.exo_couplings import Coupling, Pose, exo_couplings, strain, wrench
+from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (
     DH_SIGNS,
     EXO_LEG_BODIES,
@@ -280,7 +280,7 @@ def test_strains_agree_with_their_jacobian_and_the_fit_has_no_gradient_left(side
         np.testing.assert_allclose(jacobian[:, :, j], slope, atol=1e-8)
     q = fit_leg(leg, on)
     value, jacobian = leg.strains(q, on)
-    gradient, hessian = exo_fit_kernel.project(leg.kernel, leg.kernel.stiffness, jacobian, value)
+    gradient, hessian = exo_fit_kernel.project_on_joints(leg.kernel, leg.kernel.stiffness, jacobian, value)
     weighted = np.swapaxes(jacobian, 1, 2) @ block_diag(*leg.kernel.stiffness.reshape(-1, 3, 3))
     np.testing.assert_allclose(gradient, np.einsum("nik,nk->ni", weighted, value), atol=1e-9)
     np.testing.assert_allclose(hessian, weighted @ jacobian, atol=1e-9)
@@ -319,8 +319,8 @@ def test_compiled_stops_are_the_stops() -> None:
         np.testing.assert_allclose(compiled, stops(q), rtol=1e-9, atol=1e-9)
 
 
-def moving(rng: np.random.Generator) -> Pose:
-    return Pose(
+def moving(rng: np.random.Generator) -> BodyState:
+    return BodyState(
         p=rng.normal(0, 0.05, 3), R=Rotation.from_rotvec(rng.normal(0, 0.2, 3)).as_matrix(), v=rng.normal(0, 1, 3),
         w=rng.normal(0, 1, 3),
     )  # fmt: skip
@@ -331,7 +331,7 @@ def energy(c: Coupling, exo: tuple[Array, Array], body: tuple[Array, Array]) -> 
     return float(0.5 * (moved @ c.law[0] @ moved + turned @ c.law[2] @ turned))
 
 
-def after(pose: Pose, dt: float) -> tuple[Array, Array]:
+def after(pose: BodyState, dt: float) -> tuple[Array, Array]:
     return pose.p + dt * pose.v, Rotation.from_rotvec(dt * pose.w).as_matrix() @ pose.R
 
 
@@ -364,7 +364,7 @@ def test_damping_takes_energy_away() -> None:
 @pytest.mark.parametrize("forward", [0.01, -0.01])
 def test_limb_that_pushes_forward_presses_the_front_cell(forward: float) -> None:
     cuff: Coupling = next(c for c in exo_couplings(fit_wearer(Person())) if c.name == "thigh_l")
-    still = Pose(p=np.zeros(3), R=np.eye(3), v=np.zeros(3), w=np.zeros(3))
+    still = BodyState(p=np.zeros(3), R=np.eye(3), v=np.zeros(3), w=np.zeros(3))
     limb = replace(still, p=cuff.p_in_exo - cuff.p_in_body + [forward, 0.0, 0.03])
     force, _, _ = wrench(cuff, still, limb)
     np.testing.assert_allclose(force, [4000.0 * forward, 0.0, 0.0], atol=1e-9)  # on the frame; it slides along the limb
@@ -428,10 +428,10 @@ def test_forward_simulation_of_the_legs_follows_the_plan(level: Twin) -> None:
     data, needed, full = mujoco.MjData(model), np.empty(model.nv), np.empty((model.nv, model.nv))
     angle, speed, away = q[0, own + 1], v[0, own], []
 
-    def pose(body: int) -> Pose:
+    def pose(body: int) -> BodyState:
         twist = np.empty(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
-        return Pose(p=data.xpos[body], R=data.xmat[body].reshape(3, 3), v=twist[3:], w=twist[:3])
+        return BodyState(p=data.xpos[body], R=data.xmat[body].reshape(3, 3), v=twist[3:], w=twist[:3])
 
     for i in range(len(q)):
         away.append(angle - q[i, own + 1])

@@ -275,5 +275,5 @@ def test_stamps_increase_whatever_the_clock(offset, drift, jitter, latency):
 
 def test_a_perfect_clock_stamps_true_times():
     t = np.arange(5, dtype=np.int64)
-    np.testing.assert_array_equal(Stamps(Clock(calibrated=True), 100.0, IDEAL).of(t), t)
-    np.testing.assert_array_equal(Stamps(Clock(), 100.0, IDEAL).of(t), t)
+    np.testing.assert_array_equal(Stamps(Clock(calibrated=True), 100.0, IDEAL).stamp(t), t)
+    np.testing.assert_array_equal(Stamps(Clock(), 100.0, IDEAL).stamp(t), t)
