@@ -1,4 +1,4 @@
-"""The volume of Zhao 2023 as published, with Open3D: (19)-(22), ray casting, and planes of I_D^s.
+"""The volume of Zhao 2023 as published, with Open3D: Zhao 2023 (19)-(22), ray casting, and planes of I_D^s.
 
 The truncation t_δ is a distance along the line of sight, every image has the weight 1, and planes are extracted by
 agglomerative clustering from the smoothed depth image in the camera's view (sections II-E and F). The paper does not

@@ -231,7 +231,7 @@ _SAME_IOU, _INSIDE_SHARE = 0.3, 0.6
 _APART = 1.5
 """Planes farther apart than this many `plane_noise_m` are distinct."""
 _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD = 16.0, math.radians(6.0)
-"""docs/terrain_map.md (7): columns that share their error, by a pixel's neighbourhood and one pose; prior of the slope."""
+"""docs/terrain_map.md (7): columns whose error is shared, and the prior of the ground's slope."""
 
 
 class PlaneSet:
