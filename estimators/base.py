@@ -148,10 +148,10 @@ class Declaration:
 
 
 class Estimator(Protocol):
-    """Causal, bounded in memory, deterministic; never returns a NaN.
+    """An estimator: causal, bounded in memory, deterministic; never returns a NaN.
 
     Attributes:
-        declaration: What it is.
+        declaration: Its description.
     """
 
     declaration: ClassVar[Declaration]
@@ -161,7 +161,7 @@ class Estimator(Protocol):
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Its streams: the topics by role.
+        """The streams that it takes: topics by role.
 
         Raises:
             StrideTwinError: The rig, or the options' metadata, does not say what these are.

@@ -48,9 +48,18 @@ def factorise(L: Array, size: int) -> bool:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
 def solve(A: Array, b: Array, size: int, damping: float, L: Array, x: Array) -> bool:
-    """Step x (N,) of the first `size` states by A x = b, damped by a fraction of the diagonal, and Cholesky factor L.
+    """Solves A x = b for the first `size` unknowns, with a damped diagonal.
 
-    Of A (N, N) the lower triangle counts. False if it is not positive definite.
+    Args:
+        A: (N, N) matrix, of which the lower triangle is read.
+        b: (N,) right-hand side.
+        size: Number of unknowns.
+        damping: Share of the diagonal that is added to it.
+        L: (N, N) written: Cholesky factor, lower triangle.
+        x: (N,) written: the solution.
+
+    Returns:
+        False where A is not positive definite.
     """
     for i in range(size):
         for j in range(i):

@@ -24,19 +24,19 @@ REORDERED = {"reassoc", "contract", "nsz"}
 
 @njit(error_model="numpy", **INSIDE)
 def vec3() -> Array:
-    """(3,) not set."""
+    """(3,) array whose entries are not set."""
     return np.empty(3)
 
 
 @njit(error_model="numpy", **INSIDE)
 def mat3() -> Array:
-    """(3, 3) not set."""
+    """(3, 3) array whose entries are not set."""
     return np.empty((3, 3))
 
 
 @njit(error_model="numpy", **INSIDE)
 def identity(n: int) -> Array:
-    """(n, n)."""
+    """(n, n) identity matrix."""
     M = np.zeros((n, n))
     for i in range(n):
         M[i, i] = 1.0
@@ -60,14 +60,14 @@ def clear_block(M: Array, n: int) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def copy(v: Array, out: Array) -> None:
-    """Copies a vector (N,)."""
+    """Copies a vector (N,) into `out`."""
     for i in range(v.shape[0]):
         out[i] = v[i]
 
 
 @njit(error_model="numpy", **INSIDE)
 def copy_matrix(M: Array, out: Array) -> None:
-    """Copies a matrix (N, M)."""
+    """Copies a matrix (N, M) into `out`."""
     for i in range(M.shape[0]):
         for j in range(M.shape[1]):
             out[i, j] = M[i, j]
@@ -112,7 +112,7 @@ def sparse_mul(F: Array, P: Array) -> Array:
 
 @njit(error_model="numpy", **INSIDE)
 def transform_covariance(F: Array, P: Array) -> Array:
-    """(n, n) F P Fᵀ of a symmetric P."""
+    """(n, n) product F P Fᵀ with a symmetric P."""
     return sparse_mul(F, transposed(sparse_mul(F, P)))
 
 
@@ -124,7 +124,7 @@ def dot(a: Array, b: Array) -> float:
 
 @njit(error_model="numpy", **INSIDE)
 def rotate(R: Array, v: Array) -> Array:
-    """(3,) R v."""
+    """(3,) product R v."""
     w = vec3()
     for i in range(3):
         w[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
@@ -133,7 +133,7 @@ def rotate(R: Array, v: Array) -> Array:
 
 @njit(error_model="numpy", **INSIDE)
 def rotate_back(R: Array, v: Array) -> Array:
-    """(3,) Rᵀ v."""
+    """(3,) product Rᵀ v."""
     w = vec3()
     for i in range(3):
         w[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
@@ -142,5 +142,5 @@ def rotate_back(R: Array, v: Array) -> Array:
 
 @njit(error_model="numpy", **INSIDE)
 def inverse(M: Array) -> Array:
-    """(n, n)."""
+    """(n, n) inverse of M."""
     return np.linalg.inv(M)  # type: ignore[return-value]

@@ -33,7 +33,7 @@ def descriptions() -> dict[str, str]:
     """One line about each estimator, by name: the first of its module's docstring, read without importing the module.
 
     Raises:
-        StrideTwinError: As `estimator`, of a module without docstring.
+        StrideTwinError: A module has no docstring, and its estimator cannot be loaded by `estimator`.
     """
     return {
         name: _summary(point) or estimator(name).declaration.description for name, point in _points_by_name().items()
@@ -78,7 +78,7 @@ def estimators(kind: str) -> dict[str, type[Estimator]]:
     """All estimators of one kind by name, in their declared order.
 
     Raises:
-        StrideTwinError: As `estimator`.
+        StrideTwinError: One of the installed classes cannot be imported, or is not an estimator.
     """
     of_kind = (e for e in map(estimator, names()) if e.declaration.kind == kind)
     return {e.declaration.name: e for e in sorted(of_kind, key=lambda e: (e.declaration.order, e.declaration.name))}
@@ -96,6 +96,11 @@ def _summary(point: EntryPoint) -> str:
 
 
 def _points_by_name() -> dict[str, EntryPoint]:
+    """Entry points of all estimators by name.
+
+    Raises:
+        StrideTwinError: Two packages offer the same name.
+    """
     points: dict[str, EntryPoint] = {}
     for point in _entry_points(GROUP, tuple(sys.path)):
         if point.value != points.setdefault(point.name, point).value:

@@ -43,6 +43,7 @@ class Check:
 
 
 def _check(run: Callable[[Subject], None], requires: str) -> Check:
+    """A check whose summary is the first line of its function's docstring."""
     return Check(run=run, requires=requires, summary=(run.__doc__ or "").splitlines()[0])
 
 
@@ -129,6 +130,7 @@ class _Suite:
         return self._verdicts[name]
 
     def _run(self, name: str) -> Verdict:
+        """Runs a check, after the one that it requires."""
         check = CHECKS[name]
         if check.requires and self.verdict(check.requires).outcome != PASSED:
             return Verdict(check=name, outcome=SKIPPED, message=f"needs the check {check.requires}, which did not pass")
@@ -171,9 +173,9 @@ def check_conformance(
     """Runs the checks of an estimator, all of them unless `only` names some.
 
     Args:
-        estimator_class: As of `conformance_cases`.
-        options: As of `conformance_cases`.
-        recording: As of `conformance_cases`.
+        estimator_class: An `Estimator`, or a class with the constructor `Class(rig)` and `update` alone.
+        options: Options such as method or foot; None for the defaults.
+        recording: Recording to use in place of the twin's walk, for sensors that the twin does not have.
         only: Names of checks.
         progress: Called with a stage and the share of it that is done.
 

@@ -184,6 +184,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
 
 
 def _concerns(injection: Injection, stream: Sequence[Arrival], rig: Rig) -> bool:
+    """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range."""
     first = stream[0].item
     if not isinstance(first, injection.kinds):
         return False
@@ -210,6 +211,7 @@ def _events(
 
 
 def _part(rig: Rig, topic: str) -> str:
+    """Name of the part behind a topic; "" if unknown."""
     for sensors in (rig.imus, rig.others):
         if topic in sensors:
             return sensors[topic].part
@@ -217,5 +219,6 @@ def _part(rig: Rig, topic: str) -> str:
 
 
 def _order(arrival: Arrival) -> tuple[int, int]:
+    """Place of an arrival: by log time, then poses first, then by kind."""
     kind = type(arrival.item)
     return arrival.log_ns, -1 if kind is Odometry else rank_of(kind)  # type: ignore[arg-type]

@@ -33,10 +33,10 @@ class Leaf:
     """One value of an estimate.
 
     Attributes:
-        path: Such as `pose.covariance` or `steps[0].t_sd_s`.
+        path: Place of the value, such as `pose.covariance` or `steps[0].t_sd_s`.
         name: Name of the field.
         owner: Type of the object that has the field.
-        value: A copy: an array, a number, a text or None.
+        value: A copy of the value: an array, a number, a text or None.
     """
 
     path: str
@@ -76,7 +76,7 @@ class Leaf:
         return self.may_be_unknown
 
     def equals(self, other: Leaf) -> bool:
-        """Whether path and value are the same, bit by bit."""
+        """Whether path and value are equal, bit by bit."""
         if self.path != other.path or type(self.value) is not type(other.value):
             return False
         if isinstance(self.value, np.ndarray) and isinstance(other.value, np.ndarray):
@@ -110,6 +110,15 @@ def difference(leaves: Sequence[Leaf], expected: Sequence[Leaf]) -> str:
 
 
 def _leaves(value: Any, path: str, name: str, owner: type, depth: int) -> Iterator[Leaf]:
+    """The values in an object, in order of their paths.
+
+    Args:
+        value: The object.
+        path: Place of the object in the estimate.
+        name: Name of the field that holds it.
+        owner: Type of the object that has this field.
+        depth: How many objects deep it is; below `_DEEPEST` only its type is taken.
+    """
     if value is None or isinstance(value, str | bytes):
         yield Leaf(path, name, owner, value if not isinstance(value, bytes) else value.hex())
     elif isinstance(value, np.ndarray) and value.dtype != object:
@@ -141,13 +150,16 @@ def _leaves(value: Any, path: str, name: str, owner: type, depth: int) -> Iterat
 
 @cache
 def _fields_of(kind: type) -> tuple[str, ...]:
+    """Names of the fields of a dataclass."""
     return tuple(field.name for field in fields(kind))
 
 
 def _join(path: str, attribute: str) -> str:
+    """The path of an attribute."""
     return f"{path}.{attribute}" if path else attribute
 
 
 def _show(value: object) -> str:
+    """A value in at most 120 characters."""
     text = np.array2string(value, precision=9, threshold=8) if isinstance(value, np.ndarray) else repr(value)
     return " ".join(text.split())[:120]

@@ -32,8 +32,8 @@ class Returned:
     Attributes:
         index: Number of the sample that it followed, from 0.
         t_ns: Stamp of that sample.
-        estimate: The object.
-        leaves: Its values at that moment.
+        estimate: The returned object.
+        leaves: Values of the object when it was returned.
     """
 
     index: int
@@ -44,10 +44,10 @@ class Returned:
 
 @dataclass(frozen=True, eq=False)
 class BufferRun:
-    """What an estimator returned while the arrays of each sample were overwritten after `update`.
+    """Result of a run in which the arrays of each sample are overwritten after `update`.
 
     Attributes:
-        returned: Its estimates; their values were read after the sample was overwritten.
+        returned: The estimates; their values were read after the sample was overwritten.
         changed: Topic and field of the first sample that `update` itself changed; "" if it changed none.
     """
 
@@ -100,7 +100,7 @@ class Subject:
 
     @cached_property
     def reference(self) -> list[Returned]:
-        """What one instance returns on the walk.
+        """Estimates of one instance on the walk.
 
         Raises:
             ConformanceError: `update` raised an exception.
@@ -115,7 +115,7 @@ class Subject:
 
     @cached_property
     def buffer_run(self) -> BufferRun:
-        """What one instance returns while the caller reuses the buffers of the samples."""
+        """Estimates of one instance while the caller reuses the buffers of the samples."""
         estimator, returned, changed = self.create(), list[Returned](), ""
         for i, original in enumerate(self.walk.samples):
             sample = copy_sample(original)
@@ -142,7 +142,7 @@ def feed(estimator: Estimator, samples: Iterable[Sample]) -> list[Returned]:
 
 
 def call_update(estimator: Estimator, sample: Sample) -> Any:
-    """What `update` returns for a sample.
+    """Calls `update` with a sample; returns its result.
 
     Raises:
         ConformanceError: It raised an exception.
@@ -195,12 +195,18 @@ def skip(reason: str) -> SkipTest:
 
 
 def _with_interface(estimator_class: type) -> type[Estimator]:
-    """The class; one with `update` alone gets a declaration of kind path and the streams that it names in `topics`."""
+    """The class with the interface of an estimator.
+
+    A class with `update` alone gets a declaration of kind path, and as streams the topics that its attribute `topics`
+    names.
+    """
     if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):
         return estimator_class
     inner_class: Any = estimator_class
 
     class PathFromUpdate:
+        """An estimator of a path that calls a class with `update` alone."""
+
         declaration: ClassVar[Declaration] = Declaration(name=inner_class.__name__, kind=PATH)
 
         def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:

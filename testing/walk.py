@@ -163,11 +163,13 @@ def _select_streams(estimator_class: type[Estimator], options: Options, recordin
 
 
 def _require_topics(streams: Sequence[Stream], topics: Iterable[str]) -> None:
+    """Raises StrideTwinError where a required role has none of its topics."""
     if lacking := missing_roles(streams, topics):
         raise StrideTwinError(f"no topic {', '.join(lacking)}")
 
 
 def _describe(problem: Exception | None) -> str:
+    """An exception in words."""
     return str(problem) if isinstance(problem, StrideTwinError) else repr(problem)
 
 
@@ -198,17 +200,20 @@ def _read_samples(path: Path, pose_topic: str, topics: tuple[str, ...]) -> tuple
 
 
 def _truth_topic(frame: str) -> str:
+    """Topic of the true poses of a frame."""
     return f"/truth/{frame}/odometry"
 
 
 @lru_cache(maxsize=1)
 def _session_folder() -> Path:
+    """A folder for recordings that is removed at the end of the process."""
     folder = tempfile.mkdtemp(prefix="stridetwin-conformance-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
 
 
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
+    """Configuration of the twin's walk with some groups of cameras."""
     return TwinConfig(
         name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
         sensors=(*_SMALL_SENSORS, *cameras), fittings={camera: _small_camera(camera) for camera in cameras},
@@ -236,6 +241,7 @@ def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str
 
 
 def _topics_of(rig: Rig) -> set[str]:
+    """Topics of all sensors of a rig."""
     depth = {camera.depth_topic for camera in rig.cameras.values()} - {""}
     return {*rig.imus, *rig.cameras, *rig.others} | depth
 
@@ -290,6 +296,7 @@ def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
 
 
 def _poses_at_rest(topic: str) -> Iterator[Sample]:
+    """Six seconds of poses, on a topic, of a sensor that stands at the height of the eyes."""
     for i in range(6 * _SYNTHETIC_POSE_HZ + 1):
         yield Odometry(
             topic=topic, t_ns=i * 10**9 // _SYNTHETIC_POSE_HZ, v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),

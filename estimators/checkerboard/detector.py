@@ -31,21 +31,26 @@ _MIN_CORNERS = 8  # of an observation
 _MIN_SMEAR = 0.4  # motion along both axes that is distinguished from other blur
 _MAX_SHARP = 0.7  # a board with the blur of a longer motion counts as smeared
 _MAX_SMEAR = 1.7  # a board with a longer motion is unreadable: its squares blend into their neighbours
-_MAX_STREAK = 0.65  # the same along both axes: along the diagonal squares have one colour, which hides the motion
+# Largest such motion along both axes at once: along the diagonal squares have one colour, which hides the motion.
+_MAX_STREAK = 0.65
 _SMEARED_SHARE = 0.65  # of all corners that a smeared board must show
 _SMEARED_MISFIT = 0.12  # largest misfit of its median corner
 _CLEAR_CONTRAST = 0.15  # from the mean brightness, in half steps, of a clearly bright or dark cell
 _MAX_HIDDEN_CELLS = 3  # of a whole board that dirt may hide: fewer dark ones than any shift would miss
 _PASSES = 2  # largest number of refits of the view, because one from few corners is inaccurate at the others
 _CORNER_SD_PX = 0.02  # error of a corner in addition to its residuals: remaining errors of lens and print
-_SMEAR_SD = 0.01  # the same, as a share of the motion that blurs the board
+_SMEAR_SD = 0.01  # further error of a corner, as a share of the motion that blurs the board
 
 
 def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corners: Array, levels: Array) -> bool:
     """Whether all squares and the margin around them have their colours, so that no other placement is possible.
 
-    `levels` (N, 2) are middle and half step of the brightness at the detected corners (N, 2) squares; both change
-    slowly over a board.
+    Args:
+        grey: (H, W) image.
+        pattern: The board.
+        view: View of the board.
+        corners: (N, 2) places of the detected corners, squares.
+        levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
     """
     plane, *_ = np.linalg.lstsq(_plane_design(corners), levels, rcond=None)
     middle, step = (_plane_design(pattern.cells) @ plane).T
@@ -55,10 +60,17 @@ def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corn
 
 
 def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp], near: Array, reach_px: float) -> bool:
-    """Whether no other corners of the same board fit within `reach_px` of the predicted centre `near` (2,) px.
+    """Whether no other corners of the board fit near the prediction.
 
     An occluder may be as white as the board's margin (a stair edge is), so the margin proves nothing: the squares
-    around the corners `indices` (N,) may be any of the board's with the same colours.
+    around the detected corners may be any of the board's with these colours.
+
+    Args:
+        pattern: The board.
+        view: View of the board.
+        indices: (N,) detected corners.
+        near: (2,) predicted centre of the board, pixels.
+        reach_px: Largest error of the prediction, pixels.
     """
     columns, rows = pattern.shape
     v, u = np.divmod(indices, columns)
@@ -103,8 +115,8 @@ class BoardFit:
     Attributes:
         view: View of the board.
         indices: (N,) indices of the accepted corners.
-        corners: (N, saddle.COLUMNS) their fits.
-        sd_px: (N,) their standard deviations, pixels.
+        corners: (N, saddle_points.COLUMNS) fits of the accepted corners.
+        sd_px: (N,) standard deviations of the accepted corners, pixels.
     """
 
     view: View
@@ -118,7 +130,7 @@ class BoardDetector:
 
     Args:
         board: The board to detect; its mount does not matter.
-        camera: The camera as calibrated; its mount does not matter.
+        camera: The calibrated camera; its mount does not matter.
 
     Attributes:
         points_in_board: (M, 3) all interior corners in the board's frame, m, y slowest: the order of a guess.
@@ -181,6 +193,11 @@ class BoardDetector:
         return None
 
     def _read_grey(self, image: Image) -> NDArray[np.uint8]:
+        """(H, W) pixels of an image, contiguous.
+
+        Raises:
+            StrideTwinError: Its shape or type is not the camera's.
+        """
         width, height = self._lens.size
         if image.pixels.shape != (height, width) or image.pixels.dtype != np.uint8:
             raise StrideTwinError(
@@ -190,6 +207,11 @@ class BoardDetector:
         return np.ascontiguousarray(image.pixels)
 
     def _candidates(self, grey: NDArray[np.uint8], guess: Array | None, error_px: float) -> Iterator[View]:
+        """Views of the board to try, the most likely first: near the guess, or anywhere without one.
+
+        Raises:
+            StrideTwinError: The guess has another shape than the board.
+        """
         if guess is None:
             yield from find_anywhere(grey, self._pattern, self._lens)
             return
@@ -254,7 +276,7 @@ class BoardDetector:
         return bool(many and _is_readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
 
     def _possible_smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
-        """Possible blurs: a motion that smears both families of edges has one of two directions."""
+        """Smears of equal blur: a motion that smears both families of edges has one of two directions."""
         yield Smear(blur=blur, motion=motion)
         motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
         if motion is None and motion_uv.min() > _MIN_SMEAR:
@@ -262,7 +284,7 @@ class BoardDetector:
                 yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
     def _fit_all_corners(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
-        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the common step in brightness."""
+        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the usual step in brightness."""
         corners, colour = self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
@@ -277,7 +299,7 @@ class BoardDetector:
     def _is_identified(
         self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
     ) -> bool:  # fmt: skip
-        """Whether the identity of the corners is certain."""
+        """Whether the identity of the corners is certain, by the prediction or by the whole board."""
         if near is not None and is_unambiguous(self._pattern, fit.view, fit.indices, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]

@@ -25,7 +25,7 @@ class DistortionModel:
 
     Attributes:
         size: (width, height) in pixels.
-        focal_px: Mean focal length.
+        focal_px: Mean focal length, pixels.
         reach: Largest length of a ray that the distortion maps one to one.
 
     Raises:
@@ -86,11 +86,11 @@ class BoardPattern:
     The square at the least u and v is dark, and a white margin of at least one square surrounds the print.
 
     Args:
-        board: Squares and their size.
+        board: Number of squares and their size.
 
     Attributes:
         shape: (columns, rows) of interior corners.
-        square_m: Edge of a square.
+        square_m: Edge of a square, m.
         corners: (M, 2), v slowest.
         corner_colour: (M,) +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
         cells: (C, 2) centres of the squares and of as many cells of the margin as surround them, v slowest.
@@ -124,7 +124,7 @@ class View:
     """View of a board.
 
     Attributes:
-        lens: Camera's lens.
+        lens: Lens of the camera.
         H: (3, 3) homography from squares to rays; the last coordinate is positive in front of the camera.
     """
 
@@ -168,7 +168,7 @@ class View:
         return np.stack([u1 - u0, v1 - v0], axis=1)
 
     def to_squares(self, way_px: Array) -> Array:
-        """(2,) a short motion (2,) in pixels at the board's centre, in squares along u and v."""
+        """(2,) motion along u and v in squares, of a short motion `way_px` (2,) in pixels at the board's centre."""
         u, v = self.edges(np.zeros((1, 2)))[0]
         area = u[0] * v[1] - u[1] * v[0]
         along = [way_px[0] * v[1] - way_px[1] * v[0], u[0] * way_px[1] - u[1] * way_px[0]]

@@ -71,11 +71,11 @@ class BoardPose:
 def find_board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
     """All locally optimal poses for the corners of one image, the most likely first.
 
-    From far away a plane tilted one way looks nearly like the same plane tilted the other way: both solutions of
-    Collins & Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
+    From far away a plane tilted one way looks nearly like that plane tilted the other way: both solutions of Collins &
+    Bartoli 2014 (IPPE, IJCV 109:252) are refined on the corners, each weighted by its certainty.
 
     Returns:
-        Two poses, or one if both solutions converge to the same; none if the corners are collinear.
+        Two poses, or one if both solutions converge to it; none if the corners are collinear.
     """
     points, rays = observation.points_in_board, observation.rays
     spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
@@ -100,9 +100,9 @@ def select_poses(
     """The poses that cannot be ruled out.
 
     Args:
-        poses: As `find_board_poses` returns them.
+        poses: Results of `find_board_poses`.
         R_camera_board: (3, 3) prior of the board's orientation, such as from both feet's attitudes.
-        rotation_sd: Its standard deviation about each axis, rad; inf = no prior.
+        rotation_sd: Standard deviation of the prior about each axis, rad; inf = no prior.
 
     Returns:
         Those whose squared residuals, and deviation from the prior, are within `CHI2_GATE` of the least.
@@ -117,7 +117,12 @@ def select_poses(
 
 
 def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardPose | None:
-    """Gauss-Newton from a start; None if the board leaves the space in front of the camera."""
+    """The pose of least squared residuals of the rays, by Gauss-Newton; None if the board leaves the space in front.
+
+    Args:
+        observation: Corners of the board.
+        T_camera_board: (4, 4) start.
+    """
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
     for _ in range(_ROUNDS):
@@ -145,5 +150,5 @@ def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardP
 
 
 def _is_same(a: BoardPose, b: BoardPose) -> bool:
-    """Whether two solutions are the same."""
+    """Whether two solutions are equal up to rounding."""
     return bool(np.abs(a.T_camera_board - b.T_camera_board).max() < 1e-4)

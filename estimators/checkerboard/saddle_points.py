@@ -65,7 +65,7 @@ def fit_corners(
         fit_blur: Whether the blur of each corner is fitted; otherwise it is fixed.
 
     Returns:
-        (N, COLUMNS); rows that are not OK left the image or fit no corner of the right colours.
+        (N, COLUMNS) fits; rows that are not OK left the image or fit no corner of the right colours.
     """
     fits = np.zeros((len(start), COLUMNS))
     for n in range(len(start)):
@@ -76,7 +76,15 @@ def fit_corners(
 
 @njit(error_model="numpy", **INSIDE)
 def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
-    """Smoothed square wave of period 2 that rises at 0, its slope, and its derivative by sd; for |u| < 2."""
+    """Square wave of period 2 that rises at 0, smoothed by a Gaussian.
+
+    Args:
+        u: Place, |u| < 2.
+        sd: Standard deviation of the Gaussian.
+
+    Returns:
+        Value s(u), slope ds/du, and derivative ds/dsd.
+    """
     first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges smoothed as far as u
     last = min(math.floor(u + _Z_MAX * sd), 2)
     value, slope, by_sd = float((first + 2) % 2 - (2 - last) % 2), 0.0, 0.0
@@ -99,6 +107,11 @@ def _fit_corner(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, out: Array,
 ) -> None:  # fmt: skip
+    """Fits the brightness around one corner by Gauss-Newton: minimises Σ (grey - a - b s(u) s(v))².
+
+    The arguments are one row of those of `fit_corners`; the fit is written into `out` (COLUMNS,), which stays 0 without
+    one.
+    """
     height, width = image.shape
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
     if abs(area) < 1.0:
@@ -136,7 +149,7 @@ def _fit_corner(
         clear(g)
         clear_block(N, free)
         squares = 0.0
-        for i in range(count):
+        for i in range(count):  # residual r and derivatives J of a + b s(u) s(v), averaged over the motion
             u = ux * (dx[i] - x) + uy * (dy[i] - y)
             v = vx * (dx[i] - x) + vy * (dy[i] - y)
             by_x, by_y, by_contrast, by_blur_u, by_blur_v = 0.0, 0.0, 0.0, 0.0, 0.0

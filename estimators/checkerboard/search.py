@@ -32,7 +32,7 @@ _QUARTERS = [np.array([[c, s], [-s, c]], dtype=float) for c, s in ((1, 0), (0, 1
 
 
 def view_from_guess(pattern: BoardPattern, lens: DistortionModel, corners_px: Array) -> View | None:
-    """The view from predicted pixels (M, 2) of all corners; None if there is none."""
+    """The view with predicted pixels (M, 2) of all corners; None if some are NaN or no view fits."""
     if not np.isfinite(corners_px).all():
         return None
     return View.from_points(lens, pattern.corners, lens.rays(corners_px))
@@ -68,8 +68,14 @@ def _correlate(
 ) -> list[tuple[float, View]]:  # fmt: skip
     """Best correlations of image and pattern, with their views, shifted by up to some squares.
 
-    The image is rectified by the guess, so that the board is upright and of known size in it, and compared with
-    the pattern at every shift (normalised cross-correlation): 1000 shifts in a fraction of a millisecond.
+    The image is rectified by the guess, so that the board is upright and of known size in it, and compared with the
+    pattern at every shift (normalised cross-correlation): 1000 shifts in a fraction of a millisecond.
+
+    Args:
+        grey: (H, W) image.
+        pattern: The board.
+        guess: View of the board but for a shift.
+        reach_u, reach_v: Largest shifts along u and v, squares.
     """
     columns, rows = pattern.bright.shape[1] + 2 * reach_u, pattern.bright.shape[0] + 2 * reach_v
     u = (np.arange(columns * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - columns / 2
@@ -124,7 +130,16 @@ def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
 
 
 def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
-    """The grid (`_find_grids`) grown from one point (2,) with edges (2, 2), as far as there are points for it."""
+    """A grid of `_find_grids` grown from one point, as far as there are points for it.
+
+    Args:
+        places: (N, 2) pixels of all saddle points.
+        origin: (2,) pixels of the first point.
+        edges: (2, 2) one step along each edge, pixels.
+
+    Returns:
+        (K, 2) whole steps along both edges; (K, 2) pixels of each point.
+    """
     steps, points = np.zeros((0, 2)), np.zeros((0, 2))
     for reach in (1, 2, 4, 8):
         j, i = np.mgrid[-reach : reach + 1, -reach : reach + 1]

@@ -41,12 +41,12 @@ class StepEstimate:
         elevation: m, height of this footprint over the previous one (of the other foot).
         slope_sd: Standard deviation, rad; inf if the method provides none.
         elevation_sd: Standard deviation, m; inf if the method provides none.
-        normal: (3,) unit vector, up.
+        normal: (3,) unit vector of the ground in world axes, up.
         p_sole_in_world: (3,) m, origin of the sole; the world's origin is under the foot that stood first.
         covariance: (3, 3) m² of `p_sole_in_world` relative to the previous footprint; inf on the diagonal if the method
             provides none.
         mode: One of `MODES`, or `unknown`.
-        probability: Of that mode; 0 if unknown to a method without classes.
+        probability: Probability of `mode`; 0 where a method without classes leaves it unknown.
     """
 
     t_ns: int
@@ -67,9 +67,9 @@ class TerrainSvm:
     """Classifies steps by slope and elevation, each divided by its largest magnitude in training.
 
     Args:
-        slope: (N,) rad of the training steps.
-        elevation: (N,) m.
-        modes: (N,) their modes.
+        slope: (N,) rad, slope of each training step.
+        elevation: (N,) m, elevation of each.
+        modes: (N,) mode of each, of `MODES`.
 
     Raises:
         StrideTwinError: scikit-learn is not installed, or there are fewer than two modes.
@@ -94,8 +94,8 @@ class TerrainSvm:
         """Mode of one step.
 
         Args:
-            slope: rad.
-            elevation: m.
+            slope: Slope of the ground, rad.
+            elevation: Height over the previous footprint, m.
         """
         return str(self._machine.predict(np.array([[slope, elevation]]) / self._scale)[0])
 
@@ -103,18 +103,16 @@ class TerrainSvm:
 def mode_probabilities(
     slope: float, slope_sd: float, beyond: float, beyond_sd: float, parameters: ContactTerrainParameters
 ) -> dict[str, float]:
-    """Probability of each mode.
-
-    See docs/contact_terrain.md (12).
+    """Probability of each mode (docs/contact_terrain.md (12)).
 
     Sloping ground is a ramp. Level ground is a stair if the height between the footprints exceeds what both slopes
     explain, and level otherwise. A foot with a small tilt beyond a riser is on a tread.
 
     Args:
-        slope: Of the ground under the foot, rad.
-        slope_sd: rad.
+        slope: Slope of the ground under the foot, rad.
+        slope_sd: Its standard deviation, rad.
         beyond: Height over the previous footprint beyond what the slopes explain, m, negative below.
-        beyond_sd: m.
+        beyond_sd: Its standard deviation, m.
         parameters: Dimensions in the world.
     """
     riser, ramp = parameters.riser_m, parameters.ramp_rad
@@ -139,19 +137,26 @@ def most_likely(probabilities: dict[str, float], probability_min: float) -> tupl
 
 
 def height_beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
-    """Height that ground between two footprints cannot explain, sloping as under the one or the other, m.
+    """Height that the ground between two footprints cannot explain, m (docs/contact_terrain.md (11)).
 
-    See docs/contact_terrain.md (11).
+    Ground that is level or slopes as under either footprint reaches a range of heights over the distance; this is the
+    height above or, negative, below that range.
+
+    Args:
+        height: Height of the footprint over the previous one, m.
+        distance: Horizontal distance of the two, m.
+        slope: Slope under the footprint, rad.
+        slope_before: Slope under the previous one, rad.
     """
     reach = (0.0, distance * math.tan(slope), distance * math.tan(slope_before))
     return height - min(max(height, min(reach)), max(reach))
 
 
 def ramp_probability(slope: float, sd: float, ramp_rad: float) -> float:
-    """Probability that the ground slopes like a ramp, up or down: slope, its standard deviation, least ramp, rad."""
+    """Probability that ground of a slope (rad, standard deviation `sd`) rises or falls by more than `ramp_rad`."""
     return probability_above(slope, ramp_rad, sd) + probability_above(-slope, ramp_rad, sd)
 
 
 def probability_above(value: float, limit: float, sd: float) -> float:
-    """Probability that a normally distributed value exceeds a limit."""
+    """Probability that a normally distributed value of standard deviation `sd` exceeds a limit."""
     return 0.5 * math.erfc((limit - value) / (math.sqrt(2.0) * max(sd, 1e-9)))

@@ -32,10 +32,10 @@ class ContactTerrain:
 
     Args:
         rig: Not read: the geometry lists the sensors.
-        svm: Classes for `published`; None leaves them unknown.
+        svm: Classifies the steps of `published`; None leaves their modes unknown.
         options: `method`, one of `METHODS`: the first, or `published`, Shim et al. 2019; `exoskeleton` or `metadata`.
         exoskeleton: Geometry, in place of that of the options.
-        parameters: Of sensors, walkers and buildings; one set serves all.
+        parameters: Parameters of sensors, walkers and buildings; one set serves all.
 
     Raises:
         ConfigError: The method is unknown.

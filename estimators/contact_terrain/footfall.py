@@ -32,7 +32,7 @@ _FLAT_TICKS = 6  # ticks for which a foot has to be flat before its slope is est
 
 
 class CellLoads:
-    """The cells of one insole."""
+    """Loads on the four cells of one insole, with each cell's output in the air subtracted."""
 
     def __init__(self) -> None:
         self._least = np.full((2, 4), np.inf)  # of this stride and the last
@@ -41,7 +41,13 @@ class CellLoads:
         self._force = np.zeros(4)
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
-        """(4,) N, load on each cell, from (4,) N as measured, the foot's rate, rad/s, and dt, s since the last tick."""
+        """(4,) N, load on each cell.
+
+        Args:
+            force: (4,) N as measured.
+            rate: Angular rate of the foot, rad/s.
+            dt: Time since the last tick, s.
+        """
         self._force = force
         self._most[0] = np.maximum(self._most[0], force)
         if rate > _ROTATING_RADPS:
@@ -79,9 +85,9 @@ class Footfall:
 
     Attributes:
         step, on_heel: As given.
-        forward, up: (3,) sums of the sole's axes in the world over the ticks in which it was flat.
+        forward, up: (3,) weighted sums of the sole's axes in the world over the ticks in which it was flat.
         weight: Sum of the weights of these ticks.
-        ticks: Their number.
+        ticks: Number of these ticks.
     """
 
     def __init__(self, step: int, on_heel: bool) -> None:
@@ -94,11 +100,12 @@ class Footfall:
         """Takes the attitude of a foot on the ground; returns whether it is flat in this tick.
 
         Args:
-            R_world_sole: (3, 3).
+            R_world_sole: (3, 3) rotation, sole to world.
             rate: Angular rate of the foot, rad/s.
             loaded: Whether it is loaded.
             alone: Whether the other foot is unloaded: a foot that has just landed is still being pressed flat.
-            free: The ankle is clear of its stops: at a stop the leg rotates the exoskeleton's foot off the shoe.
+            free: Whether the ankle is clear of its stops: at a stop the leg rotates the exoskeleton's foot off the
+                shoe.
         """
         pitch = math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
         if not loaded or rate > _FLAT_RADPS or pitch < self._highest - _HEEL_RISES_RAD:
@@ -115,12 +122,12 @@ class Footfall:
 
     @property
     def flat(self) -> bool:
-        """Whether it has been flat long enough to estimate the ground's slope."""
+        """Whether the foot has been flat long enough to estimate the ground's slope."""
         return self.ticks >= _FLAT_TICKS
 
     @property
     def strained(self) -> float:
-        """Share of its attitude from ticks with the ankle at a stop, 0-1."""
+        """Share of the foot's attitude from ticks with the ankle at a stop, 0-1."""
         return max(0.0, 1.0 - self._free / _FREE_WEIGHT)
 
     def R_world_sole(self) -> Array:

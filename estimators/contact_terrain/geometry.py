@@ -43,18 +43,21 @@ _Place = tuple[Number, Number]
 
 
 def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:
+    """The stops (rad), or an error if the least angle is not below the greatest."""
     if stops[0] >= stops[1]:
         raise refused([round(math.degrees(q), 9) for q in stops], "the least and the greatest angle")
     return stops
 
 
 def _check_sign(sign: float) -> float:
+    """The sign, or an error if it is not 1 or -1."""
     if abs(sign) != 1.0:
         raise refused(sign, "1 or -1")
     return sign
 
 
 def _check_order(sole: Sole) -> Sole:
+    """The sole, or an error if heel, hinge and tip do not follow one another forwards."""
     if not sole.heel_x < sole.hinge_x < sole.tip_x:
         raise refused(sole.hinge_x, "a number between heel_x_m and tip_x_m", "hinge_x_m")
     return sole
@@ -108,7 +111,7 @@ class Knee:
     Attributes:
         topic: Its stream.
         frame: Number of the frame that it rotates.
-        sign: q = sign · angle.
+        sign: 1 or -1: the joint's angle q is sign · angle of the encoder.
     """
 
     topic: str
@@ -125,8 +128,8 @@ class Sole:
         T_foot_sole: (4, 4) pose of the sole in the last frame: x forward, y left, z up, the ground at z = 0.
         cells: (4, 2) m, places of the cells heel, lateral ball, medial ball and toe on the sole.
         heel_x: Back edge, m.
-        hinge_x: Axis about which the toes bend: forward, m.
-        hinge_z: The same above the ground, m; also the radius with which the forefoot rolls.
+        hinge_x: Axis about which the toes bend, m forward.
+        hinge_z: Height of that axis above the ground, m; also the radius with which the forefoot rolls.
         tip_x: Tip of the toes, m.
     """
 
@@ -176,7 +179,7 @@ class Compliance:
     slope_sd_rad: Annotated[float, number(0, key="slope_sd_deg", scale=DEG)] = math.radians(0.32)
     """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
     slope_share: NotNegative = 0.06
-    """The same as a share of the slope: the steeper the ground, the more the holder yields."""
+    """Standard deviation of that pitch as a share of the slope: the steeper the ground, the more the holder yields."""
     sloping_sd_m: NotNegative = 0.002
     """How holders and cuffs yield differently on a slope than on the level, in the same way at every step: +2 mm up and
     -2 mm down a ramp of 5°, the mean errors of the walks named above."""
@@ -277,6 +280,7 @@ def to_text(exo: Exoskeleton) -> str:
 
 
 def _to_file_values(compliance: Compliance) -> dict[str, float | list[float]]:
+    """The section `compliance` of a file: values by key, angles in degrees."""
     values: dict[str, float | list[float]] = {"vector_sd_m": [float(sd) for sd in compliance.vector_sd_m]}
     for key, name in _COMPLIANCE_KEYS.items():
         if name != "vector_sd_m":
@@ -376,6 +380,7 @@ class ExoskeletonFile(FileModel):
 
 
 def _to_exoskeleton(data: object, source: object) -> Exoskeleton:
+    """An exoskeleton from the values of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
     file = validated(ExoskeletonFile, data, source)
     return Exoskeleton(
         description=file.description,

@@ -1,8 +1,8 @@
 """Kinematics of a leg from its D-H table, the attitudes of thigh and foot, and the knee's angle.
 
 The joints of hip and ankle have no encoders: their angles follow from the AHRS attitudes of the frames before and
-beyond them, equations (4)-(10) of Shim et al. 2019. `joint_angles` is the closed form for any axes; for the table of
-that paper it is (7) and (10). `foot_position` gives a foot's position and its derivative by the filter's offsets.
+beyond them, Shim 2019 (4)-(10). `joint_angles` is the closed form for any axes; for the table of that paper it is Shim
+2019 (7) and (10). `foot_position` gives a foot's position and its derivative by the filter's offsets.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ class Links(NamedTuple):
     """A leg as compiled code reads it, of N frames.
 
     Attributes:
-        table: (N, 4) alpha, a, d, theta.
+        table: (N, 4) alpha, a, d, theta of each frame.
         turns: (N,) bool, which frames a joint rotates.
         thigh: Number of the frame on the thigh.
         knee: Number of the frame that the knee rotates.
         hip_parts: (joints + 1, 3, 3) constant rotations before, between and beyond the joints of the hip.
-        ankle_parts: The same for the ankle.
+        ankle_parts: (joints + 1, 3, 3) constant rotations before, between and beyond the joints of the ankle.
         ankle_stops: (joints, 2) rad, least and greatest angle of each joint of the ankle.
     """
 
@@ -60,6 +60,7 @@ def links(leg: Leg) -> Links:
 
 
 def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
+    """(joints + 1, 3, 3) constant rotations before, between and beyond the joints of these rows, as in `Links`."""
     parts, rotation = [], np.eye(3)
     for row in rows:
         alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])
@@ -72,7 +73,7 @@ def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
 
 @njit(**INSIDE)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
-    """(4, 4) pose of a frame in the one before: equation (1). See docs/contact_terrain.md (1)."""
+    """(4, 4) pose of a frame in the one before, Shim 2019 (1), docs/contact_terrain.md (1)."""
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
     T = identity(4)
     T[0, 0], T[0, 1], T[0, 3] = c, -s, a
@@ -83,11 +84,11 @@ def frame(alpha: float, a: float, d: float, theta: float) -> Array:
 
 @entry_kernel(_HERE)
 def forward(table: Array, turns: Array, q: Array) -> Array:
-    """(N, 4, 4) poses of all frames in frame 0: equation (2).
+    """(N, 4, 4) poses of all frames in frame 0, Shim 2019 (2): the product of the poses up to each frame.
 
     Args:
-        table: (N, 4) alpha, a, d, theta.
-        turns: (N,) bool.
+        table: (N, 4) alpha, a, d, theta of each frame.
+        turns: (N,) bool, which frames a joint rotates.
         q: Angles of the joints in the order of the frames that they rotate, rad.
     """
     poses = np.empty((len(table), 4, 4))
@@ -106,15 +107,14 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
 def joint_angles(parts: Array, R: Array) -> Array:
     """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
 
-    See docs/contact_terrain.md (2).
-
-    R = C_0 Rz(q_1) C_1 ... Rz(q_n) C_n. The first and the last angle follow from where R takes the other one's axis;
-    of three, the middle one from the angle between those two axes, the solution nearer to zero. Where R is no such
-    product (two joints, real sensors), the residual is not distributed: each axis is placed as R gives it.
+    docs/contact_terrain.md (2): R = C_0 Rz(q_1) C_1 ... Rz(q_n) C_n. The first and the last angle follow from where R
+    takes the other one's axis; of three, the middle one from the angle between those two axes, the solution nearer to
+    zero. Where R is no such product (two joints, real sensors), the residual is not distributed: each axis is placed as
+    R gives it.
 
     Args:
         parts: (n + 1, 3, 3) constant rotations C.
-        R: (3, 3).
+        R: (3, 3) rotation from beyond the last joint to before the first.
     """
     n = len(parts) - 1
     M = mul(mul(transposed(parts[0]), R), transposed(parts[n]))
@@ -142,12 +142,12 @@ def joint_angles(parts: Array, R: Array) -> Array:
 
 @entry_kernel(_HERE)
 def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
-    """Angles of all joints of a leg, rad: equations (4)-(10).
+    """Angles of all joints of a leg, rad, from hip to ankle: Shim 2019 (4)-(10).
 
     Args:
         leg: Its links.
         R: (5, 3, 3) attitudes of back, thighs and feet.
-        side: 0 or 1.
+        side: Index of the leg in `SIDES`.
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
     R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
@@ -172,7 +172,13 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
 
 @entry_kernel(_HERE)
 def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
-    """Whether a joint of the ankle is within a margin (rad) of one of its stops: q as of `leg_angles`, rad."""
+    """Whether a joint of the ankle is at one of its stops.
+
+    Args:
+        ankle_stops: (joints, 2) rad of `Links`.
+        q: Angles of all joints, rad, from `leg_angles`.
+        margin: Largest distance from a stop, rad.
+    """
     for i in range(len(ankle_stops)):
         angle = q[len(q) - len(ankle_stops) + i]
         if angle < ankle_stops[i, 0] + margin or angle > ankle_stops[i, 1] - margin:
@@ -182,6 +188,7 @@ def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
 
 @njit(**INSIDE)
 def _wrap_angle(angle: float) -> float:
+    """The angle within [-π, π], rad."""
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
@@ -195,10 +202,10 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
     """Position of a foot's last frame relative to frame 0, in world axes.
 
     Args:
-        leg: Links.
+        leg: Its links.
         R: (5, 3, 3) attitudes of back, thighs and feet.
-        side: 0 or 1.
-        q: Angles of all joints, rad; `leg.leg_angles`.
+        side: Index of the leg in `SIDES`.
+        q: Angles of all joints, rad, from `leg_angles`.
 
     Returns:
         (3,) m, origin of the last frame; (3, OFFSETS) its derivative by the offsets.
@@ -223,18 +230,18 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
 
 @entry_kernel(_HERE)
 def rotation_jacobian(arm: Array, R: Array) -> Array:
-    """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes.
+    """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes: -[arm]× R.
 
     Args:
         arm: (3,) m, the vector in the world.
-        R: (3, 3) of the frame.
+        R: (3, 3) rotation, frame to world.
     """
     return mul(transposed(hat(arm)), R)
 
 
 @njit(**INSIDE)
 def _rotate_column(R: Array, pose: Array, column: int) -> Array:
-    """(3,) column of a (4, 4) pose, rotated by R: 3 is its origin."""
+    """(3,) column of a (4, 4) pose, rotated by R; column 3 is the pose's origin."""
     v = np.empty(3)
     for i in range(3):
         v[i] = pose[i, column]
@@ -252,6 +259,7 @@ def _vector_between(a: Array, b: Array) -> Array:
 
 @njit(**INSIDE)
 def _set_block(block: Array, J: Array, column: int) -> None:
+    """Writes a (3, 3) block into the rows of J (3, n), from `column` on."""
     for i in range(3):
         for j in range(3):
             J[i, column + j] = block[i, j]

@@ -43,10 +43,10 @@ class StepFigures:
 
     Attributes:
         vector: (3,) m, from the previous sole to this one, world.
-        J_vector: (3, OFFSETS).
+        J_vector: (3, OFFSETS) derivative of `vector`.
         slopes: (2,) rad, of this foot and the previous one in their directions.
-        J_slopes: (2, OFFSETS).
-        sd: (5,) standard deviations of vector and slopes in addition to the offsets'.
+        J_slopes: (2, OFFSETS) derivative of `slopes`.
+        sd: (5,) standard deviations of vector and slopes beyond what the offsets cause.
     """
 
     vector: Array
@@ -61,9 +61,9 @@ class Posterior:
     """The estimate after a step.
 
     Attributes:
-        values: (5,) vector, m, and slopes, rad.
-        covariance: (5, 5).
-        offsets: (OFFSETS,).
+        values: (5,) vector, m, and slopes, rad, of `StepFigures`, corrected.
+        covariance: (5, 5) covariance of `values`.
+        offsets: (OFFSETS,) rad and m, the offsets (`leg`).
         P: (OFFSETS, OFFSETS) covariance of the offsets.
     """
 
@@ -100,8 +100,8 @@ class Offsets:
         """Combines a step with the offsets; the stored offsets do not change.
 
         Args:
-            step: As measured.
-            start: Both feet at the start rather than a step.
+            step: The step as measured.
+            start: Whether it is the pair of feet at the start rather than a step.
         """
         n, z, P, H = OFFSETS, self._z, self._P.copy(), self._H.copy()
         H[:3, :n], H[3:, :n] = step.J_vector, step.J_slopes
@@ -126,7 +126,7 @@ class Offsets:
 def _plane_residual(m: Array) -> Array:
     """(2,) height of a footprint above the plane of the previous one, m, and the difference of their slopes, rad.
 
-    See docs/contact_terrain.md (8).
+    docs/contact_terrain.md (8); `m` is (5,) vector, m, and slopes, rad, of a step.
     """
     distance = math.hypot(m[0], m[1])
     return np.array([m[2] - distance * math.tan(0.5 * (m[3] + m[4])), m[3] - m[4]])
@@ -144,10 +144,19 @@ def _plane_residual_jacobian(m: Array) -> Array:
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:  # fmt: skip
-    """Kalman update by y = H z + noise, which holds with a prior probability; also returns the posterior one.
+    """Kalman update by y = H z + noise, which holds with a probability: docs/contact_terrain.md (9), (10).
 
-    See docs/contact_terrain.md (9), (10). Shapes: z (n,), P (n, n), H (m, n), y (m,), noise (m,) variances. If it does
-    not hold, y is distributed over the volume `spread`. m is 1 or 2.
+    Args:
+        z: (n,) state.
+        P: (n, n) its covariance.
+        H: (m, n) derivative of the measurement, m = 1 or 2.
+        y: (m,) measurement.
+        noise: (m,) its variances.
+        prior: Probability that the equation holds, before the measurement.
+        spread: Volume over which y is distributed if it does not hold.
+
+    Returns:
+        (n,) state and (n, n) covariance afterwards; the probability that the equation holds, given y.
     """
     n, m = P.shape[0], H.shape[0]
     PH = mul(P, transposed(H))

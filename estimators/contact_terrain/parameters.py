@@ -50,17 +50,17 @@ class ContactTerrainParameters:
     """Standard deviation of an AHRS's tilt at rest: `tilt_still_deg` of sim/parts/MW-AHRSv1.yaml. Doubled: 0.126°,
     1.73 mm."""
     ahrs_moving_sd_rad: float = math.radians(0.9)
-    """The same in full motion: `tilt_moving_deg` of the same part. Doubled: 1.84 mm."""
+    """Standard deviation of an AHRS's tilt in full motion: `tilt_moving_deg` of that part. Doubled: 1.84 mm."""
     ahrs_correlation_s: float = 2.0
     """Correlation time of the tilt error; hand-chosen on the tuning walks. Doubled: 0.128°."""
     gyro_drift_rad_per_sqrt_s: float = math.radians(0.03)
     """Random walk of an integrated rate by noise, bias and scale; hand-chosen on the tuning walks. Doubled: 0.152°,
     1.86 mm."""
     mount_rotation_sd_rad: float = math.radians(0.6)
-    """Misalignment of an AHRS: tolerance of a calibration in standing; hand-chosen on the tuning walks. Doubled:
-    1.92 mm, standard deviation 3.24 mm."""
+    """Standard deviation of an AHRS's misalignment: tolerance of a calibration in standing; hand-chosen on the tuning
+    walks. Doubled: 1.92 mm, standard deviation 3.24 mm."""
     knee_zero_sd_rad: float = math.radians(0.3)
-    """Zero of a knee encoder, likewise. Doubled: 1.75 mm."""
+    """Standard deviation of a knee encoder's zero; hand-chosen on the tuning walks. Doubled: 1.75 mm."""
     landed_n: float = 60.0
     """Load above which a foot has landed: cells that creep report up to 40 N of a foot in the air. Doubled: no
     difference; steps of less load are missed."""

@@ -46,8 +46,8 @@ class DoubleSupport:
     """The vector from one foot's contact to the other's while both are down, a weighted mean over ticks.
 
     Attributes:
-        weight: Sum of the weights.
-        strained: The part of it with an ankle at its stop.
+        weight: Sum of the weights of all ticks.
+        strained: Sum of the weights of the ticks with an ankle at its stop.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,14 @@ class DoubleSupport:
         self._squares = np.zeros(3)
 
     def add(self, weight: float, vector: Array, J: Array, free: bool) -> None:
-        """Takes a tick: (3,) m, its (3, OFFSETS) derivative, and whether both ankles are clear of their stops."""
+        """Takes a tick.
+
+        Args:
+            weight: Its weight.
+            vector: (3,) m, from the old contact to the new one, in world axes.
+            J: (3, OFFSETS) derivative of `vector` by the offsets.
+            free: Whether both ankles are clear of their stops.
+        """
         self.weight += weight
         self.strained += 0.0 if free else weight
         self._vector += weight * vector
@@ -64,11 +71,14 @@ class DoubleSupport:
         self._J += weight * J
 
     def mean(self) -> tuple[Array, Array]:
-        """The mean vector and its derivative."""
+        """(3,) m, the mean vector, and its (3, OFFSETS) derivative."""
         return self._vector / self.weight, self._J / self.weight
 
     def spread(self) -> Array:
-        """(3,) m, standard deviation of the vector over the ticks, the same for every horizontal axis."""
+        """(3,) m, standard deviation of the vector over the ticks.
+
+        Both horizontal axes have the root mean square of the two.
+        """
         variance = np.maximum(self._squares / self.weight - (self._vector / self.weight) ** 2, 0.0)
         variance[:2] = variance[:2].mean()
         return np.asarray(np.sqrt(variance))
@@ -78,8 +88,8 @@ class Proposed:
     """The proposed method.
 
     Args:
-        exo: Geometry.
-        parameters: Of sensors, walkers and buildings.
+        exo: Geometry of the exoskeleton.
+        parameters: Parameters of sensors, walkers and buildings.
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
@@ -181,10 +191,7 @@ class Proposed:
         self._support, self._posterior = DoubleSupport(), None
 
     def _add_support(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
-        """Adds a tick in which both feet are down to the vector between their contacts.
-
-        See docs/contact_terrain.md (7).
-        """
+        """Adds a tick with both feet down to the vector between their contacts (docs/contact_terrain.md (7))."""
         new, old = self._newest, 1 - self._newest
         fall = self._contacts[new]
         weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2
@@ -197,7 +204,16 @@ class Proposed:
         self._support.add(weight, vector - before, J, free)
 
     def _contact_position(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
-        """A foot's fixed contact point relative to the back panel, in world axes, and its derivative."""
+        """A foot's fixed contact point relative to the back panel, in world axes, and its derivative.
+
+        Args:
+            side: Index of the foot in `SIDES`.
+            on_heel: Whether the contact is the heel's edge rather than the toe hinge.
+            q: Angles of all joints of the leg, rad.
+
+        Returns:
+            (3,) m; (3, OFFSETS) its derivative by the offsets.
+        """
         R = self._attitudes.R
         p, J = foot_position(self._links[side], R, side, q)
         arm = R[3 + side] @ self._on_foot[side][on_heel]
@@ -255,7 +271,7 @@ class Proposed:
 
 
 def _normal(R_world_sole: Array, slope: float) -> Array:
-    """(3,) the sole's normal, rotated to the estimated slope."""
+    """(3,) the sole's normal in world axes, rotated about the sole's y axis to the estimated slope (rad)."""
     x, y = R_world_sole[0, 0], R_world_sole[1, 0]
     level = math.cos(slope) / math.hypot(x, y)
     left = R_world_sole[:, 1]

@@ -1,8 +1,8 @@
 """The published method of Shim et al. 2019: a rigid foot touches the ground at its centre of pressure.
 
-The insole's cells give the centre of pressure (equation (11)), and with the angular rate the phase of each foot
-(2.2.2). The pivot about which the exoskeleton moves is propagated from foot to foot (2.2.3). A plane is fitted to the
-markers of each footprint by least squares (2.2.4 and 2.2.5).
+The insole's cells give the centre of pressure, Shim 2019 (11), and with the angular rate the phase of each foot
+(section 2.2.2). The pivot about which the exoskeleton moves is propagated from foot to foot (section 2.2.3). A plane is
+fitted to the markers of each footprint by least squares (sections 2.2.4 and 2.2.5).
 """
 
 from __future__ import annotations
@@ -30,9 +30,14 @@ _HEEL_SHARE, _FRONT_SHARE = 0.35, 0.65
 
 
 def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array | None:
-    """(2,) m on the sole, of (4,) forces, N, on (4, 2) cells, m; None below `pressing_n` on all together.
+    """(2,) m on the sole, mean of the cells weighted by their forces; None below `pressing_n` on all together.
 
-    See docs/contact_terrain.md (3).
+    Shim 2019 (11), docs/contact_terrain.md (3).
+
+    Args:
+        cells: (4, 2) m, places of the cells on the sole.
+        force: (4,) N on each cell.
+        pressing_n: Least force of a loaded foot, N.
     """
     total = float(force.sum())
     return None if total < pressing_n else force @ cells / total
@@ -48,7 +53,13 @@ class Phase(Enum):
 
 
 def foot_phase(cells: Array, cop: Array | None, rate: float) -> Phase:
-    """Phase of a foot from its (4, 2) cells, m, heel first, its centre of pressure and its angular rate, rad/s."""
+    """Phase of a foot.
+
+    Args:
+        cells: (4, 2) m, places of the cells on the sole, heel first and toe last.
+        cop: (2,) m, centre of pressure; None if the foot is unloaded.
+        rate: Angular rate of the foot, rad/s.
+    """
     if cop is None:
         return Phase.FOOT_OFF
     share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
@@ -60,10 +71,15 @@ def foot_phase(cells: Array, cop: Array | None, rate: float) -> Phase:
 
 
 def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
-    """The foot, 0 or 1, that holds the pivot, from both phases and (2,) loads, N.
+    """Index in `SIDES` of the foot that holds the pivot.
 
     It is the loaded foot; of two, the flat one; if both or neither are flat, the one with more load. Without a loaded
     foot it is the last one.
+
+    Args:
+        phases: Phase of each foot.
+        load: (2,) N on each foot.
+        last: Index of the foot that held the pivot so far.
     """
     on = [phase is not Phase.FOOT_OFF for phase in phases]
     if on[0] != on[1]:
@@ -78,8 +94,8 @@ class Pivot:
     """The pivot in the world; its first position is the origin.
 
     Attributes:
-        foot: Foot that holds it, 0 or 1.
-        p_in_world: (3,) m.
+        foot: Index in `SIDES` of the foot that holds it.
+        p_in_world: (3,) m, its position.
     """
 
     def __init__(self) -> None:
@@ -88,12 +104,12 @@ class Pivot:
         self._cop: list[Array | None] = [None, None]
 
     def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
-        """Propagates the pivot by the motion in this tick, to the foot that holds it from now on: equations (12)-(16).
+        """Propagates the pivot by the motion in this tick, to the foot that holds it from now on: Shim 2019 (12)-(16).
 
         Args:
-            foot: That foot.
+            foot: Index of that foot in `SIDES`.
             cop_in_foot: (3,) m of each foot's centre of pressure in its last frame, None if unloaded.
-            R_world_base: (3, 3).
+            R_world_base: (3, 3) rotation, frame 0 to world.
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
         """
         latest = [last if cop is None else cop for cop, last in zip(cop_in_foot, self._cop)]
@@ -107,7 +123,7 @@ class Pivot:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _MarkerPlane:
-    """A plane fitted to the markers of one step: equation (18).
+    """A plane fitted to the markers of one step, Shim 2019 (18).
 
     Attributes:
         normal: (3,) unit vector, up.
@@ -158,7 +174,7 @@ class Markers:
     def plane(self) -> _MarkerPlane | None:
         """Least-squares plane z = a x + b y + d; None while there are too few markers.
 
-        See docs/contact_terrain.md (4).
+        Shim 2019 (18), docs/contact_terrain.md (4).
         """
         if not self.enough:
             return None
@@ -168,9 +184,13 @@ class Markers:
 
 
 def slope(normal: Array, heading: Array) -> float:
-    """Slope, rad: the angle between the (3,) normal and the vertical, positive uphill in the (2,) heading.
+    """Slope, rad: the angle between the normal and the vertical, positive uphill (docs/contact_terrain.md (5)).
 
-    See docs/contact_terrain.md (5). Equation (19) as printed is zero for every normal; this follows the paper's text.
+    Shim 2019 (19) as printed is zero for every normal; this follows the paper's text.
+
+    Args:
+        normal: (3,) unit vector, up.
+        heading: (2,) horizontal direction of the foot.
     """
     tilt = math.hypot(normal[0], normal[1])
     return math.copysign(math.atan2(tilt, normal[2]), -float(normal[:2] @ heading))
@@ -199,7 +219,7 @@ class Published:
     """The published method.
 
     Args:
-        exo: Geometry.
+        exo: Geometry of the exoskeleton.
         svm: Classifies modes by slope and elevation; None leaves every mode unknown.
         parameters: Values that the paper does not specify.
     """
@@ -254,7 +274,14 @@ class Published:
             footprint.over |= footprint.step > 0 and footprint.markers.enough and phase is Phase.HEEL_OFF
 
     def _add_marker(self, tick: Tick, foot: int, contact: Array, R_world_foot: Array) -> StepEstimate | None:
-        """Adds the pivot to its foot's markers and returns their estimate."""
+        """Adds the pivot to its foot's markers; returns the step's estimate, None without a plane or a step before.
+
+        Args:
+            tick: The current tick.
+            foot: Index in `SIDES` of the foot that holds the pivot, flat on the ground.
+            contact: (3,) m, centre of pressure in the foot's last frame.
+            R_world_foot: (3, 3) rotation, last frame to world.
+        """
         sole, footprint, previous = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
         medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]

@@ -44,8 +44,8 @@ class Tick:
     """Samples of all streams at one instant; feet in the order of `SIDES`.
 
     Attributes:
-        t_ns: Time.
-        dt: Since the last tick, s; 0 for the first one and after a gap that was not bridged.
+        t_ns: Time of the instant.
+        dt: Time since the last tick, s; 0 for the first one and after a gap that was not bridged.
         R: (5, 3, 3) frame to world, of the back panel (frame 0), the frames on both thighs, and the last frames.
         rate: (5, 3) rad/s of back, thighs and feet in the axes of their frames.
         knee: (2,) rad, angles of the joints that turn the knees' frames.
@@ -66,7 +66,7 @@ class TickBuilder:
     """Collects samples of an exoskeleton into ticks.
 
     Args:
-        exo: Its streams and sensor mounts.
+        exo: The exoskeleton, with its streams and sensor mounts.
     """
 
     def __init__(self, exo: Exoskeleton) -> None:
@@ -96,6 +96,7 @@ class TickBuilder:
         return ticks
 
     def _store(self, sample: Sample) -> None:
+        """Writes a sample into the open tick, in the axes of its frame."""
         match sample:
             case Ahrs():
                 i, R_sensor_frame = self._attitude[sample.topic]
@@ -110,6 +111,7 @@ class TickBuilder:
         self._open.add(sample.topic)
 
     def _complete_tick(self) -> list[Tick]:
+        """Closes the open tick and extrapolates late attitudes; returns it, or [] if a stream is too late."""
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
         if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
@@ -132,6 +134,7 @@ class TickBuilder:
 
 
 def _is_valid(sample: Sample) -> bool:
+    """Whether a sample is finite, within its sensor's range and of a kind that a tick holds."""
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
@@ -156,7 +159,15 @@ def rotation_matrix(q: Array) -> Array:
 
 
 class _State(NamedTuple):
-    """State that compiled code modifies in place: all but R at the last fresh sample, and the time since then."""
+    """State that compiled code modifies in place.
+
+    Attributes:
+        R: (5, 3, 3) attitudes, frame to world.
+        last: (5, 3, 3) attitudes at the last fresh sample of each.
+        variance: (5,) rad² of these; negative before the first sample.
+        rate: (5, 3) rad/s at the last fresh sample of each.
+        since: (5,) s since then.
+    """
 
     R: Array
     last: Array
@@ -166,7 +177,14 @@ class _State(NamedTuple):
 
 
 class _Noise(NamedTuple):
-    """Noise model of the five attitudes, in the form for compiled code: see `ContactTerrainParameters`."""
+    """Noise model of the five attitudes: values of `ContactTerrainParameters`, in the form for compiled code.
+
+    Attributes:
+        stationary_sd_rad: Standard deviation of an AHRS's tilt at rest, rad.
+        moving_sd_rad: Standard deviation of it in full motion, rad.
+        correlation_s: Correlation time of the tilt error, s.
+        drift_rad_per_sqrt_s: Random walk of an integrated rate, rad/√s.
+    """
 
     stationary_sd_rad: float
     moving_sd_rad: float
@@ -178,7 +196,7 @@ class Attitudes:
     """Attitudes of back, thighs and feet.
 
     Args:
-        parameters: Of AHRS and gyros.
+        parameters: Noise of AHRS and gyros.
 
     Attributes:
         R: (5, 3, 3) frame to world.
@@ -193,15 +211,25 @@ class Attitudes:
         self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick; at the start and after a gap, the attitudes are those of the AHRS.
+        """Takes a tick: docs/contact_terrain.md (6).
 
-        See docs/contact_terrain.md (6).
+        At the start and after a gap, the attitudes are those of the AHRS.
         """
         _fuse(self._state, self._noise, tick.R, tick.rate, tick.fresh, tick.dt)
 
 
 @entry_kernel(_HERE)
 def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Array, dt: float) -> None:
+    """Propagates the attitudes by their rates, and corrects them by the AHRS, in place: docs/contact_terrain.md (6).
+
+    Args:
+        state: The state, modified in place.
+        noise: The noise model.
+        measured: (5, 3, 3) attitudes of the AHRS, frame to world.
+        rate: (5, 3) rad/s in frame axes.
+        fresh: (5,) bool, whether each attitude was measured rather than extrapolated.
+        dt: Time since the last tick, s; 0 after a gap: the attitudes are then those of the AHRS.
+    """
     R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
@@ -232,6 +260,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
 
 @njit(**INSIDE)
 def _scale(share: float, v: Array) -> Array:
+    """(3,) product of a number and a vector."""
     product = np.empty(3)
     for i in range(3):
         product[i] = share * v[i]

@@ -220,8 +220,9 @@ def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, pr
     """Gauss-Newton over all unknowns of `Motion`, weighted with the structure, the IMU noise and the priors.
 
     Minimises Σ rᵀ Σ⁻¹ r of docs/dvio.md (4) plus the structure's information on the cameras and the priors of biases,
-    scale, mount and clock. Error vector (n,): cameras (6 K), velocities (3 K), tilt (2), biases (6), logarithm of the
-    scale, mount (6), clock. The newest camera is the reference and does not move. None if the problem is singular.
+    scale, mount and clock. Error vector (n,): 6 of each of K cameras, 3 of each velocity, 2 of the tilt, 6 of the
+    biases, logarithm of the scale, 6 of the mount, clock. The newest camera is the reference and does not move. None if
+    the problem is singular.
     """
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K

@@ -95,7 +95,7 @@ def _add_landmark(
 ) -> float:  # fmt: skip
     """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
-    Residuals of docs/dvio.md (7)-(9) with Huber weights; (8) of that page only if `host_depth`. Writes the landmark's
+    Residuals of docs/dvio.md (7)-(9) with Huber weights; docs/dvio.md (8) only if `host_depth`. Writes the landmark's
     row of `cross`, `depth_information` and `b_depth`, and adds the products of each observing frame to `pairs`.
     """
     J, Jl, at = s.J, s.J_depth, marks.at[l]

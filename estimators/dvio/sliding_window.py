@@ -164,9 +164,10 @@ class SlidingWindow:
         return P
 
     def process_image(self, frame: CameraFrame, stationary: bool) -> None:
-        """Adds the next image: tracks points and optimises; a keyframe also adds points and marginalises the oldest frame.
+        """Adds the next image: tracks points, optimises, and adds points and a prior on keyframes.
 
-        The IMU samples up to the image's time must be in the buffer; `stationary` says that the IMU measures no motion.
+        A keyframe also measures level ground, and the oldest frame is marginalised once there are enough. The IMU
+        samples up to the image's time must be in the buffer; `stationary` says that the IMU measures no motion.
         """
         w, p, f = self.window, self.parameters, self.window.frames
         before = int(f.count[0]) - 1

@@ -270,7 +270,11 @@ def _minimize(
 
 
 def _residuals(s: Observations, R: Array, p: Array, points: Array) -> tuple[Array, Array]:
-    """(K, N, 3) of Zhao 2023 (1) and, as inverse depths, (3), in standard deviations; (K, N, 3) m points in cameras."""
+    """Residuals of all observations in K cameras, in standard deviations.
+
+    Returns:
+        (K, N, 3) residuals of Zhao 2023 (1) and, as inverse depths, Zhao 2023 (3); (K, N, 3) m, points in the cameras.
+    """
     q = np.matmul(points[None] - p[:, None], R)
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
     r = np.empty(q.shape)

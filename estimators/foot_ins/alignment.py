@@ -78,7 +78,15 @@ def begin(memory: FilterState, t_ns: int) -> None:
 
 @njit(**INSIDE)
 def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
-    """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late."""
+    """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: Time of the sample.
+        force: (3,) m/s², specific force.
+        statistic: Motion statistic at the sample.
+    """
     clock, force_sum = memory.clock, memory.force_sum
     if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
         clock[T_STATIONARY] = t_ns
@@ -123,9 +131,12 @@ def _widen_accel_bias(memory: FilterState, excess: float) -> None:
 def level_attitude(memory: FilterState, force: Vec3) -> None:
     """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
-    Successive shortest rotations, as the mean settles, would rotate the heading.
+    The rotation starts from `memory.tilted` each time: successive shortest rotations, as the mean settles, would rotate
+    the heading. That is the heading of the sensor's x axis, or of its z axis if x is within 25° of the vertical.
 
-    The heading is that of the sensor's x axis, or of its z axis if x is within 25° of the vertical.
+    Args:
+        memory: State of the foot, whose attitude is written.
+        force: (3,) sum of the specific force, sensor axes.
     """
     q = quaternion(memory.tilted, 0)
     x, y, z = rotate(rotation_matrix(q), force)
@@ -149,7 +160,15 @@ def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
 def _set_covariance(
     memory: FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
 ) -> None:
-    """Covariance of an alignment: the variances of position, heading and biases are kept."""
+    """Covariance of an alignment: the variances of position, heading and biases are kept.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: Time of the sample; position and heading lose certainty since the last tracked one.
+        tilt_sd: Standard deviation of roll and pitch, rad.
+        speed_sd: Standard deviation of each axis of the velocity, m/s.
+    """
     P, clock, o = memory.covariance, memory.clock, memory.row
     for i in range(o, o + STATES):
         for j in range(P.shape[0]):

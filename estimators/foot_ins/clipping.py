@@ -40,7 +40,7 @@ _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a la
 def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
-    See docs/foot_ins.md (15).
+    docs/foot_ins.md (15).
 
     At push-off the foot rotates faster than many a gyro's range, and before landing it brakes beyond many an
     accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
@@ -80,9 +80,9 @@ def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
 
 @njit(**INSIDE)
 def is_clipped(memory: FilterState, parameters: KernelParameters) -> bool:
-    """Whether a channel is clipped, or too recently so for `restore_peaks` to have reconstructed its peak.
+    """Whether a channel was at its range in the last two samples, so that its peak is not restored yet.
 
-    An update meanwhile would blame the state for the error, and the same peak would be added a second time.
+    An update meanwhile would blame the state for the error, and `restore_peaks` would correct it again.
     """
     for back in range(2):
         for channel in range(6):
@@ -106,9 +106,10 @@ def _range(parameters: KernelParameters, channel: int) -> float:
 
 @njit(**INSIDE)
 def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel: int) -> int:
-    """Writes the hidden part of one channel's peak into `memory.hidden`.
+    """Writes the hidden part of one channel's peak into `memory.hidden`: docs/foot_ins.md (15).
 
-    Returns the number of samples since the peak began; 0 if none has just ended.
+    Returns:
+        Number of samples since the peak began; 0 if none has just ended.
     """
     known = _range(parameters, channel)
     least = _MIN_PEAK_RATES if channel < 3 else _MIN_PEAK_FORCES
@@ -153,5 +154,5 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
 
 @njit(**INSIDE)
 def _sample(memory: FilterState, back: int, channel: int, sign: float) -> float:
-    """A channel of the sample `back` samples older than the newest, times a sign."""
+    """A channel of the sample `back` samples older than the newest, times `sign`."""
     return sign * memory.ring[ring_row(memory, back), channel]

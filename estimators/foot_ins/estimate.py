@@ -37,8 +37,8 @@ class StartPose:
     """Pose of the sensor at its first sample; gravity corrects the tilt of `q_world_imu`.
 
     Attributes:
-        p_imu_in_world: (3,) m.
-        q_world_imu: (4,) unit quaternion (w, x, y, z); its heading is used unchanged.
+        p_imu_in_world: (3,) m, position.
+        q_world_imu: (4,) unit quaternion (w, x, y, z), sensor to world; its heading is used unchanged.
         position_sd: Standard deviation of the position, m.
         heading_sd: Standard deviation of the heading, rad.
     """
@@ -75,10 +75,10 @@ class FootInsEstimate:
 
     Attributes:
         t_ns: Time of the sample.
-        pose: Of the sensor, without covariance; valid once the vertical is found.
-        v_imu_in_world: (3,) m/s.
-        covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro
-            bias (rad/s) and accelerometer bias (m/s², both sensor axes).
+        pose: Pose of the sensor, without covariance; valid once the vertical is found.
+        v_imu_in_world: (3,) m/s, velocity of the sensor.
+        covariance: (15, 15) of the errors of position (m), velocity (m/s), attitude (rad, world axes), gyro bias
+            (rad/s) and accelerometer bias (m/s², both sensor axes).
         standing_speed_sd: Standard deviation of the speed of a foot detected as stationary, m/s; inf if it is moving.
         aligned: False until the vertical is found.
     """
@@ -92,7 +92,14 @@ class FootInsEstimate:
 
     @classmethod
     def of(cls, memory: FilterState, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
-        """A copy of the memory after a sample of `frame` that was used in `phase` (ALIGNING or TRACKING)."""
+        """The estimate in the memory after a sample, copied.
+
+        Args:
+            memory: State of the foot.
+            phase: Phase in which the sample was used, ALIGNING or NAVIGATING.
+            standing_speed_sd: Standard deviation of the speed of a stationary foot, m/s; inf if it is moving.
+            frame: Frame of the sensor.
+        """
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
         p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
         covariance = memory.covariance[o : o + REPORTED, o : o + REPORTED].copy()
@@ -112,9 +119,9 @@ class FootInsPath:
 
     Attributes:
         trajectory: Poses of the sensor with covariance, one per usable sample.
-        v_imu_in_world: (N, 3) m/s.
-        standing_speed_sd: (N,) m/s, inf where the foot is not stationary.
-        aligned: (N,) bool.
+        v_imu_in_world: (N, 3) m/s, velocity of the sensor.
+        standing_speed_sd: (N,) m/s, standard deviation of a stationary foot's speed; inf where it is not stationary.
+        aligned: (N,) bool, whether the vertical is found.
     """
 
     trajectory: Trajectory
@@ -126,7 +133,16 @@ class FootInsPath:
     def of(
         cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
     ) -> FootInsPath:
-        """The output of `kernel.run` for N samples, without those that it ignored."""
+        """The output of `kernel.run` for N samples, without those that it ignored.
+
+        Args:
+            t_ns: (N,) times.
+            phase: (N,) phase in which each sample was used.
+            standing_speed_sd: (N,) m/s, standard deviation of a stationary foot's speed; inf where it is not
+                stationary.
+            state: (N, 22) nominal states.
+            covariance: (N, 6, 6) of position (m) and attitude (rad), world axes.
+        """
         used = phase != IGNORED
         return cls(
             trajectory=Trajectory(
@@ -143,7 +159,15 @@ class FootInsPath:
     def estimate(
         self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
     ) -> PathEstimate:
-        """The path of the IMU on `foot` as the estimate `name`; see `PathEstimate`.
+        """The path of the IMU on `foot` as an estimate.
+
+        Args:
+            recording: The recording that the samples are from.
+            name: Name of the estimator.
+            foot: `l` or `r`.
+            label: Label of the estimate.
+            nis: Mean normalised innovation squared by kind of update.
+            world: Frame of the world.
 
         Raises:
             RecordingError: The vertical was never found.

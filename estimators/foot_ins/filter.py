@@ -79,7 +79,7 @@ class FootIns:
 
     @classmethod
     def follow_block(cls, block: Block[Imu], options: Options, rig: Rig | None = None) -> Trajectory:
-        """The path of a single IMU; without a rig, of any consumer sensor."""
+        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor."""
         return cls.batch(rig, options).run(block).trajectory
 
     @classmethod
@@ -101,7 +101,7 @@ class FootIns:
 
     @property
     def nis(self) -> dict[str, float]:
-        """See `estimate.nis_by_kind`."""
+        """Mean normalised innovation squared by kind of update; see `estimate.nis_by_kind`."""
         return nis_by_kind(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:
@@ -120,4 +120,5 @@ class FootIns:
 
 
 def _topic(options: Options) -> str:
+    """Topic of the IMU on the options' foot."""
     return f"/foot_{options.foot}/imu"

@@ -16,15 +16,15 @@ MEASUREMENTS = 6  # at most, of one update
 
 
 class Workspace(NamedTuple):
-    """Arrays of one update of a filter with n error states.
+    """Arrays of one update of a filter with n error states, by at most 6 measurements of m of these states.
 
     Attributes:
         jacobian: (6, m) H: one row per measurement, of unit noise, by the m states from a row on.
         innovation: (6,) z: measurement minus its prediction from the nominal state, in standard deviations.
         spread: (6, 6) H P Hᵀ, lower triangle.
-        factor: (6, 6) lower triangular.
-        solved: (6,) of the factor.
-        gain: (n,) P hᵀ of one row.
+        factor: (6, 6) Cholesky factor L of the innovation's covariance S, lower triangle.
+        solved: (6,) L⁻¹ z or, after `back_substitute`, S⁻¹ z.
+        gain: (n,) P hᵀ of one row h of H.
     """
 
     jacobian: Array
@@ -36,7 +36,12 @@ class Workspace(NamedTuple):
 
 
 def workspace(states: int, measured: int) -> Workspace:
-    """For a covariance of so many states, and measurements of so many of them."""
+    """An empty workspace.
+
+    Args:
+        states: Number n of error states.
+        measured: Number m of them that measurements depend on.
+    """
     m = MEASUREMENTS
     return Workspace(
         jacobian=np.zeros((m, measured)), innovation=np.zeros(m), spread=np.zeros((m, m)), factor=np.zeros((m, m)),
@@ -53,10 +58,18 @@ def clear(work: Workspace, m: int) -> None:
 
 @njit(**INSIDE)
 def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> None:
-    """Scalar Kalman update of `P` (n, n) and of the accumulated error `dx` (n,), in place.
+    """Scalar Kalman update of `P` and of the accumulated error `dx`, in place.
 
-    `h` (m,) is the measurement's Jacobian by the m states from row `o` on, `z` the measurement minus its prediction
-    from the nominal state, and `r` its variance; `gain` (n,) is overwritten.
+    With the innovation z' and its variance s: k = P hᵀ / s, dx += k z', P -= k h P.
+
+    Args:
+        P: (n, n) covariance.
+        dx: (n,) error found so far.
+        gain: (n,) overwritten by P hᵀ.
+        o: First row of the states that `h` is about.
+        h: (m,) Jacobian of the measurement by the m states from row `o` on.
+        z: Measurement minus its prediction from the nominal state.
+        r: Variance of the measurement.
     """
     n = P.shape[0]
     z, s = _innovation(P, dx, gain, o, h, z, r)
@@ -74,8 +87,12 @@ def correct_probably(
 ) -> None:  # fmt: skip
     """`correct` by a measurement that applies with a probability only; the moments are those of the mixture.
 
-    With the innovation z' and its variance s, the mean moves by the share `probability`, and the covariance loses
-    (p / s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
+    With the innovation z' and its variance s, the mean moves by the share `probability`, and the covariance loses (p /
+    s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
+
+    Args:
+        P, dx, gain, o, h, z, r: The arguments of `correct`.
+        probability: p, that the measurement applies.
     """
     n = P.shape[0]
     z, s = _innovation(P, dx, gain, o, h, z, r)
@@ -89,7 +106,7 @@ def correct_probably(
 
 @njit(**INSIDE)
 def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
-    """The innovation beyond the accumulated error, and its variance; writes P hᵀ into `gain`."""
+    """The innovation z' = z - h dx and its variance s = h P hᵀ + r; writes P hᵀ into `gain`."""
     _covariance_times_row(P, gain, o, h)
     s = r
     for j in range(len(h)):
@@ -124,7 +141,7 @@ def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
 
 @njit(**INSIDE)
 def innovation_norm(work: Workspace, m: int, variance: float) -> float:
-    """Length of the innovation: of m measurements with this noise variance, in standard deviations.
+    """Length of the innovation of m measurements, in standard deviations, with noise of this variance.
 
     √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` comes before.
     """
@@ -155,9 +172,20 @@ def back_substitute(work: Workspace, m: int) -> None:
 
 @njit(**INSIDE)
 def apply_gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
-    """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds `innovation_gate`.
+    """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds a gate.
 
-    See docs/foot_ins.md (11). Returns the length of the innovation in standard deviations.
+    docs/foot_ins.md (11).
+
+    Args:
+        P: (n, n) covariance, changed in place.
+        dx: (n,) error found so far, changed in place.
+        work: Workspace with Jacobian and innovation of the measurements.
+        o: First row of the states that the Jacobian is about.
+        m: Number of measurements.
+        innovation_gate: The gate, in standard deviations.
+
+    Returns:
+        Length of the innovation in standard deviations, before the noise grows.
     """
     spread_measurements(P, work, o, m)
     length = innovation_norm(work, m, 1.0)

@@ -65,10 +65,18 @@ def is_possible(rate: Vec3, force: Vec3) -> bool:
 def add_sample(
     memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float, float]:
-    """Takes a sample (rad/s, m/s²) into the ring and, until the filter is aligned, into the alignment.
+    """Takes a sample into the ring and, until the filter is aligned, into the alignment.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: Time of the sample.
+        rate: (3,) rad/s.
+        force: (3,) m/s², specific force.
 
     Returns:
-        Phase in which the sample is used (IGNORED, ALIGNING or TRACKING); time since the last one, s; motion statistic.
+        Phase in which the sample is used (IGNORED, ALIGNING or NAVIGATING); time since the last one, s; motion
+        statistic.
     """
     clock = memory.clock
     if not is_possible(rate, force):
@@ -98,10 +106,17 @@ def add_sample(
 
 @njit(**INSIDE)
 def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
-    """Takes one sample (rad/s, m/s²), the mean over the interval that ends at `t_ns`, into the memory.
+    """Takes one sample into the memory.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: End of the sample's interval.
+        rate: (3,) rad/s, mean over the interval.
+        force: (3,) m/s², mean specific force over the interval.
 
     Returns:
-        Phase in which the sample was used (IGNORED, ALIGNING or TRACKING), and the standard deviation of the stationary
+        Phase in which the sample was used (IGNORED, ALIGNING or NAVIGATING); standard deviation of the stationary
         foot's speed, m/s, inf while it is not detected as stationary.
     """
     phase, dt, statistic = add_sample(memory, parameters, t_ns, rate, force)
@@ -125,10 +140,15 @@ def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec
 
 @njit(**INSIDE)
 def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None:
-    """Writes the nominal state (22,), and the (6, 6) covariance of position (m) and attitude (rad), world axes.
+    """Writes the nominal state, and the covariance of position and attitude.
 
     The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
     covariance of the position, along the way from the start.
+
+    Args:
+        memory: State of the foot.
+        state: (22,) written: nominal state.
+        covariance: (6, 6) written: of position (m) and attitude (rad), world axes.
     """
     P, o = memory.covariance, memory.row
     way = axpy(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
@@ -146,18 +166,18 @@ def run(
     memory: FilterState, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
     phase: NDArray[np.int8], speed: Array, state: Array, covariance: Array,
 ) -> None:  # fmt: skip
-    """Takes N samples, `rate` and `force` (N, 3), and writes the results of `step` and the estimate after each.
+    """Takes N samples, and writes the results of `step` and the estimate after each.
 
     Args:
-        memory: Changed in place.
-        parameters: Of the filter.
-        t_ns: (N,) int64.
-        rate: rad/s.
-        force: m/s².
-        phase: (N,) int8, out.
-        speed: (N,) out: standard deviation, m/s.
-        state: (N, 22) out: nominal state.
-        covariance: (N, 6, 6) out: of position (m) and attitude (rad), world axes.
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: (N,) int64, times.
+        rate: (N, 3) rad/s.
+        force: (N, 3) m/s², specific force.
+        phase: (N,) int8, written: phase in which each sample was used.
+        speed: (N,) written: standard deviation of a stationary foot's speed, m/s; inf where it is not stationary.
+        state: (N, 22) written: nominal states.
+        covariance: (N, 6, 6) written: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):
         phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))

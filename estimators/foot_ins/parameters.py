@@ -76,7 +76,7 @@ class FootInsParameters:
     stationary_level: float = 2890.0
     """Statistic above which the trust in zero velocity decreases for any foot. [real walks] Doubled: height 59 mm."""
     stationary_share: float = 0.008
-    """The same as a share of the recent peak, for less quiet stances of a fast gait. [real walks]
+    """That statistic as a share of the recent peak, for less quiet stances of a fast gait. [real walks]
     Doubled: 2-D 47 mm, height 25 mm."""
     stationary_power: float = 4.63
     """Steepness of the loss of trust above that level. [real walks] Doubled: height 73 mm."""
@@ -159,8 +159,8 @@ def for_sensor(
     strikes at the limit of an accelerometer look the same (0.01 bends `dual_foot_walk` by 0.3 m).
 
     Args:
-        parameters: For any sensor.
-        calibration: Of the sensor; None: a consumer sensor without one.
+        parameters: Parameters for any sensor.
+        calibration: Calibration of the sensor; None: a consumer sensor without one.
         data_sheet_alone: The noise is the calibration's, without any addition for motion, limits and scale errors.
     """
     imu = calibration or _UNKNOWN

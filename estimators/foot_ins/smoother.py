@@ -38,7 +38,7 @@ Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 @njit(**INSIDE)
 def _write(window: TransitionWindow, out: Rows, k: int) -> None:
-    """Gives the oldest sample and writes it into row `k`."""
+    """Releases the oldest sample and writes it into row `k` of `out`."""
     i = release_oldest(window)
     out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
     write_estimate(window.released, out[3][k], out[4][k])
@@ -52,13 +52,13 @@ def run(
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
-        memory: Of `initial_augmented_state`, changed in place.
-        window: Changed in place.
-        parameters: Of the filter.
+        memory: State of the foot from `initial_augmented_state`, changed in place.
+        window: The samples held, changed in place.
+        parameters: Parameters of the filter.
         lag_ns: Age at which a sample leaves the window.
-        t_ns: (N,) int64.
+        t_ns: (N,) int64, times.
         rate: (N, 3) rad/s.
-        force: (N, 3) m/s².
+        force: (N, 3) m/s², specific force.
         finish: Whether to output all held samples at the end.
         out: Buffer of N rows, of which the first are written; if `finish`, of as many more as are held.
 
@@ -144,7 +144,7 @@ class FootInsSmoother:
 
     @property
     def nis(self) -> dict[str, float]:
-        """As of `FootIns`: of the filter's innovations, which smoothing does not change."""
+        """Mean normalised innovation squared by kind of update, of the filter: smoothing does not change it."""
         return nis_by_kind(self._memory)
 
     @property
@@ -153,7 +153,7 @@ class FootInsSmoother:
         return int(self._window.place[HELD])
 
     def _path(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> FootInsPath:
-        """The samples still held and these, all of them."""
+        """The path over the samples still held and over these, all of them output."""
         out = _rows(len(t_ns) + self.held)
         n = run(
             self._memory, self._window, self._parameters, self._lag_ns, np.ascontiguousarray(t_ns, dtype=np.int64),

@@ -99,10 +99,12 @@ def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> No
 def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
-    See docs/foot_ins.md (6). |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an
-    error of some per cent; before the alignment, any size within `_MAX_NORM_ERROR` of gravity.
+    docs/foot_ins.md (6):
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
+
+    |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an error of some per cent;
+    before the alignment, any size within `_MAX_NORM_ERROR` of gravity.
     """
     newest = memory.ring_t_ns[ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
@@ -127,19 +129,14 @@ def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float
 
 @njit(**INSIDE)
 def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParameters) -> float:
-    """Standard deviation of the foot's speed, m/s, as a stationary foot, from the motion statistic.
-
-    See docs/foot_ins.md (7).
-    """
+    """Standard deviation of a stationary foot's speed, m/s, by the motion statistic (docs/foot_ins.md (7))."""
     level = max(parameters.stationary_level, parameters.stationary_share * peak)
     return parameters.stationary_speed_mps * math.sqrt(1.0 + (statistic / level) ** parameters.stationary_power)
 
 
 @njit(**INSIDE)
 def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
-    """Random displacement of the stationary point along the sole over `dt` (s).
-
-    See docs/foot_ins.md (13).
+    """Random displacement of the stationary point along the sole over `dt` (s): docs/foot_ins.md (13).
 
     A first-order Gauss-Markov process of standard deviation `contact_sd_m` and time constant `_CONTACT_S`, across the
     lever arm: a foot rolls over the same ball in every step.
@@ -168,7 +165,7 @@ def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: flo
 
 @njit(**INSIDE)
 def add_across_sole(memory: FilterState, variance: float) -> None:
-    """Adds to the covariance of the stationary point: `variance` in every direction across the lever arm."""
+    """Adds `variance` (m²) to the covariance of the stationary point, in every direction across the lever arm."""
     P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
     down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
     for i in range(3):
@@ -182,7 +179,7 @@ def zero_velocity_update(
 ) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
-    See docs/foot_ins.md (8)-(10).
+    docs/foot_ins.md (8)-(10).
 
     It is a measurement in sensor axes, invariant to a rotation of the whole world; so the Jacobian on the attitude is
     [v]x.
@@ -194,10 +191,17 @@ def zero_velocity_update(
     The foot's true speed in stance is not white noise: within `stationary_correlation_s` all updates share one error,
     so each sample counts as dt / stationary_correlation_s of an update, whatever the sample rate.
 
-    A swinging foot may appear stationary for an instant: it glides without rotation while its force passes g. Then
-    the normalised innovation is large, and the update's standard deviation grows in proportion to the excess over
+    A swinging foot may appear stationary for an instant: it glides without rotation while its force passes g. Then the
+    normalised innovation is large, and the update's standard deviation grows in proportion to the excess over
     `innovation_gate` (after Chang 2014, J. Geodesy 88:391). Nothing is ever rejected, so a diverged filter recovers
     within some samples of stance.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        rate: (3,) rad/s, ω of the sample.
+        dt: Length of the sample's interval, s.
+        stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s.
     """
     x, work = memory.nominal, memory.work
     R = rotation_matrix(quaternion(x, ATTITUDE))
@@ -229,7 +233,7 @@ def _put_column(H: Array, column: int, v: Vec3) -> None:
 
 @njit(**INSIDE)
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
-    """Inverse square root of speed_sd² I + lever_sd² (|w|² I - w wᵀ)."""
+    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9)."""
     w2 = dot(w, w)
     across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
     k = (1.0 / speed_sd - across) / max(w2, 1e-12)
@@ -242,7 +246,10 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 @njit(**INSIDE)
 def unknown_bias_statistic(memory: FilterState) -> float:
-    """What two standard deviations of the gyro bias add to the motion statistic of a foot at rest."""
+    """Motion statistic of a foot at rest whose gyro is biased by two standard deviations.
+
+    mean |ω|² / gyro_scale² for |ω|² = 4 tr P of the gyro bias, a bound for what the bias alone adds.
+    """
     P, o = memory.covariance, memory.row + D_GYRO_BIAS
     return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / GYRO_SCALE_RADPS**2
 
@@ -287,9 +294,16 @@ def _floor_variance(memory: FilterState, parameters: KernelParameters) -> float:
 
 @njit(**INSIDE)
 def _learn_level_step(memory: FilterState, same: float, step: float, variance: float, spread: float) -> None:
-    """Learns from a step by `step` (m), on the same floor with probability `same`, how much such steps differ.
+    """Learns from a step by how much steps on one floor differ in height.
 
-    Of the squared step, the part that is expected to be the floor's, not the path's, given both variances (m²).
+    Of the squared step, only the part counts that is expected to be the floor's and not the path's.
+
+    Args:
+        memory: State of the foot, changed in place.
+        same: Probability that the step stayed on its floor.
+        step: Height of the foot above its last floor, m.
+        variance: Variance of the height differences on one floor, m².
+        spread: Variance of the step by the path's error, m².
     """
     share = variance / (variance + spread)
     memory.floor[0] = same
@@ -311,14 +325,19 @@ def level_floor_update(
 ) -> None:
     """Compares the height of a foot that has just become stationary with that of its last floor.
 
-    See docs/foot_ins.md (14).
+    docs/foot_ins.md (14).
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
     ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
     to its unevenness and the arm of a tilted sole, or another one anywhere within `_NEW_FLOOR_RANGE_M`. The height is
     corrected by the probability of the first (`kalman.correct_probably`). If that is below a half, as on a stair or
-    ramp, the floor is at the foot's height and as uncertain as the foot. `stationary_speed_sd` is in m/s, inf for a
-    moving foot.
+    ramp, the floor is at the foot's height and as uncertain as the foot.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        t_ns: Time of the sample.
+        stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s; inf for a moving foot.
     """
     clock = memory.clock
     if stationary_speed_sd > _STAND_SPEED_MPS:

@@ -58,18 +58,19 @@ class FilterState(NamedTuple):
     """State of the filter of one foot; covariance and error may belong to a larger filter.
 
     Attributes:
-        nominal: (22,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer
-            bias m/s², wandering of the contact m, height of the floor m, height drift per path length.
+        nominal: (22,) position m, velocity m/s, quaternion world <- sensor, gyro bias rad/s, accelerometer bias m/s²,
+            displacement of the contact m, height of the floor m, height drift per metre of path, scale error of the
+            gyro.
         covariance: (n, n) of the filter's error state.
         error: (n,) found by updates, but not yet moved into the nominal state.
         row: First of the 21 rows of `covariance` and `error` that are this foot's.
         tilted: (4,) quaternion at the beginning of an alignment.
         start_sd: (2,) standard deviation of the position (m) and of the heading (rad) at the first sample.
-        clock: (12,) int64, see the constants above.
+        clock: (12,) int64, entries `T_LAST` to `RESTORED`: times in ns, counts and phases.
         ring_t_ns: (RING,) times of the last samples.
-        ring: (RING, 6) their angular rate and specific force.
-        restored: (RING, 10) correction by that peak of position (m), velocity (m/s) and attitude (quaternion, world)
-            after each sample, the newest first; rows up to `clock[RESTORED]` are valid.
+        ring: (RING, 6) rad/s and m/s², angular rate and specific force of the last samples.
+        restored: (RING, 10) correction by the last restored peak of position (m), velocity (m/s) and attitude
+            (quaternion, world) after each sample, the newest first; rows up to `clock[RESTORED]` are valid.
         force_sum: (2, 4) sum and count of the specific force since the foot has been stationary, and since the
             alignment began.
         lever: (3,) from the sensor to the stationary point, sensor frame, m.
@@ -82,7 +83,7 @@ class FilterState(NamedTuple):
         nis: (3, 2) over all updates of a kind (zero velocity, floor, zero rate): sum of the normalised innovation
             squared, per degree of freedom; and their number.
         hidden: (RING, 6) of a peak that is being restored: what was clipped of each sample, the newest first.
-        work: Of one update of the 21 states.
+        work: Workspace of one update of the 21 states.
     """
 
     nominal: Array
@@ -108,7 +109,13 @@ class FilterState(NamedTuple):
 
 
 def initial_state(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> FilterState:
-    """Memory of a foot at the origin without samples; its own filter, or `row` and following of a larger one (n, n)."""
+    """State of a foot at the origin without samples.
+
+    Args:
+        covariance: (n, n) of the filter that the foot belongs to; None: a filter of this foot alone.
+        error: (n,) of that filter.
+        row: First of the foot's 21 rows in them.
+    """
     nominal = np.zeros(NOMINAL)
     nominal[ATTITUDE] = 1.0
     covariance = np.zeros((STATES, STATES)) if covariance is None else covariance

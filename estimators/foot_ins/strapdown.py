@@ -65,7 +65,7 @@ def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, pa
 
 @njit(**INSIDE)
 def transpose_rows(M: Array, first: int, count: int) -> None:
-    """Exchanges `count` rows of a matrix (n, n) with the same columns: its transpose, if the rest is symmetric."""
+    """Transposes a matrix (n, n) that is symmetric outside of `count` rows and the same columns, in place."""
     for i in range(first, first + count):
         for j in range(M.shape[1]):
             if j < first or j > i:
@@ -106,14 +106,12 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
 
 @njit(**INSIDE)
 def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place.
+    """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place: docs/foot_ins.md (12).
 
-    See docs/foot_ins.md (12).
-
-    A rotation of the whole world about the vertical z is unobservable; in the error it is (z × p, z × v, z) at
-    position, velocity and attitude. Where a correction moves p and v, this direction must move along; otherwise the
-    filter takes the difference for a heading measurement, which adds up to false certainty. This is the invariant
-    filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
+    P <- T P Tᵀ with T of `shift_rows`. A rotation of the whole world about the vertical z is unobservable; in the error
+    it is (z × p, z × v, z) at position, velocity and attitude. Where a correction moves p and v, this direction must
+    move along; otherwise the filter takes the difference for a heading measurement, which adds up to false certainty.
+    This is the invariant filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
     """
     shift_rows(P, o, dp, dv)
     transpose_rows(P, o + D_POSITION, 6)
@@ -123,7 +121,7 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T M in place, δp + δθ × dp and δv + δθ × dv; see `shift_covariance`."""
+    """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv in the rows from `o` on."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]
@@ -151,9 +149,15 @@ def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
 def propagate_state(
     x: Array, rate: Vec3, force: Vec3, dt: float, gravity: float, down: Vec3
 ) -> tuple[Mat3, Vec3, float, Vec3]:
-    """Propagates a nominal state (22,) over one interval, in place; a negative `dt` exactly reverses it.
+    """Propagates a nominal state over one interval, in place: docs/foot_ins.md (2), (3).
 
-    See docs/foot_ins.md (2), (3).
+    Args:
+        x: (22,) nominal state.
+        rate: (3,) rad/s, mean over the interval.
+        force: (3,) m/s², mean specific force over the interval.
+        dt: Length of the interval, s; a negative one exactly reverses the propagation.
+        gravity: m/s².
+        down: (3,) any length, the sole's normal in the sensor.
 
     Returns:
         Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
@@ -181,13 +185,18 @@ def propagate_state(
 
 @njit(**INSIDE)
 def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
-    """Propagates state and covariance over the interval of length `dt` (s) that the sample is the mean of.
-
-    See docs/foot_ins.md (5).
+    """Propagates state and covariance over one interval: docs/foot_ins.md (5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
     sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an
     interval longer than `_MAX_STEP_S` samples are missing.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        rate: (3,) rad/s, mean over the interval.
+        force: (3,) m/s², mean specific force over the interval.
+        dt: Length of the interval, s.
     """
     P, o = memory.covariance, memory.row
     down = vec3(memory.lever, 0)
@@ -224,6 +233,14 @@ def _at_limit(extreme: Array, channel: int, size: float, known: float, least: fl
 
     A limited channel returns to the same extreme in every stride. An unlimited one rarely reaches its largest value, so
     little is lost by down-weighting it there.
+
+    Args:
+        extreme: (6,) largest magnitude of each channel so far, updated.
+        channel: Index of the channel.
+        size: Magnitude of the sample, rad/s or m/s².
+        known: Range of the channel; 0 if unknown.
+        least: Least range of any sensor.
+        limit_share: Share of the range from which on a channel may be limited.
     """
     if known > 0.0:
         return size >= limit_share * known

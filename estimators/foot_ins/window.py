@@ -1,17 +1,18 @@
-"""Window of the fixed-lag smoother: passages of the error from sample to sample, and their sums, compiled.
+"""Window of the fixed-lag smoother: transitions of the error from sample to sample, and their sums, compiled.
 
 Fixed-interval smoothing runs backward from the interval's end: the information of sample k+1, mapped through the
 propagation of the error from k to k+1, applies to k. In the form of Bryson & Frazier 1963 (Bierman 1973, Automatica
 9:503) it needs no inverse of a covariance, which here is singular: the start is known, and the floor is as high as the
-stationary foot. Between two samples the error is mapped by Ψ (propagation, corrections, shifts, new floors), and the
-corrections add the information J = Σ g gᵀ / s and the evidence j = Σ g z / s about the initial error, where
-g = Ψ_iᵀ h with Ψ up to correction i. With both summed over all later samples
+stationary foot. A transition, from one sample to a later one, has three parts: Ψ maps the error (propagation,
+corrections, shifts, new floors), and the corrections add the information J = Σ g gᵀ / s and the evidence
+j = Σ g z / s about the initial error, where g = Ψ_iᵀ h with Ψ up to correction i. With both summed over all later
+samples
 
     x_smoothed = x ⊕ P j,   P_smoothed = P - P J P.
 
-Two consecutive passages combine to Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so the
-passage over a sliding window takes three products per sample, however long the window is (two stacks, of which the
-older is summed from its end).
+Two consecutive transitions combine to Ψ = Ψ_b Ψ_a, J = J_a + Ψ_aᵀ J_b Ψ_a, j = j_a + Ψ_aᵀ j_b. That is associative, so
+the transition over a sliding window takes three products per sample, however long the window is (two stacks, of which
+the older is summed from its end).
 
 When a clipped peak is restored (`clipping`), the filter's state jumps, and with it the stored samples since the peak
 began: their error is now that of the state with the peak. So P becomes T_k P T_kᵀ, Ψ becomes T_k Ψ T_(k-1)⁻¹, and J
@@ -70,17 +71,17 @@ class TransitionWindow(NamedTuple):
     Attributes:
         place: (3,) int64: row of the oldest sample; how many are held; how many of these, from the oldest on, have rows
             of `transition`, `information` and `evidence` that are summed up to the last of these.
-        t_ns: (C,) int64.
-        phase: (C,) int8 in which each was used.
+        t_ns: (C,) int64, times.
+        phase: (C,) int8, phase in which each was used.
         speed: (C,) standard deviation of the standing foot's speed, m/s.
-        nominal: (C, 22) filtered.
-        covariance: (C, 21, 21) filtered.
-        transition: (C + 1, 21, 21) Ψ of the passage from the sample before; row C: over the samples not yet summed.
-        information: (C + 1, 21, 21) J of the same.
-        evidence: (C + 1, 21) j of the same.
-        path: (4,) of the memory.
-        released: Output for a sample that leaves.
-        scratch: (2, 21, 21).
+        nominal: (C, 22) filtered nominal states.
+        covariance: (C, 21, 21) of their errors.
+        transition: (C + 1, 21, 21) Ψ from the sample before to this one; row C: over the samples not yet summed.
+        information: (C + 1, 21, 21) J of the same transitions.
+        evidence: (C + 1, 21) j of the same transitions.
+        path: (4,) `FilterState.path` at the newest sample.
+        released: The sample that left last, smoothed.
+        scratch: (2, 21, 21) overwritten.
     """
 
     place: NDArray[np.int64]
@@ -111,13 +112,13 @@ def empty_window(capacity: int) -> TransitionWindow:
 
 
 def initial_augmented_state() -> FilterState:
-    """Memory of a foot whose covariance has the rows that `augment` needs."""
+    """State of a foot without samples, whose covariance has the rows that `augment` needs."""
     return initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
 @njit(**INSIDE)
 def augment(memory: FilterState) -> None:
-    """Prepares the additional rows for the next sample, in place."""
+    """Writes zeros and ones into the additional rows of covariance and error before the next sample, in place."""
     P, n = memory.covariance, 2 * STATES
     for i in range(STATES, n):
         for j in range(n):
@@ -129,7 +130,9 @@ def augment(memory: FilterState) -> None:
 def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
-    `memory` is that after the sample at which the peak was restored, which the window does not hold yet.
+    Args:
+        window: The samples held.
+        memory: State after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
@@ -161,7 +164,17 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
 
 @njit(**INSIDE)
 def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
-    """Moves the ends of a row's passage, given in samples back; those beyond `reach` stay."""
+    """Maps a transition to the errors of the states with the restored peak, in place.
+
+    Ψ <- T_end Ψ T_begin⁻¹; J and j are mapped through T_begin⁻¹.
+
+    Args:
+        window: The samples held.
+        row: Row of the transition.
+        moved: (RING, 10) corrections `FilterState.restored`.
+        end, begin: Samples at the transition's end and beginning, counted back from the newest.
+        reach: Samples back that the window holds of the peak; older ones stay as they are.
+    """
     if end <= reach:
         shift_rows(window.transition[row], 0, vec3(moved[end], POSITION), vec3(moved[end], VELOCITY))
     if begin <= reach:
@@ -173,7 +186,7 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
 
 @njit(**INSIDE)
 def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T⁻ᵀ M T⁻¹ in place, M symmetric."""
+    """M <- T⁻ᵀ M T⁻¹ in place, M symmetric; T of `strapdown.shift_covariance`, at the rows and columns from `o` on."""
     _reset_columns(M, o, dp, dv)
     transpose_rows(M, o + D_ATTITUDE, 3)
     _reset_columns(M, o, dp, dv)
@@ -182,14 +195,14 @@ def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- M T⁻¹ in place, T as of `strapdown.shift_covariance` at the columns from `o` on."""
+    """M <- M T⁻¹ in place; T of `strapdown.shift_covariance`, at the columns from `o` on."""
     for i in range(M.shape[0]):
         _reset_row(M[i], o, dp, dv)
 
 
 @njit(**INSIDE)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """The same of one row."""
+    """m <- m T⁻¹ in place, of one row m: its attitude columns become a + p × dp + v × dv."""
     by_position = cross(vec3(row, o + D_POSITION), dp)
     by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
     attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
@@ -217,10 +230,7 @@ def append(window: TransitionWindow, memory: FilterState, phase: int, speed: flo
 
 @njit(**INSIDE)
 def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
-    """Extends the passage of row `earlier` by that of row `later`, in place.
-
-    See docs/foot_ins.md (16).
-    """
+    """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16)."""
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
     _add_by_transposed(A, window.evidence[later], window.evidence[earlier])
     _multiply(window.information[later], A, JA)
@@ -270,9 +280,10 @@ def _symmetrize(A: Array, out: Array) -> None:
 
 @njit(**INSIDE)
 def release_oldest(window: TransitionWindow) -> int:
-    """Moves the oldest sample, smoothed with all later ones, into `released`; returns its row. One must be held.
+    """Moves the oldest sample, smoothed with all later ones, into `released`: docs/foot_ins.md (17).
 
-    See docs/foot_ins.md (17).
+    Returns:
+        Row of the sample in the ring. One must be held.
     """
     place, capacity = window.place, len(window.t_ns)
     i = place[OLDEST]

@@ -32,7 +32,7 @@ class BoardPrediction:
     """Predicted pose of the other foot's board in a camera.
 
     Attributes:
-        T_camera_board: (4, 4) at the image's instant.
+        T_camera_board: (4, 4) pose of the board in the camera's optical frame at the image's instant.
         covariance: (6, 6) of position (m) and rotation vector (rad), camera axes.
         T_before: (4, 4) pose one exposure time earlier.
     """
@@ -42,7 +42,12 @@ class BoardPrediction:
     T_before: Array
 
     def error_px(self, points_in_board: Array, focal_px: float) -> float:
-        """Standard deviation of the farthest predicted point of (M, 3) in front of the camera, pixels."""
+        """Largest standard deviation of a predicted point's pixel.
+
+        Args:
+            points_in_board: (M, 3) m, points that are in front of the camera.
+            focal_px: Focal length of the camera, pixels.
+        """
         arms = points_in_board @ self.T_camera_board[:3, :3].T
         x, y, z = (arms + self.T_camera_board[:3, 3]).T
         zero = np.zeros_like(z)
@@ -55,13 +60,13 @@ class BoardPrediction:
 class BoardTracker:
     """The cameras of both shoes, each with a detector of the other shoe's board.
 
-    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched.
-    If the filter has lost the other shoe, the whole image is searched, at most ten times per second; and less often if
-    no predicted board has been found for long, because the calibration may be wrong.
+    An image waits until both IMUs have reached its time. A board that faces away or is out of view is not searched. If
+    the filter has lost the other shoe, the whole image is searched, at most ten times per second; and less often if no
+    predicted board has been found for long, because the calibration may be wrong.
 
     Args:
         shoes: Cameras and boards.
-        exposure_s: Of the cameras.
+        exposure_s: Exposure time of the cameras, s.
     """
 
     def __init__(self, shoes: Shoes, exposure_s: float) -> None:
@@ -102,7 +107,7 @@ class BoardTracker:
         return sorted(ready, key=lambda item: item[2])
 
     def detect(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
-        """The board in an image."""
+        """The board in an image; None if it is not detected or not searched."""
         if self._found_ns is None:
             self._found_ns = image.t_ns
         if image.t_ns - self._found_ns > _MISSED_NS:
@@ -133,6 +138,7 @@ class BoardTracker:
         return observation
 
     def _search(self, image: Image, detector: BoardDetector, every_ns: int) -> BoardObservation | None:
+        """The board anywhere in an image; None if an image of this camera was searched less than `every_ns` ago."""
         if image.t_ns - self._searched_ns[image.topic] < every_ns:
             return None
         self._searched_ns[image.topic] = image.t_ns
@@ -148,7 +154,14 @@ class BoardTracker:
 def relative_position(
     observation: BoardObservation, foot: int, mounts: Array, expected: BoardPrediction
 ) -> RelativePosition | None:
-    """Measurement of the published filter; the feet's attitudes select one of a plane's two poses."""
+    """Measurement of the published filter from an observed board; None if the corners are collinear.
+
+    Args:
+        observation: Board of the other foot in an image.
+        foot: Index in `FEET` of the foot with the camera.
+        mounts: (4, 7) of `state.Pair`.
+        expected: Prediction by the feet's attitudes, which selects one of a plane's two poses.
+    """
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_observation(
         observation, T_imu_camera=_to_transform(mounts[CAMERA + foot]),

@@ -49,11 +49,11 @@ class RelativePosition:
         Of a plane's two poses, the more likely one is used.
 
         Args:
-            observation: By foot a of the board f on foot b.
+            observation: Observation by foot a of the board f on foot b.
             T_imu_camera: (4, 4) pose of the camera C in a's IMU.
             T_other_board: (4, 4) pose of the board in b's IMU.
             R_camera_board: (3, 3) prior of the board's orientation in the camera.
-            rotation_sd: Its standard deviation, rad.
+            rotation_sd: Standard deviation of the prior about each axis, rad.
 
         Returns:
             None if the corners are collinear.
@@ -77,9 +77,16 @@ def merge_events(
 ) -> tuple[Events, list[Aid]]:
     """All samples in time order, each aid right after the IMU sample by which both feet have reached its time.
 
-    An echo waits until both feet are past its time: whichever of an echo and the IMUs' samples of the same time comes
-    first, it counts from the same sample on. `newest_ns` are the times that the feet had reached before. Returns also
-    the aids whose time is still to come.
+    An echo waits until both feet are past its time: whichever of an echo and the IMUs' samples of that time comes
+    first, it counts from one and the same sample on.
+
+    Args:
+        imus: Samples of each foot, by `l` and `r`.
+        aids: Observations, relative positions and echoes, each with its foot.
+        newest_ns: Time that each foot had reached before.
+
+    Returns:
+        The events; the aids whose time is still to come.
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]

@@ -46,10 +46,10 @@ class FootToFootEstimate:
 
     Attributes:
         t_ns: Time of the sample.
-        feet: Of each foot with samples, by `l` and `r`, at that foot's newest sample.
+        feet: Estimate of each foot with samples, by `l` and `r`, at that foot's newest sample.
         covariance: (30, 30) of the left foot's 15 errors, then the right's; see `FootInsEstimate`.
         observations: Boards observed in the images processed with this sample.
-        pose: Of the foot whose IMU gave the sample; None after a sample of another kind.
+        pose: Pose of the IMU that gave the sample; None after a sample of another kind.
     """
 
     t_ns: int
@@ -63,14 +63,14 @@ class FootToFoot:
     """Inertial navigation of two shoes, coupled by camera or sonar measurements of each other.
 
     Causal, of constant memory and cost, deterministic. Each foot is filtered as by `FootIns`, within one covariance of
-    both; one foot alone, or two without mutual measurements, give the same numbers as `FootIns`. A board observation
-    is used once both IMUs have reached its time, and an echo once both are past it: at most one sample later.
+    both; one foot alone, or two without mutual measurements, give the same numbers as `FootIns`. A board observation is
+    used once both IMUs have reached its time, and an echo once both are past it: at most one sample later.
 
     Args:
         rig: IMUs, cameras, boards and sonars on the bodies `foot_l` and `foot_r`.
-        options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published`
-            (= `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
-        parameters: Of any method.
+        options: `method`, one of `METHODS`: the first, or one of Jao, Wang, Shkel 2020: `published` (=
+            `zupt_relative_position`), `zupt_relative_distance`, `zupt`.
+        parameters: Parameters of all methods.
         start: Pose of each foot's IMU at its first sample, by `l` and `r`. Without it, one foot starts as `FootIns`
             does, and two start side by side.
         earth_rate_in_world: (3,) rotation rate of the Earth, rad/s; 0 if latitude or north are unknown.
@@ -170,7 +170,7 @@ class FootToFoot:
 
         Raises:
             StrideTwinError: A sample of a topic that the rig does not have on a foot, or an image that shows that left
-                and right are swapped (`worn`).
+                and right are exchanged (`LeftRightCheck`).
         """
         if isinstance(sample, Imu):
             events, phase = self._process({FEET[self._foot_index(sample, self._imu_of)]: _to_block(sample)}, [])[:2]
@@ -196,9 +196,9 @@ class FootToFoot:
 
     @property
     def nis(self) -> dict[str, float]:
-        """Mean normalised innovation squared per degree of freedom: 1 if consistent.
+        """Mean normalised innovation squared per degree of freedom, by kind of update: 1 if consistent.
 
-        Of the updates used: `standing_l`, `standing_r`, `sightings` (boards), `echoes`.
+        The kinds are `standing_l`, `standing_r`, `sightings` (boards) and `echoes`; unused ones are left out.
         """
         sums = {f"standing_{f}": memory.nis[BY_VELOCITY] for f, memory in zip(FEET, self._pair.feet)}
         sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
@@ -213,7 +213,9 @@ class FootToFoot:
         return FEET[self._foot_index(sample, self._imu_of)]
 
     def run(self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding] = ()) -> dict[str, FootInsPath]:
-        """Takes the samples as `update` would one by one in time order, an IMU's before an aid of the same time.
+        """The paths of both feet from all samples at once, with the numbers of `update` sample by sample.
+
+        `update` has to take them in time order, an IMU's before an aid of the same time.
 
         Args:
             imus: Samples of each foot, by `l` and `r`.
@@ -238,7 +240,11 @@ class FootToFoot:
     def _process(
         self, imus: Mapping[str, Block[Imu]], aids: Iterable[Aiding]
     ) -> tuple[Events, NDArray[np.int8], Array, Array, Array]:
-        """Events, and of each its phase, figure, state and covariance, see `kernel.run`."""
+        """Runs the kernel on samples and on the aids whose time has come.
+
+        Returns:
+            The events; and phase, figure, state and covariance of each, see `kernel.run`.
+        """
         used_aids = [(foot, a) for foot, a in [(self._foot_of(a), a) for a in aids] if isinstance(a, self._listens_to)]
         used_aids = [a for a in used_aids if not isinstance(a[1], Range) or 0.0 < a[1].distance < np.inf]
         events, pending = merge_events(imus, [*self._held, *used_aids], self._newest_ns)
@@ -256,6 +262,7 @@ class FootToFoot:
         return events, phase, figure, state, covariance
 
     def _foot_of(self, aid: Aiding) -> int:
+        """Index in `FEET` of the foot that carries the camera or the sonar of an aid."""
         return self._foot_index(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
     def _process_images(self) -> list[BoardObservation] | None:
@@ -282,6 +289,7 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _predict_board(self, foot: int, t_ns: int) -> BoardPrediction | None:
+        """Predicted pose of the other foot's board in the camera of a foot at `t_ns`; None if it is unknown."""
         T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
         known = kernel.predict_board(
             self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns, T,
@@ -290,12 +298,18 @@ class FootToFoot:
         return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
     def _foot_index(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
+        """Index in `FEET` of the foot of a sample's topic.
+
+        Raises:
+            StrideTwinError: The topic is not among `known`.
+        """
         if sample.topic not in known:
             raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {', '.join(known)}")
         return known[sample.topic]
 
 
 def _to_block(sample: Imu) -> Block[Imu]:
+    """A block of one sample."""
     columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
     return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)
 
@@ -314,6 +328,7 @@ def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootIn
 
 
 def _to_path(rows: list[FootInsEstimate]) -> FootInsPath:
+    """The path of a foot from its estimates one by one."""
     pose = np.r_[0:3, 6:9]  # position and attitude among the 15 errors
     return FootInsPath(
         trajectory=Trajectory(

@@ -46,9 +46,18 @@ _entry_kernel = entry_kernel(Path(__file__).parent, Path(foot_ins.__file__).pare
 
 @njit(**INSIDE)
 def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
-    """The sample (rad/s, m/s²) in a world without rotation: minus the Earth's rate and the Coriolis force.
+    """The sample in a world without rotation: minus the Earth's rate and the Coriolis force.
 
-    Titterton & Weston 2004, ch. 3; the centrifugal force is part of gravity.
+    ω - Rᵀ ω_E and f - 2 Rᵀ (ω_E × v) (Titterton & Weston 2004, ch. 3); the centrifugal force is part of gravity.
+
+    Args:
+        nominal: (22,) nominal state.
+        earth: (3,) ω_E, rotation rate of the Earth in world axes, rad/s.
+        rate: (3,) ω, rad/s.
+        force: (3,) f, specific force, m/s².
+
+    Returns:
+        Angular rate, rad/s; specific force, m/s².
     """
     coriolis = cross(earth, vec3(nominal, VELOCITY))
     to_sensor = transposed(rotation_matrix(quaternion(nominal, ATTITUDE)))
@@ -59,8 +68,8 @@ def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
 def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
-    See docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two
-    feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
+    docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two feet
+    that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
     After a gap longer than `MAX_GAP_S` the foot is aligned again, and nothing is done here.
     """
     memory = pair.feet[foot]
@@ -77,7 +86,7 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
 
 @njit(**INSIDE)
 def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
-    """Attitude rows from `a` on minus R diag(ω) dt times the scale rows from `s` on, in place."""
+    """Subtracts R diag(ω) dt times the scale rows from `s` on from the attitude rows from `a` on, in place."""
     for j in range(M.shape[1]):
         turned = rotate(R, (rate[0] * M[s, j], rate[1] * M[s + 1, j], rate[2] * M[s + 2, j]))
         for i in range(3):
@@ -92,15 +101,15 @@ def run(
     """Takes N events and writes the estimates after each.
 
     Args:
-        pair: Changed in place.
+        pair: State of both feet, changed in place.
         feet: Parameters of the left and of the right foot.
         parameters: Parameters of both.
         events: An aid comes right after the IMU sample by which both feet have reached its time.
-        phase: (N,) int8, out: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
-        figure: (N,) out: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
+        phase: (N,) int8, written: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
+        figure: (N,) written: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
             normalised innovation, see `relative_updates.board_update`.
-        state: (N, 20) out: nominal state of the foot of an IMU sample, once the aids that follow it are used.
-        covariance: (N, 6, 6) out: of its position (m) and attitude (rad), world axes.
+        state: (N, 22) written: nominal state of the foot of an IMU sample, once the aids that follow it are used.
+        covariance: (N, 6, 6) written: of that foot's position (m) and attitude (rad), world axes.
     """
     last, earth = -1, vec3(pair.earth, 0)
     for k in range(len(events.t_ns)):
@@ -145,15 +154,15 @@ def predict_board(
         pair: State of both feet.
         foot: Parameters of the foot with the camera.
         parameters: Parameters of both.
-        camera: Foot that carries the camera.
+        camera: Index in `FEET` of the foot that carries the camera.
         t_ns: Middle of the exposure.
         earlier_ns: How much earlier the earlier pose is.
-        T: (3, 4) out: rotation, camera <- board, and position, m.
-        covariance: (6, 6) out: of position (m) and rotation vector (rad), camera axes.
-        T_before: (3, 4) out: the earlier pose.
+        T: (3, 4) written: rotation, camera <- board, and position, m.
+        covariance: (6, 6) written: of position (m) and rotation vector (rad), camera axes.
+        T_before: (3, 4) written: the earlier pose.
 
     Returns:
-        Whether it is known.
+        Whether both poses are known.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
@@ -167,7 +176,17 @@ def predict_board(
 def _predict_pose(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_s: float, T: Array
 ) -> bool:
-    """Writes the pose (3, 4) at `t_ns` on the clock of the IMUs, `earlier_s` before the usual; whether it is known."""
+    """Writes the pose of the other foot's board in a foot's camera; returns whether it is known.
+
+    Args:
+        pair: State of both feet.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both.
+        camera: Index in `FEET` of the foot that carries the camera.
+        t_ns: Time of the pose, on the clock of the IMUs.
+        earlier_s: Time by which `max_delay_s` is extended, s.
+        T: (3, 4) written: rotation, camera <- board, and position, m.
+    """
     gravity, delay_s = foot.gravity_mps2, parameters.max_delay_s + earlier_s
     a = rewind(pair.feet[camera], gravity, t_ns, delay_s)
     b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s)

@@ -26,12 +26,12 @@ class PublishedParameters:
     Attributes:
         window_s: Duration of the stance detector's window, s; the best of `benchmarks.jao_open_values` (seeds 0-4).
             Doubled: 0.18 m.
-        threshold: γ; the foot is stationary if the sum of the normalised variances is lower; chosen likewise. Doubled:
-            no difference above 1 mm.
-        zero_velocity_sd_mps: Speed of a stationary foot, m/s; chosen likewise. Doubled: 0.30 m.
+        threshold: γ; the foot is stationary if the sum of the normalised variances is lower; the best of the
+            same search. Doubled: no difference above 1 mm.
+        zero_velocity_sd_mps: Speed of a stationary foot, m/s; the best of the same search. Doubled: 0.30 m.
         relative_position_sd_m: Effect of the heading that rotates a relative position, m, in addition to its own noise;
             reproduces the paper's spread. Doubled: feet 10 mm off against each other.
-        range_sd_m: Of a sonar's echo, m; hand-chosen. Doubled: no difference above 1 mm.
+        range_sd_m: Standard deviation of a sonar's distance, m; hand-chosen. Doubled: no difference above 1 mm.
     """
 
     window_s: float = 0.05
@@ -58,30 +58,30 @@ class FootToFootParameters:
         foot: Parameters of each foot; the same as for one foot alone. The published method takes gravity
             and turn-on biases from it; its noise is the calibration's alone.
         published: Parameters that the published method has in addition.
-        camera_position_sd_m: Of the camera's nominal position on the shoe, m.
-        camera_rotation_sd_rad: Of its nominal rotation, rad. Doubled: 14 mm.
-        board_position_sd_m: The same for the board, m.
-        board_rotation_sd_rad: rad.
-        camera_clock_sd_s: Of a camera's clock offset, s.
+        camera_position_sd_m: Standard deviation of the camera's position about the nominal one on the shoe, m.
+        camera_rotation_sd_rad: Standard deviation of the camera's rotation, rad. Doubled: 14 mm.
+        board_position_sd_m: Standard deviation of the board's position about the nominal one on the shoe, m.
+        board_rotation_sd_rad: Standard deviation of the board's rotation, rad.
+        camera_clock_sd_s: Standard deviation of the offset of a camera's clock, s.
         camera_clock_walk_s_rts: Random walk of that offset, s/√s.
         gyro_scale_sd: Scale error of a gyro's axis, relative; estimated only if a camera observes the other shoe,
             because nothing else makes it observable.
-        scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz` there, which covers scale errors.
-            Doubled: 10 mm, and 8 mm of standard deviation against each other.
+        scaled_gyro_noise_radps_rthz: Replaces `foot.gyro_noise_radps_rthz`, which covers scale errors, where they are
+            estimated. Doubled: 10 mm, and 8 mm of standard deviation against each other.
         observation_correlation_s: Correlation time of an observation's error, s: observations within it share it.
             Doubled: 7 mm of standard deviation against each other; 29 mm with the sonars alone.
         observation_gate: Innovation of an observation, in standard deviations, beyond which it is down-weighted.
             Doubled: wrong corners of up to 9 standard deviations keep their weight.
-        range_sd_m: Of a sonar's echo, m: its resolution, and which part of the shoe reflects. Doubled: 37 mm with the
-            sonars alone.
+        range_sd_m: Standard deviation of a sonar's distance, m: its resolution, and which part of the shoe reflects.
+            Doubled: 37 mm with the sonars alone.
         range_gate: Echoes with a larger innovation, in standard deviations, are from something else.
             Doubled: more echoes from the floor are used.
         sonar_after_s: The sonar is used only if the other shoe has not been observed for so long, s. Doubled: a covered
             camera is replaced later.
         max_delay_s: A later board observation or echo is discarded, s. Doubled: older images are used, and up to twice
             as many samples are rewound for one.
-        exposure_s: Of the shoe cameras: relates a board's blur to its motion, s. Doubled: a board is searched with
-            twice the smear of its predicted motion.
+        exposure_s: Exposure time of the shoe cameras, s: relates a board's blur to its motion. Doubled: a board is
+            searched with twice the smear of its predicted motion.
     """
 
     foot: FootInsParameters = field(default_factory=FootInsParameters)
@@ -130,7 +130,7 @@ def for_kernel(parameters: FootToFootParameters, published: bool = False) -> Pai
     """The parameters of both feet by name in one record, as the compiled kernel takes them.
 
     Args:
-        parameters: Of the filter.
+        parameters: Parameters of the filter.
         published: Whether the kernel runs the published method, whose echoes have a standard deviation of their own.
     """
     values = _numbers(parameters.published) | _numbers(parameters)

@@ -36,9 +36,9 @@ from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
 
 @njit(**INSIDE)
 def variance_statistic(memory: FilterState, parameters: PairParameters) -> float:
-    """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Sec. II-D).
+    """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Jao 2020, Sec. II-D).
 
-    See docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
+    docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
     """
     total = 0.0
     for channel in range(6):
@@ -67,7 +67,20 @@ def _variance(memory: FilterState, window_s: float, channel: int) -> float:
 def step_published(
     memory: FilterState, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float]:
-    """Takes one sample of a foot; arguments and results as of `foot_ins.kernel.step`."""
+    """Takes one sample of a foot: hard zero velocities while the variances are low.
+
+    Args:
+        memory: State of the foot, changed in place.
+        foot: Parameters of the foot.
+        parameters: Parameters of both feet.
+        t_ns: End of the sample's interval.
+        rate: (3,) rad/s, mean over the interval.
+        force: (3,) m/s², mean specific force over the interval.
+
+    Returns:
+        Phase in which the sample was used (IGNORED, ALIGNING or NAVIGATING); standard deviation of the stationary
+        foot's speed, m/s, inf while it is not detected as stationary.
+    """
     phase, dt, _ = add_sample(memory, foot, t_ns, rate, force)
     if phase != NAVIGATING:
         return phase, math.inf
@@ -91,10 +104,17 @@ def relative_position_update(
 ) -> float:  # fmt: skip
     """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
-    See docs/foot_to_foot.md (10).
+    docs/foot_to_foot.md (10). H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error
+    of the attitude that rotated the vector, and the filter takes the heading of the camera's foot as free of error.
 
-    H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error of the attitude that
-    rotated the vector, and the filter takes the heading of the camera's foot as free of error.
+    Args:
+        pair: State of both feet, changed in place.
+        foot: Parameters of the foot with the camera.
+        parameters: Parameters of both.
+        camera: Index in `FEET` of the foot that carries the camera.
+        t_ns: Middle of the exposure, on the clock of the IMUs.
+        p_other_in_imu: (3,) m, position of the other foot's IMU in this foot's.
+        sd: Standard deviation of the position on each axis, m.
 
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.

@@ -69,9 +69,7 @@ def board_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, m: int,
     points_in_board: Array, rays: Array, ray_sd: Array,
 ) -> float:  # fmt: skip
-    """Update with the image of the other foot's board.
-
-    See docs/foot_to_foot.md (5), (7).
+    """Update with the image of the other foot's board: docs/foot_to_foot.md (5), (7).
 
     The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
     the triangle R of a QR decomposition, before the update; the remainder measures how well any pose of the board
@@ -80,13 +78,13 @@ def board_update(
     (after Chang 2014, as with zero velocities) increase the noise in proportion.
 
     Args:
-        pair: Changed in place.
+        pair: State of both feet, changed in place.
         foot: Parameters of the foot with the camera.
-        parameters: Of both feet.
-        camera: Foot that carries the camera.
+        parameters: Parameters of both feet.
+        camera: Index in `FEET` of the foot that carries the camera.
         t_ns: Middle of the exposure, on the camera's clock.
         m: Number of points, ≥ 4: the first rows of the following.
-        points_in_board: (M, 3) m.
+        points_in_board: (M, 3) m, points in the board's frame.
         rays: (M, 2) normalised image coordinates of the points, x right, y down.
         ray_sd: (M,) standard deviation of each coordinate.
 
@@ -126,7 +124,7 @@ def board_update(
 
 @njit(**INSIDE)
 def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
-    """Writes the covariance of the pose of `board_in_camera`, G P Gᵀ, into `board`."""
+    """Writes G P Gᵀ into `board.covariance`: covariance of the pose whose derivatives G `board_in_camera` wrote."""
     spread_measurements(P, work, 0, 6)
     for i in range(6):
         for j in range(i + 1):
@@ -135,7 +133,13 @@ def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
 
 @njit(**INSIDE)
 def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
-    """Replaces the derivatives G of the pose by `weight` T G, those of the measurement T of the pose."""
+    """Makes the measurement T of the pose one of all states: replaces the derivatives G of the pose by `weight` T G.
+
+    Args:
+        work: Workspace with G (6, n), into which measurement and innovation are written.
+        reduced: Workspace with T (6, 6) and the innovation (6,) of the pose.
+        weight: One over the standard deviation of the measurement.
+    """
     T, G, column = reduced.jacobian, work.jacobian, work.solved
     for j in range(G.shape[1]):
         for i in range(6):
@@ -153,17 +157,23 @@ def reduce_measurement(
     board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
     rotated: float, shared: float,
 ) -> tuple[bool, float]:  # fmt: skip
-    """An image's linear measurement of the difference of the board's pose from the predicted one.
-
-    See docs/foot_to_foot.md (6).
+    """An image's linear measurement of how the board's pose differs from the predicted one: docs/foot_to_foot.md (6).
 
     A badly predicted pose is far from where the rays' Jacobian holds: a board that is a quarter nearer is
     overcorrected. So the rays are linearised again at the updated board pose until it converges (iterated Kalman
-    filter; Jazwinski 1970, 9.7, in the six dimensions that matter). `rotated` is a variance common to all rays, and
-    `shared` the factor by which the noise grows as observations share their error.
+    filter; Jazwinski 1970, 9.7, in the six dimensions that matter).
 
-    Writes the derivatives T (6, 6) by the pose and the innovations z (6,), both in standard deviations of the rays,
-    into `board.reduced`.
+    Args:
+        board: Workspace with the covariance of the predicted pose. The derivatives T (6, 6) by the pose and the
+            innovations z (6,), both in standard deviations of the rays, are written into its part `reduced`.
+        p: (3,) m, predicted position of the board in the camera.
+        R: Predicted rotation, camera <- board.
+        m: Number of points.
+        points_in_board: (M, 3) m, points in the board's frame.
+        rays: (M, 2) normalised image coordinates of the points, x right, y down.
+        ray_sd: (M,) standard deviation of each coordinate.
+        rotated: Variance common to all rays, by the feet's rotation since the exposure.
+        shared: Factor by which the noise grows as observations share their error.
 
     Returns:
         Whether the board is in front of the camera; misfit, at least 1, by which T and z are too small.
@@ -209,11 +219,16 @@ def reduce_measurement(
 
 @njit(**INSIDE)
 def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Vec3, Mat3]:
-    """Pose of the other foot's board in a foot's camera, and how it depends on the state.
+    """Pose of the other foot's board in a foot's camera, and its derivatives: docs/foot_to_foot.md (1), (2).
 
-    See docs/foot_to_foot.md (1), (2). `a` is the past state of the foot with the camera, `b` that of the other. The
-    derivatives G (6, n) of the position (m) and of the rotation vector (rad), in camera axes, with regard to the error
-    state, are written into `pair.work.jacobian`.
+    The derivatives G (6, n) of the position (m) and of the rotation vector (rad), in camera axes, by the error state,
+    are written into `pair.work.jacobian`.
+
+    Args:
+        pair: State of both feet.
+        camera: Index in `FEET` of the foot that carries the camera.
+        a: Past state of the foot with the camera.
+        b: Past state of the other foot.
 
     Returns:
         Position, m; rotation, camera <- board.
@@ -248,11 +263,16 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
 
 @njit(**INSIDE)
 def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past: PastState) -> None:
-    """Writes a foot's columns of G: those of its pose at that time, in terms of its newest state.
-
-    See docs/foot_to_foot.md (3).
+    """Writes a foot's columns of G: those of its past pose, in terms of its newest state (docs/foot_to_foot.md (3)).
 
     δθ_then = δθ + age R δb_g, and δp_then = δp - age δv + δθ × displacement: the force acts in the rotated direction.
+
+    Args:
+        G: (6, n) derivatives of the board's pose.
+        o: First column of the foot.
+        to_camera: (3, 3) derivative of the board's position by the foot's past position.
+        by_attitude: (3, 3) derivative of it by the foot's past attitude.
+        past: Past state of the foot.
     """
     by_displacement = rows_cross(to_camera, past.displacement)
     put_matrix(to_camera, G, 0, o + D_POSITION)
@@ -269,9 +289,21 @@ def _triangulate(
     board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
     rotated: float,
 ) -> bool:  # fmt: skip
-    """Writes the triangle of the derivatives (2M, 6) of the rays by the board's pose in the camera, and innovations.
+    """Writes the triangle of the rays' derivatives by the board's pose, and of innovations: docs/foot_to_foot.md (4).
 
-    See docs/foot_to_foot.md (4). Both are in standard deviations. False if the board is not in front of the camera.
+    Args:
+        board: Workspace whose `triangle` (7, 7) is written: R of the QR decomposition of the (2M, 6) derivatives and
+            the innovations, both in standard deviations.
+        p: (3,) m, position of the board in the camera.
+        R: Rotation, camera <- board.
+        m: Number of points.
+        points_in_board: (M, 3) m, points in the board's frame.
+        rays: (M, 2) normalised image coordinates of the points, x right, y down.
+        ray_sd: (M,) standard deviation of each coordinate.
+        rotated: Variance common to all rays.
+
+    Returns:
+        Whether the board is in front of the camera.
     """
     row = board.row
     clear_block(board.triangle, 7)
@@ -293,7 +325,7 @@ def _triangulate(
 
 @njit(**INSIDE)
 def _add_row(triangle: Array, row: Array) -> None:
-    """Adds a row to those of which a triangle is the R of the QR decomposition, by Givens rotations; uses up `row`."""
+    """Adds a row to the R of a QR decomposition, by Givens rotations; `row` is overwritten."""
     for k in range(len(row)):
         size = math.sqrt(triangle[k, k] ** 2 + row[k] ** 2)
         if row[k] != 0.0 and size > 0.0:
@@ -308,14 +340,20 @@ def _add_row(triangle: Array, row: Array) -> None:
 def sonar_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:
-    """Update with the distance (m) between a foot's sonar and the reflecting point of the other foot.
-
-    See docs/foot_to_foot.md (9).
+    """Update with the distance between a foot's sonar and the other foot: docs/foot_to_foot.md (9).
 
     The published system uses the positions alone. Here the attitudes at both ends enter too, and the sonar is used only
     if the other shoe has not been observed for `sonar_after_s`: an echo comes from some part of it, always with the
     same sign, so all within `observation_correlation_s` share one error. Most echoes of a real walk are from the floor
     or from things beyond: those too far from the predicted distance are rejected.
+
+    Args:
+        pair: State of both feet, changed in place.
+        foot: Parameters of the foot with the sonar.
+        parameters: Parameters of both feet.
+        sonar: Index in `FEET` of the foot that carries the sonar.
+        t_ns: Time of the echo.
+        distance: Measured distance to the reflecting point of the other foot, m.
 
     Returns:
         Length of the innovation in standard deviations, or UNUSED.

@@ -62,10 +62,16 @@ class PastState(NamedTuple):
 
 @njit(**INSIDE)
 def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
-    """State of the foot's IMU at `t_ns`, from the newest state back through the samples since.
+    """State of the foot's IMU at a past time, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
     after the newest sample (a camera's clock may be late) that sample is extrapolated, up to `_MAX_LEAD_S`.
+
+    Args:
+        memory: State of the foot.
+        gravity: m/s².
+        t_ns: The past time.
+        max_age_s: Largest time before the newest sample, s; an older state is not known.
     """
     clock, x = memory.clock, memory.nominal
     p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)

@@ -60,7 +60,10 @@ class LeftRightCheck:
     def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
         """Whether an observation by a foot's camera may be used: False while left and right seem exchanged.
 
-        `R_world_imu` (2, 3, 3) are the attitudes of the left and right IMU about that time.
+        Args:
+            observation: Board of the other foot in an image.
+            camera: Index in `FEET` of the foot that carries the camera according to the rig.
+            R_world_imu: (2, 3, 3) attitudes of the left and right IMU about that time.
 
         Raises:
             StrideTwinError: Left and right are exchanged; the message says for which sensors.
@@ -84,7 +87,15 @@ class LeftRightCheck:
         return bool(behind < _UNCERTAIN)
 
     def _misfit(self, R_camera_board: Array, camera: int, R_world_imu: Array, imus: int, cameras: int) -> float:
-        """Negative log-likelihood of one assignment, of the most likely of (N, 3, 3) poses."""
+        """Negative log-likelihood of one assignment of left and right, for the most likely pose of the board.
+
+        Args:
+            R_camera_board: (N, 3, 3) rotations of the poses that explain the image.
+            camera: Index in `FEET` of the foot that carries the camera according to the rig.
+            R_world_imu: (2, 3, 3) attitudes of the left and right IMU.
+            imus: 1 if the IMUs are exchanged, else 0.
+            cameras: 1 if the cameras are exchanged, else 0.
+        """
         foot = camera ^ cameras  # the foot that actually carries the camera
         by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
@@ -94,8 +105,11 @@ class LeftRightCheck:
 
 
 class _Mounted(Protocol):
+    """A part of a rig with a mount."""
+
     @property
-    def mount(self) -> Mount: ...
+    def mount(self) -> Mount:
+        """Where the part is mounted."""
 
 
 M = TypeVar("M", bound=_Mounted)
@@ -107,8 +121,8 @@ class Shoes:
 
     Attributes:
         imus: Calibration of the IMU of each foot that has one, by `l` and `r`.
-        cameras: The same of the cameras.
-        boards: The same of the boards.
+        cameras: Calibration of the camera of each foot that has one.
+        boards: Board of each foot that has one.
         mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
             foot's IMU.
         sonars: (2, 3) each foot's sonar in its IMU, m.
@@ -176,6 +190,11 @@ def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
 
 
 def _find_on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
+    """The part of one kind that is mounted on a foot; None if there is none.
+
+    Raises:
+        StrideTwinError: There are two or more.
+    """
     mounted = [p for p in parts if p.mount.body == f"foot_{foot}"]
     if len(mounted) > 1:
         raise StrideTwinError(f"foot_{foot} carries {len(mounted)} {kind}s; one is what the filter of two feet takes")

@@ -38,9 +38,9 @@ class BoardWorkspace(NamedTuple):
     Attributes:
         covariance: (6, 6) of the predicted pose, position (m) and rotation vector (rad), camera axes.
         triangle: (7, 7) R of the QR decomposition of the rays' derivatives by the pose, and innovations.
-        row: (7,) that is added to it.
+        row: (7,) that is added to the triangle.
         moved: (2, 6) estimated minus predicted pose; and its last change.
-        reduced: Of the measurement of the pose.
+        reduced: Workspace of the measurement of the pose.
     """
 
     covariance: Array
@@ -51,7 +51,7 @@ class BoardWorkspace(NamedTuple):
 
 
 def board_workspace() -> BoardWorkspace:
-    """For one image at a time."""
+    """An empty workspace for one image at a time."""
     m = MEASUREMENTS
     return BoardWorkspace(
         covariance=np.zeros((m, m)), triangle=np.zeros((m + 1, m + 1)), row=np.zeros(m + 1), moved=np.zeros((2, m)),
@@ -64,19 +64,20 @@ class Pair(NamedTuple):
 
     Attributes:
         feet: Left and right; their covariance and error are views of the two below.
-        covariance: (74, 74).
-        error: (74,) see `foot_ins.state.FilterState`.
-        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each
-            in its foot's IMU.
+        covariance: (74, 74) of the errors of all states.
+        error: (74,) found by updates, but not yet moved into the nominal states.
+        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
+            foot's IMU.
         late: (2,) offset to add to the times of each camera's images, s.
         scales: (2, 3) relative error by which each axis of a foot's gyro reads too much.
         sonars: (2, 3) each foot's sonar, in its IMU, m; it is taken for the point that reflects the other's.
         earth: (3,) rotation rate of the Earth in world axes, rad/s.
         seen: (2,) int64, time of the newest observation used of each camera, ns.
         heard: (2,) int64, time of the newest echo used of each sonar, ns.
-        nis: (2, 2) as `foot_ins.state.Memory.nis`, of observations and of echoes.
-        work: Of one update of all states.
-        board: Of one image.
+        nis: (2, 2) of observations and of echoes: sum of the normalised innovation squared, per degree of freedom; and
+            number of updates.
+        work: Workspace of one update of all states.
+        board: Workspace of one image.
     """
 
     feet: tuple[FilterState, FilterState]
@@ -97,7 +98,16 @@ class Pair(NamedTuple):
 def blank_pair(
     mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, earth: Array
 ) -> Pair:  # fmt: skip
-    """Memory of two feet without samples; `mount_variance` (4, 6) is in m² and rad², `clock_variance` in s²."""
+    """State of two feet without samples.
+
+    Args:
+        mounts: (4, 7) of `Pair`.
+        mount_variance: (4, 6) m² and rad², variances of position and rotation of each mount.
+        clock_variance: Variance of the offset of each camera's clock, s².
+        scale_variance: Variance of the relative scale error of each gyro axis.
+        sonars: (2, 3) of `Pair`, m.
+        earth: (3,) of `Pair`, rad/s.
+    """
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
@@ -135,18 +145,18 @@ class Events(NamedTuple):
 
     Attributes:
         kind: (N,) int8, IMU, OBSERVATION, RELATIVE or RANGE.
-        t_ns: (N,) int64.
+        t_ns: (N,) int64, times.
         foot: (N,) int8; of an aid, the foot that carries the camera or the sonar.
         row: (N,) int64 of the event in the arrays of its kind.
         rate: (I, 3) rad/s.
-        force: (I, 3) m/s².
+        force: (I, 3) m/s², specific force.
         points: (S, M, 3) board points of each observation, board frame, m; only the first `numbers` are valid.
-        rays: (S, M, 2) their normalised image coordinates.
-        numbers: (S,) int64, how many points each has.
-        ray_sd: (S, M) their standard deviation.
+        rays: (S, M, 2) normalised image coordinates of the points.
+        numbers: (S,) int64, how many points each observation has.
+        ray_sd: (S, M) standard deviation of each coordinate of a ray.
         relative: (L, 3) position of the other foot's IMU in this foot's, m.
-        relative_sd: (L,) m.
-        distance: (D,) m.
+        relative_sd: (L,) standard deviation on each axis, m.
+        distance: (D,) m, distance of each echo.
     """
 
     kind: NDArray[np.int8]

@@ -24,7 +24,7 @@ _TOE_OFF_SHARE = 0.68  # of the stride, where the pitch rate reverses
 
 
 class ContactDetector:
-    """Events of one foot, docs/gait_phase.md (1).
+    """Touch-downs and swings of one foot: docs/gait_phase.md (1).
 
     Args:
         parameters: Thresholds.
@@ -48,7 +48,15 @@ class ContactDetector:
         self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
 
     def update(self, t_ns: int, interval_s: float, pitch_rate: float, force: Vec3, stride: StrideFilter) -> int | None:
-        """Takes one sample; returns the time of a touch-down, ns, or None."""
+        """Takes one sample; returns the time of a touch-down, ns, or None.
+
+        Args:
+            t_ns: Time of the sample.
+            interval_s: Time since the sample before, s; 0 for the first.
+            pitch_rate: Angular rate about the foot's y axis, rad/s, toes down positive.
+            force: (3,) m/s², specific force.
+            stride: The filter of the running stride.
+        """
         impact = self._jerk_change(interval_s, force)
         excess = abs(math.hypot(*force) - STANDARD_GRAVITY_MPS2)
         if abs(pitch_rate) > _REST_RATE_RADPS or excess > _REST_FORCE_MPS2:
@@ -74,12 +82,13 @@ class ContactDetector:
         return None
 
     def _land(self, t_ns: int) -> int:
+        """Ends the swing; returns the time of the touch-down, ns, which is not before the swing's begin."""
         self.is_swing = self._is_pushing = False
         self._touch_down_ns = max(t_ns, self._reversal_ns)
         return self._touch_down_ns
 
     def _jerk_change(self, interval_s: float, force: Vec3) -> float:
-        """Change of the jerk between the last two intervals, m/s³; 0 after a gap."""
+        """Change s_k of the jerk between the last two intervals, m/s³, docs/gait_phase.md (1); 0 after a gap."""
         is_near = 0.0 < interval_s <= _MAX_STEP_S
         self._consecutive = self._consecutive + 1 if is_near else 0
         square = 0.0
@@ -107,7 +116,8 @@ class ContactDetector:
     def _detect_reversal(self, t_ns: int, pitch_rate: float, stride: StrideFilter) -> int | None:
         """Follows the pitch rate through push-off and its reversal.
 
-        A second reversal without a touch-down between says that one was missed: returns its likely time.
+        Returns:
+            Likely time of a touch-down that was missed, ns: two reversals without one between say so; else None.
         """
         last_ns = max(self._touch_down_ns, self._reversal_ns)
         share = 0.5 if self.is_swing else 0.25

@@ -15,11 +15,11 @@ class PhaseEstimate:
     Attributes:
         t_ns: Time of the sample, ns.
         phase: Share of the gait cycle since the last touch-down of the foot, in [0, 1); 0 if not `walking`.
-        phase_sd: Its standard deviation, as a share of the cycle; `UNKNOWN_PHASE_SD` if not `walking`.
+        phase_sd: Standard deviation of `phase`, as a share of the cycle; `UNKNOWN_PHASE_SD` if not `walking`.
         rate: Expected phase rate, 1/s: one over the time of the running stride; 0 if not `walking`.
         walking: Whether a stride is running: the foot has touched down after a swing and the person has not stopped.
-        swing: Whether the foot is in the air: from where its pitch rate reverses after push-off (about 4 % of the
-            cycle after toe-off) until it touches down.
+        swing: Whether the foot is in the air: from where its pitch rate reverses after push-off (about 4 % of the cycle
+            after toe-off) until it touches down.
         touch_down_ns: Time of the last touch-down, ns, which `phase` counts from; -1 before the first one.
     """
 

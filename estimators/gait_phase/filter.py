@@ -91,4 +91,5 @@ def _is_possible(rate: list[float], force: list[float]) -> bool:
 
 
 def _topic(options: Options) -> str:
+    """Topic of the IMU on the options' foot."""
     return f"/foot_{options.foot}/imu"

@@ -55,7 +55,7 @@ class StrideRatios(NamedTuple):
     """Stride time of each kind over that on level ground.
 
     Attributes:
-        log_mean: (N_STRIDE_KINDS,) its logarithm.
+        log_mean: (N_STRIDE_KINDS,) logarithm of the ratio.
         variance: (N_STRIDE_KINDS,) of the logarithm between people; what the person's own strides have left of it.
     """
 
@@ -65,7 +65,7 @@ class StrideRatios(NamedTuple):
 
 @njit(**INSIDE)
 def _log_t(deviation: float, variance: float) -> float:
-    """Logarithm of Student's t density, without its constant."""
+    """Logarithm of the density of Student's t with `_FREEDOM` degrees of freedom, without its constant."""
     return -0.5 * (_FREEDOM + 1.0) * math.log(1.0 + deviation * deviation / (variance * _FREEDOM)) - 0.5 * math.log(
         variance
     )
@@ -74,15 +74,15 @@ def _log_t(deviation: float, variance: float) -> float:
 def set_prior(
     belief: Belief, log_stride: float, variance: float, stand_share: float, shares: Array, ratios: StrideRatios
 ) -> None:
-    """Sets the hypotheses at a touch-down, docs/gait_phase.md (3).
+    """Sets the hypotheses at a touch-down: docs/gait_phase.md (3).
 
     Args:
         belief: Overwritten.
         log_stride: Mean logarithm of the person's stride time on level ground.
-        variance: Of `log_stride` and single strides together.
+        variance: Variance of `log_stride` and single strides together.
         stand_share: Probability that the person stops.
         shares: (N_STRIDE_KINDS,) probability of each kind of stride.
-        ratios: Of the stride times.
+        ratios: Stride times of the kinds over those on level ground.
     """
     error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])
     narrow = variance + ratios.variance[:, None]
@@ -98,13 +98,15 @@ def set_prior(
 def weigh(
     belief: Belief, template: Template, since_s: float, share: float, rate: float, noise: float
 ) -> tuple[float, float, float, float]:
-    """Weighs the hypotheses with one pitch rate, docs/gait_phase.md (4), (6), and takes their means (5).
+    """Weighs the hypotheses with one pitch rate and takes their means.
+
+    Weights: docs/gait_phase.md (4), (6); means: docs/gait_phase.md (5).
 
     Args:
         belief: Changed in place.
-        template: What is expected.
+        template: Pitch rate that each hypothesis expects.
         since_s: Time since the touch-down, s.
-        share: What it counts of an independent observation: sampling interval over correlation time.
+        share: Share of an independent observation that the rate counts for: sampling interval over correlation time.
         rate: Pitch rate, rad/s.
         noise: Variance beyond the template's, rad² per cycle².
 
@@ -115,7 +117,7 @@ def weigh(
     largest = IMPOSSIBLE
     for c in range(N_STRIDE_KINDS):
         for j in range(CELLS):
-            phase = since_s / STRIDE_S[j]
+            phase = since_s / STRIDE_S[j]  # docs/gait_phase.md (2)
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE
                 continue
@@ -124,6 +126,7 @@ def weigh(
             part = min(place - i, 1.0)
             mean = template.mean[c, i] * (1.0 - part) + template.mean[c, i + 1] * part
             variance = template.variance[c, i] * (1.0 - part) + template.variance[c, i + 1] * part + noise
+            # ln [T t₄(ω T; m, v + v₀)]
             log_density = _log_t(rate * STRIDE_S[j] - mean, variance) + LOG_STRIDE[j]
             belief.walk[c, j] += share * log_density
             largest = max(largest, belief.walk[c, j])

@@ -22,13 +22,14 @@ class GaitPhaseParameters:
     """Stride time expected of an unknown person on level ground, s; the mean of people at 0.5 to 1.9 m/s. Doubled: the
     first stride is predicted too slow, later ones are not."""
     stride_sd: float = 0.2
-    """Standard deviation of its logarithm between people and speeds. Doubled: the first stride is less certain."""
+    """Standard deviation of the logarithm of the stride time between people and speeds. Doubled: the first
+    stride is less certain."""
     stride_noise: float = 0.025
     """Standard deviation of the logarithm of single stride times about the person's mean. [tuned] Doubled: the phase
     follows the pitch rate more, and earlier strides less."""
     stairs_share: float = 0.04
-    """Probability that a stride on the level leads onto a stair up; the same down. [tuned] Doubled: the first strides
-    onto stairs are recognised earlier, level ones are less certain."""
+    """Probability that a stride on the level leads onto a stair up, and that it leads onto one down. [tuned]
+    Doubled: the first strides onto stairs are recognised earlier, level ones are less certain."""
     stand_share: float = 0.01
     """Probability that the person stops after a touch-down. Doubled: a stop is recognised some 20 ms earlier."""
     rate_correlation_s: float = 0.15
@@ -41,8 +42,8 @@ class GaitPhaseParameters:
     """Least change of the jerk that counts as an impact, m/s³: sensors that filter reach 400 to 600 in the swing and
     2000 at landings (real walks). Doubled: soft landings are found only when the foot rests, 0.1 s late."""
     impact_share: float = 0.15
-    """The same as a share of the person's usual impact. [tuned] Doubled: the brakes of a fast foot in the air are no
-    impacts, landings softer than usual are found late."""
+    """Least such change as a share of the person's usual impact. [tuned] Doubled: the brakes of a fast foot
+    in the air are no impacts, landings softer than usual are found late."""
     push_off_radps: float = 1.5
     """Pitch rate that a push-off exceeds, rad/s; shuffling feet reach 2. Doubled: short steps are missed."""
     min_swing_s: float = 0.12

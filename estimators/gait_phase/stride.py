@@ -55,13 +55,13 @@ _BIN_CENTERS = (np.arange(BINS) + 0.5) / BINS
 
 
 class StrideFilter:
-    """Phase within the running stride, docs/gait_phase.md (2)-(9).
+    """Phase within the running stride: docs/gait_phase.md (2)-(9).
 
     Attributes:
         begin_ns: Touch-down that began the running stride, ns; -1 before the first.
         is_regular: Whether the running stride may be learned from: no gap, no stop.
         is_walking: Whether a stride is running.
-        phase: Its expected phase, 0 to 1.
+        phase: Expected phase of the running stride, 0 to 1.
         phase_sd: Standard deviation of the phase.
         rate: Expected phase rate, 1/s.
     """
@@ -106,7 +106,13 @@ class StrideFilter:
         set_prior(self._belief, self._log_stride, variance, p.stand_share, shares, self._ratios)
 
     def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
-        """Updates phase and belief with a pitch rate, rad/s, of the running stride."""
+        """Updates phase and belief with a pitch rate of the running stride.
+
+        Args:
+            t_ns: Time of the sample.
+            interval_s: Time since the sample before, s.
+            pitch_rate: rad/s, toes down positive.
+        """
         if not self.is_walking:
             return
         p, since_s = self._p, (t_ns - self.begin_ns) * 1e-9
@@ -125,13 +131,14 @@ class StrideFilter:
             self.is_walking = False
 
     def _learn(self, stride_s: float) -> None:
-        """Learns kind, stride time and template from a stride that has ended, docs/gait_phase.md (7)-(9)."""
+        """Learns kind, stride time and template from a stride that has ended: docs/gait_phase.md (7)-(9)."""
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]
         kind = np.exp(column - column.max())
         kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         kind = kind / kind.sum()
         ratio_variance = float((kind * self._ratios.variance).sum())
+        # docs/gait_phase.md (8)
         innovation = math.log(stride_s) - float((kind * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
         if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
@@ -143,12 +150,14 @@ class StrideFilter:
         gains = kind * self._ratios.variance / expected
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
+        # docs/gait_phase.md (7)
         self._landing = np.bincount(AFTER, kind, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
         likely = int(kind.argmax())
         if kind[likely] >= _CERTAIN and self._stored > 1:
             self._learn_template(likely, stride_s)
 
     def _learn_template(self, kind: int, stride_s: float) -> None:
+        """Moves the template of one kind of stride towards the last stride: docs/gait_phase.md (9)."""
         self._strides[kind] = min(self._strides[kind] + 1.0, _TEMPLATE_MEMORY)
         gain = 1.0 / self._strides[kind]
         stored = slice(self._stored)

@@ -51,6 +51,6 @@ _SDS = (
 PITCH_RATE = np.array([row.split() for row in _MEANS], dtype=float)
 """(N_STRIDE_KINDS, BINS) mean pitch rate of the foot times stride time, rad per cycle, toes down positive."""
 PITCH_RATE_SD = np.array([row.split() for row in _SDS], dtype=float)
-"""(N_STRIDE_KINDS, BINS) its standard deviation between people, speeds and strides."""
+"""(N_STRIDE_KINDS, BINS) standard deviation of `PITCH_RATE` between people, speeds and strides."""
 LOG_RATIO = np.array([0.01, 0.23, 0.16, 0.12, 0.29, 0.10, 0.19])
 """(N_STRIDE_KINDS,) logarithm of a stride time over that on level ground."""

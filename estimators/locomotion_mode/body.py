@@ -32,12 +32,16 @@ _VELOCITY_S = 0.1
 
 
 class Body:
-    """Position, velocity and heading of the body that carries the camera.
+    """Position, velocity and walking direction of the body that carries the camera.
 
     Args:
         p_body_in_frame: (3,) m, the carrying body's origin in the frame of the poses.
         R_frame_camera: (3, 3) rotation of the camera's optical frame in that frame.
         settings: Largest gap and speed of the poses, which are the map's.
+
+    Attributes:
+        t_ns: Time of the last pose; -1 before the first.
+        p: (3,) position of the body in the world, m.
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, settings: Settings) -> None:
@@ -49,7 +53,7 @@ class Body:
         self.p = np.zeros(3)
 
     def set_mount(self, p_body_in_frame: Array, R_frame_camera: Array) -> None:
-        """Replaces the body's origin (3,) m and the camera's rotation (3, 3) in the frame of the poses."""
+        """Sets the body's origin (3,) m and the camera's rotation (3, 3) in the frame of the poses."""
         self._p = p_body_in_frame
         self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
 
@@ -79,11 +83,11 @@ class Body:
         return jumped
 
     def is_known(self, t_ns: int) -> bool:
-        """Whether there is a recent pose."""
+        """Whether the last pose is at most `_MAX_POSE_AGE_S` old at a time."""
         return bool(self._history) and t_ns - self.t_ns < _MAX_POSE_AGE_S * 1e9
 
     def position_before(self, seconds: float) -> Array:
-        """(3,) m, position of the body that long ago, or at the oldest stored instant."""
+        """(3,) m, position of the body `seconds` before its last pose, or at the oldest stored instant."""
         at = self.t_ns - int(seconds * 1e9)
         for t_ns, p in reversed(self._history):
             if t_ns <= at:
@@ -91,16 +95,19 @@ class Body:
         return self._history[0][1]
 
     def max_height(self, since_ns: int) -> float:
-        """Greatest height of the body since an instant, m."""
+        """Greatest height of the body since an instant, m, world z."""
         return max((float(p[2]) for t_ns, p in self._history if t_ns >= since_ns), default=float(self.p[2]))
 
     def heading(self, stride_s: float) -> float:
-        """Walking direction over the last stride, rad from the world's x."""
+        """Walking direction, rad from the world's x: of the displacement over the last stride of `stride_s`.
+
+        A walker who hardly moves is taken to walk in the camera's viewing direction.
+        """
         way = (self.p - self.position_before(min(stride_s, _HISTORY_S)))[:2]
         look = np.zeros(2) if self._look is None else self._look
         way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 
     def velocity(self) -> Array:
-        """(3,) m/s, over the last tenth of a second."""
+        """(3,) m/s, displacement over the last `_VELOCITY_S` divided by that time."""
         return (self.p - self.position_before(_VELOCITY_S)) / _VELOCITY_S

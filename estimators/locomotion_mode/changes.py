@@ -49,7 +49,7 @@ def find_next_change(
     estimate: TerrainEstimate | None, ground: Sequence[Segment], stance: float, line: Line, chain: Chain, s: Array,
     times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: Settings,
 ) -> NextChange | None:  # fmt: skip
-    """The first change of the ground ahead, and when a foot lands beyond it.
+    """Finds the first change of the ground ahead, and when a foot lands beyond it.
 
     Args:
         estimate: The map's estimate; None if there is none.
@@ -87,7 +87,7 @@ def find_next_change(
 
 
 def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
-    """Mode of steps on the ground under the foot; on a tread, that of its stairs."""
+    """Mode of steps on the ground under the foot (index `here`); on a tread, the mode of its stairs."""
     segment = ground[here]
     if segment.mode != "LG":
         return segment.mode
@@ -102,7 +102,11 @@ def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
 def _sizes(
     mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: Line, p: Settings
 ) -> dict[str, float]:
-    """Riser and tread, or slope, of the ground that begins at a place; only known values."""
+    """Riser and tread, or slope, with standard deviations, of the ground that begins at a place; only known values.
+
+    The keys are those of `NextChange`. A ramp has a slope; stairs have a riser, and a tread if a flight is mapped
+    there.
+    """
     if mode in ("RA", "RD"):
         return {"slope": segment.slope, "slope_sd": segment.slope_sd}
     if mode not in ("SA", "SD"):
@@ -119,7 +123,10 @@ def _sizes(
 
 
 def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
-    """The stairs with most steps that have an edge at a (2,) place, m, on the path along (2,) `forward`, up or down."""
+    """The flight with the most steps that has an edge at a place (2,), m, on a path along `forward` (2,).
+
+    `up` says whether the path climbs it. None if there is none.
+    """
     flights = []
     for flight in estimate.stairs:
         along = float(flight.up @ forward) * (1.0 if up else -1.0)

@@ -58,8 +58,8 @@ class LocomotionMode:
 
     Args:
         rig: Rig with a depth camera.
-        options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`, Zhao et
-            al. 2023, eqs. (16)-(18).
+        options: `poses_of`, the frame of the poses; `method`, one of `METHODS`: the first, or `published`,
+            Zhao 2023 (16)-(18).
         ground: Map of the ground for the same options; it is updated here with the same samples. None builds one.
         parameters: One set serves everyone. Dimensions of stairs and gates on poses are those of the map's parameters.
 
@@ -140,11 +140,15 @@ class LocomotionMode:
         )
 
     def _mount_in_frame(self, T_frame_camera: Array) -> tuple[Array, Array]:
-        """(3,) m, the followed point in the frame of the poses, and (3, 3), rotation of the camera in that frame."""
+        """The followed point (3,), m, and the camera's rotation (3, 3) in the frame of the poses.
+
+        The point is the carrying body's origin (neck or waist) for the proposed method, and the camera for the
+        published one.
+        """
         return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
     def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
-        """Handles a touch-down: updates its time and, if known, the foothold and the statistics of steps."""
+        """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics."""
         line, top = self._path_ahead() if known else None, self._body.max_height(self._rhythm.down_ns)
         landing = self._rhythm.land(foot, t_ns, detected)
         if landing is None:
@@ -165,24 +169,31 @@ class LocomotionMode:
             )  # fmt: skip
 
     def _body_height(self) -> float:
-        """Height of the body over the ground under it, m."""
+        """Height of the body over the ground under it, m; a usual one where it is unknown or impossible."""
         height = float(self._body.p[2]) - self._ground_height(self._body.p[:2])
         return height if 0.0 < height < _MAX_HEIGHT_M else USUAL_HEIGHT_M
 
     def _path_ahead(self) -> Line:
+        """The straight path in the walking direction, from `BEHIND_M` behind the body."""
         heading = self._body.heading(2.0 * self._rhythm.step_s)
         forward = np.array([math.cos(heading), math.sin(heading)])
         return Line(self._body.p[:2] - BEHIND_M * forward, forward)
 
     def _profile(self, line: Line) -> Profile:
-        """The profile from farther back than the line: of an occluded flight, only the beginning is known."""
+        """Profile of the ground along a path; its s is 0 at the start of the path.
+
+        It begins `_BACK_M` before, because of an occluded flight only the beginning is mapped.
+        """
         heading, length_m = math.atan2(line.forward[1], line.forward[0]), _BACK_M + BEHIND_M + self.parameters.reach_m
         far = self.ground.profile(line.origin - _BACK_M * line.forward, heading, length_m)
         changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
         return replace(far, s=far.s - _BACK_M, changes=changes)
 
     def _ground_along(self, profile: Profile, line: Line) -> list[Segment]:
-        """The terrain segments of a profile; unobserved ground ahead continues as the legs last measured it."""
+        """The terrain segments along a path.
+
+        Where the map ends before the stance foot's toes, the ground continues as the legs measured it at the last step.
+        """
         step = self._foothold.last_step
         if step is not None:
             foot, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
@@ -195,6 +206,7 @@ class LocomotionMode:
         return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
 
     def _predict_proposed(self, t_ns: int) -> ModeEstimate:
+        """The prediction of the proposed method at a time: coming steps and the next change of the ground."""
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._path_ahead()
         profile = self._profile(line)
@@ -234,10 +246,12 @@ class LocomotionMode:
         )  # fmt: skip
 
     def _ground_height(self, xy: Array) -> float:
+        """Height of the mapped ground at a (2,) position, m; NaN where it is unknown."""
         surface = self.ground.ground(xy)
         return math.nan if surface is None else float(surface[0].height(xy))
 
     def _predict_published(self, t_ns: int) -> ModeEstimate:
+        """The prediction of Zhao 2023 (16)-(18) at a time: coming steps without changes of the ground."""
         walking, rhythm, v = self._walking, self._rhythm, self._body.velocity()
         size, step_s = walking.next_size(), walking.step_time()
         step_s = rhythm.step_s if math.isnan(step_s) else step_s

@@ -83,7 +83,7 @@ _MAX_TREADS = 6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredStep(StepEstimate):
-    """A step as the legs measured it.
+    """A step as the exoskeleton's legs measured it.
 
     Attributes:
         length: Horizontal distance from the previous footprint along the path, m.
@@ -95,9 +95,10 @@ class MeasuredStep(StepEstimate):
 
 
 def measure_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
-    """The last of some steps; None if a step between is missing or a value is unknown.
+    """The last step measured by the legs, with its length along the whole stride; None if it is not fully known.
 
-    The feet are side by side, so a step's length is its component along the whole stride.
+    The feet are side by side, so the length is the step's component along the displacement of two steps. It is unknown
+    if a step between is missing or a value is not finite.
 
     Args:
         estimates: Estimates of the last steps in order, three at most.
@@ -116,6 +117,8 @@ def measure_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
 
 def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], before: Array) -> Array:
     """(S,) likelihood of each landing position given the measured step, about 1 at best.
+
+    Product of normal densities of the differences in length, height and slope between map and legs, plus a floor.
 
     Args:
         step: The step as the legs measured it.
@@ -136,9 +139,14 @@ def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], bef
 
 
 def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Segment]:
-    """Extrapolates the measured ground where it was not observed: equal treads, the same slope, or level ground.
+    """Terrain segments of ground that was not observed, continued as the legs measured the last step.
 
-    The foot of the last step is at `foot`, m along the path.
+    Stairs continue with equal treads, ramps with their slope, and other ground is level.
+
+    Args:
+        step: The measured step.
+        foot: Position of the foot of that step, m along the path.
+        p: Dimensions and standard deviations.
     """
     stairs = step.mode in ("SA", "SD")
     slope = 0.0 if stairs or step.mode == "LG" else step.slope
@@ -172,14 +180,22 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Joint density of the stance foot (see `Habits`) along a line in the world, offset by the usual lateral width."""
+    """Joint density of the stance foot (see `Habits`) along a line in the world.
+
+    Lateral positions are relative to the usual half step width.
+
+    Attributes:
+        line: The path on which the foot landed.
+        s: (S,) m along it.
+        density: (HABITS, 2, S), sums to 1.
+    """
 
     line: Line
     s: Array
     density: Array
 
     def along(self, line: Line, s: Array) -> Array:
-        """Joint density over the cells of another line."""
+        """(HABITS, 2, S) joint density over the cells s (S,) of another line."""
         angle = _angle_between(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
         if abs(angle) > _ROTATION_RAD:
@@ -193,7 +209,10 @@ class _Stance:
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
     def _rotate_row(self, row: Array, turn: float, line: Line, s: Array) -> Array:
-        """(S,) part of the density on a line that turns by an angle, rad: the lateral position matters."""
+        """(S,) part of the density over the cells of a line that is rotated by an angle, rad, which is large.
+
+        A normal density: the lateral uncertainty becomes part of the position along the new line.
+        """
         share = float(row.sum())
         mean, sd = moments(row / max(share, 1e-300), self.s)
         at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
@@ -238,7 +257,7 @@ class Foothold:
         self.reset(_STANDING_SD_M)
 
     def reset(self, sd_m: float = _WALKING_SD_M) -> None:
-        """Resets: the walker is unknown, and the foot's position follows from the body alone."""
+        """Resets to an unknown walker: the foot's position then follows from the body alone, to `sd_m`."""
         self._length = usual_steps(self._p.mode.step_m, self._p)
         # top of the body over a foot, m
         self._tall = StepFilter(USUAL_HEIGHT_M, USUAL_HEIGHT_M, _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M)
@@ -252,7 +271,7 @@ class Foothold:
         self._step_estimates: list[StepEstimate] = []  # the last step estimates of the legs
 
     def lose_position(self) -> None:
-        """Handles a touch-down at an unknown position."""
+        """Handles a touch-down without a pose of the body: the foot's position becomes unknown."""
         self._stance, self._sd_m, self._alike = None, _WALKING_SD_M, 0
 
     @property
@@ -262,18 +281,21 @@ class Foothold:
 
     @property
     def step_sd_m(self) -> float:
-        """Its standard deviation, m."""
+        """Standard deviation of the expected step length on even ground, m."""
         return self._length.sd()
 
     def stance_density(self, line: Line) -> Array:
-        """Joint density of the stance foot over the cells of a line, see `Habits`."""
+        """(HABITS, 2, S) joint density of the stance foot over the cells of a line, see `Habits`."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - BEHIND_M) / self._sd_m) ** 2)
             return self._habits.joint(density / density.sum(), self._shares)
         return self._stance.along(line, self.s)
 
     def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
-        """Density of the stance foot once the body has passed over it: it is a leg's length below the body's top.
+        """Density of the stance foot once the body has passed over it: docs/locomotion_mode.md (12), second part.
+
+        The body's greatest height is a leg's length over the foot, which tells treads apart. Unchanged while the
+        walker's leg is not known well enough.
 
         Args:
             stance: (..., S) density before.
@@ -287,7 +309,13 @@ class Foothold:
         return np.asarray(density / density.sum())
 
     def predict_footprints(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
-        """The next footprints from the joint density of the stance foot; see `Habits` and `roll_out`."""
+        """Predicts the next footprints from the joint density of the stance foot, mixed over the habits.
+
+        Args:
+            stance: (HABITS, 2, S) joint density, see `Habits`.
+            ground: Terrain segments along the path.
+            feet: `l` or `r` of each coming step.
+        """
         groups = self._habits.group_by_steps(stance, ground)
         chains = [self._roll_out(part, ground, feet, habit) for part, habit in groups]
         return mix_chains(chains, np.array([part.sum() for part, _ in groups]))
@@ -296,6 +324,7 @@ class Foothold:
         self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], habit: Habit,
         landing: Likelihoods | None = None,
     ) -> Chain:  # fmt: skip
+        """Chain of the coming steps for the part (2, S) of the stance density that belongs to one habit."""
         lengths = [self._length.mean(SIDE[foot]) for foot in feet]
         shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
         ratios = {mode: (self._ramps.mean(kind), self._ramps.sd(kind)) for mode, kind in CLIMB.items()}
@@ -355,6 +384,15 @@ class Foothold:
         """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps.
 
         A step over an edge, and one that joins the other foot, updates none.
+
+        Args:
+            foot: Foot that has landed.
+            now: Joint density of that foot.
+            stance: (S,) density of the foot behind.
+            chains: One step from the stance foot for each habit.
+            ground: Terrain segments along the path.
+            straight: Probability that the walker has not turned since the last step.
+            went_m: Distance that the body moved during the step; None: unknown.
         """
         before, before_sd = moments(stance, self.s)
         landing_s, landing_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
@@ -406,7 +444,10 @@ class Foothold:
         return first
 
     def _body_lead(self, ground: Sequence[Segment], height_m: float) -> Array:
-        """(S,) m, how far the body is ahead of the middle between the feet at touch-down, by landing position."""
+        """(S,) m, ζ H of docs/locomotion_mode.md (12): lead of the body over the middle of the feet at touch-down.
+
+        By landing position; ζ is greater on the way up a ramp. `height_m` is H, the body's height over the ground.
+        """
         lean = np.full(len(self.s), _LEAN_RAD)
         for segment in ground:
             if segment.mode == "RA":
@@ -415,21 +456,21 @@ class Foothold:
 
 
 def position(joint: Array) -> Array:
-    """(S,) density of the foot's position of a joint density, see `Habits`."""
+    """(S,) density of the foot's position of a joint density (HABITS, 2, S), see `Habits`."""
     return np.asarray(joint.sum(axis=(0, 1)))
 
 
 def _angle_between(a: Array, b: Array) -> float:
-    """Angle from one (2,) direction to another, rad."""
+    """Angle from one (2,) direction to another, rad, positive to the left."""
     return math.atan2(a[0] * b[1] - a[1] * b[0], a @ b)
 
 
 def _normalize(density: Array) -> Array:
-    """Normalised to sum 1; uniform if all zero."""
+    """The density (S,) scaled to sum 1; uniform if it is zero."""
     total = density.sum()
     return density / total if total > 1e-9 else np.full(len(density), 1.0 / len(density))
 
 
 def _normal_density(off: Array, sd: float) -> Array:
-    """A normal density, up to a common factor."""
+    """Normal density of offsets (S,) with a standard deviation, up to the factor 1/√(2π)."""
     return np.asarray(np.exp(-0.5 * (off / sd) ** 2) / sd, float)

@@ -31,9 +31,9 @@ _ONE_PER_TREAD = 0.5
 _JOINER_JOINS, _OTHER_JOINS = 0.97, 0.005
 """q of docs/locomotion_mode.md (14), for walkers who put both feet on each tread, and for all others."""
 _HABIT_CHANGE = 0.05
-"""c of (13): probability that the walker chooses anew, at each edge crossed."""
+"""c of docs/locomotion_mode.md (13): probability that the walker chooses anew, at each edge crossed."""
 _AGAINST_HABIT = 0.003
-"""γ of (15): weight of a step that walkers of a habit hardly ever take."""
+"""γ of docs/locomotion_mode.md (15): weight of a step that walkers of a habit hardly ever take."""
 _SKIP = 0.01
 """Probability that a step takes one more tread than usual."""
 _MIN_SHARE = 0.01
@@ -46,7 +46,7 @@ _ONE_PACE_M = 0.65
 
 @dataclass(frozen=True, kw_only=True)
 class Habit:
-    """How a walker, or walkers of several habits together, take their steps.
+    """How walkers of one habit, or of several habits together, take their steps.
 
     Attributes:
         joins: Probability that the next foot joins the stance foot if this one crossed an edge; the same of later feet.
@@ -86,24 +86,33 @@ class Habits:
         self.chances[_BOTH] = _JOINER_JOINS
 
     def joint(self, density: Array, habits: Array) -> Array:
-        """Joint density of a foot with (S,) density whose step crossed no edge, and (HABITS,) probabilities."""
+        """(HABITS, 2, S) joint density of a foot whose step crossed no edge.
+
+        Args:
+            density: (S,) of the foot's position.
+            habits: (HABITS,) probabilities.
+        """
         return np.stack([habits[:, None] * density, np.zeros((HABITS, len(density)))], axis=1)
 
     def after_habit_change(self, joint: Array) -> Array:
-        """Joint density after the walker may have changed the habit, which matters only after a step over an edge."""
+        """Joint density (HABITS, 2, S) after the walker may have changed the habit: docs/locomotion_mode.md (13).
+
+        A habit changes only after a step over an edge.
+        """
         after, change = joint.copy(), _HABIT_CHANGE
         crossed = joint[:, 1]
         after[:, 1] = (1.0 - change) * crossed + change * self.prior[:, None] * crossed.sum(axis=0)
         return after
 
     def each(self, joint: Array) -> list[tuple[Array, Habit]]:
-        """(2, S) part of a joint density of each habit, in order, and the habit."""
+        """(2, S) part of a joint density that belongs to each habit, in order, with the habit."""
         return [(part, self._mean_habit(joint, [habit])) for habit, part in enumerate(joint)]
 
     def group_by_steps(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:
-        """(2, S) part of a joint density of each group of habits, and the group's habit.
+        """Groups of habits by their steps on this ground: (2, S) part of the joint density, and the group's habit.
 
-        Habits whose steps differ by joining at most on this ground are one group; improbable other ones are left out.
+        Habits whose steps differ at most by joining form one group. Other habits are a group each, and left out if
+        improbable.
         """
         apart = []
         if any(_TWO_PACES_M < length <= _ONE_PACE_M for length in _tread_lengths(ground)):
@@ -116,7 +125,7 @@ class Habits:
         return [(joint[group].sum(axis=0), self._mean_habit(joint, group)) for group in groups]
 
     def _mean_habit(self, joint: Array, group: list[int]) -> Habit:
-        """The habits of a group: its probability of joining is the mean over the walkers."""
+        """The habit of a group of habits; its probabilities of joining are means over the walkers of the group."""
         chances = self.chances[group]
         crossed, shares = joint[group, 1].sum(axis=-1), joint[group].sum(axis=(1, 2))
         later = float(shares @ chances / shares.sum()) if shares.sum() > 0.0 else float(chances.mean())
@@ -125,7 +134,11 @@ class Habits:
 
 
 def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) -> tuple[Array, Array]:
-    """(P, P) weights of steps between segments, on even ground and over edges; no step goes backward."""
+    """(P, P) weights of steps between segments: on even ground (no edge crossed), and over edges.
+
+    No step goes backward. A step over m edges has the weight 0.01^(m−1); γ of docs/locomotion_mode.md (15) applies to
+    steps that walkers of the habit hardly ever take.
+    """
     edges, order = np.array(edges_before(ground)), np.arange(len(ground))
     between = edges[None, :] - edges[:, None]  # edges crossed
     ahead = order[None, :] >= order[:, None]

@@ -22,15 +22,14 @@ class LocomotionModeParameters:
     """Parameters of `LocomotionMode`; the defaults serve every walker, mount, pattern and terrain.
 
     Each attribute says what it is, where its default comes from, and what happens if it is doubled. "Usual": a common
-    value of people or buildings. "Tuned": chosen by hand on simulated walks of seeds below 1000. Equations are those of
-    docs/locomotion_mode.md. Effects were seen on scripted walks up and down stairs, with one foot or both feet on each
-    tread, and over a ramp of 4°.
+    value of people or buildings. "Tuned": chosen by hand on simulated walks of seeds below 1000. Effects were seen on
+    scripted walks up and down stairs, with one foot or both feet on each tread, and over a ramp of 4°.
 
     Attributes:
         lift_n: A foot whose load falls below this has left the ground, N over the unloaded insole; less than `touch_n`.
             Usual. Doubled: nothing while feet swing freely.
-        touch_n: A foot whose load has risen by this has touched down, N. Usual. Doubled: touch-downs are detected
-            later by the time in which the load rises from 30 to 60 N.
+        touch_n: A foot whose load has risen by this has touched down, N. Usual. Doubled: touch-downs are detected later
+            by the time in which the load rises from 30 to 60 N.
         steps: Number of predicted steps. Tuned. Doubled: the first ones become up to 0.3 m shorter, because all must
             end within `reach_m`. With that doubled as well they stay, and the eighth has a mode of probability 0.6.
         step_m: Prior step length, m. Usual. Doubled: the first steps are predicted up to 0.5 m too far.
@@ -46,18 +45,18 @@ class LocomotionModeParameters:
             ahead.
         toe_m: From the heel's centre forward to the sole's end, m. Usual. Doubled: soles of 0.47 m fit on no tread, and
             every other step on stairs is missed.
-        min_ramp_slope_rad: A step on a greater slope is on a ramp, rad, in (9). Buildings: the gentlest ramps of
-            building codes have 2.9° (1:20). Doubled: steps on a ramp of 4° are level.
+        min_ramp_slope_rad: A step on a greater slope is on a ramp, rad, in docs/locomotion_mode.md (9). Buildings: the
+            gentlest ramps of building codes have 2.9° (1:20). Doubled: steps on a ramp of 4° are level.
         usual_riser_m: Riser of hidden stairs that are unlike the last observed ones, m. Usual. Doubled: half as many
             hidden treads.
         usual_tread_m: Tread of these, m, and length of a usual step over an edge. Usual. Doubled: the first footprints
             after stairs move by up to 0.1 m.
-        riser_sd_m: Smallest standard deviation of a riser, m, in (9). Tuned. Doubled: nothing on risers of 150 mm; the
-            mode of steps over 50-90 mm is less certain.
+        riser_sd_m: Smallest standard deviation of a riser, m, in docs/locomotion_mode.md (9). Tuned. Doubled: nothing
+            on risers of 150 mm; the mode of steps over 50-90 mm is less certain.
         slope_sd_rad: Smallest standard deviation of a slope, rad. Tuned. Doubled: the mode of steps on a ramp of 4° is
             less certain.
-        lean_sd_rad: Standard deviation of the map's lean along the path, rad, in (11). Tuned. Doubled: more of a
-            gentle slope is taken for lean, and the mode of steps on a ramp of 4° is less certain.
+        lean_sd_rad: Standard deviation of the map's lean along the path, rad, in docs/locomotion_mode.md (11). Tuned.
+            Doubled: more of a gentle slope is taken for lean, and the mode of steps on a ramp of 4° is less certain.
         change_m: Mean distance between changes of unobserved ground, m. Tuned. Doubled: the modes of steps beyond the
             map are more certain.
         reach_m: Predicted footprints end this far ahead of the body, m. Tuned. Doubled: nothing for four steps.

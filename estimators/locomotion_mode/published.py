@@ -1,4 +1,4 @@
-"""The prediction of Zhao et al. 2023, sections II-D and F: eqs. (16)-(18), and the ground under the predicted point.
+"""The published prediction: Zhao 2023 (16)-(18), and the ground under the predicted point (sections II-D and F).
 
 The paper does not specify the offsets of left and right feet, nor how a mode follows from the ground. Here the offset
 is half a step ahead of and half a step's width beside the camera's point, where a foot is when the other touches down.
@@ -27,9 +27,9 @@ class Division:
 
     Attributes:
         foot: `l` or `r`.
-        t_ns: When.
-        p: (3,) m.
-        v: (3,) m/s.
+        t_ns: Time of the touch-down.
+        p: (3,) position of the camera, m.
+        v: (3,) velocity of the camera, m/s.
     """
 
     foot: str
@@ -39,7 +39,7 @@ class Division:
 
 
 class WalkingInformation:
-    """The last touch-downs.
+    """The last three touch-downs, from which Zhao 2023 (16)-(18) predict the next step.
 
     Args:
         settings: Width of a step.
@@ -63,11 +63,11 @@ class WalkingInformation:
         return self._divisions[-1] if self._divisions else None
 
     def sizes(self) -> list[float]:
-        """δ of eq. (16), m, the last two in order. See docs/locomotion_mode.md (1)."""
+        """Step sizes δ between the last three touch-downs, m, in order: Zhao 2023 (16), docs/locomotion_mode.md (1)."""
         return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
 
     def last_size(self) -> float | None:
-        """The latest size; None if there is none."""
+        """The latest step size, m; None with fewer than two touch-downs."""
         sizes = self.sizes()
         return sizes[-1] if sizes else None
 
@@ -78,9 +78,9 @@ class WalkingInformation:
         return (self._divisions[-1].t_ns - self._divisions[-2].t_ns) * 1e-9
 
     def next_size(self) -> float:
-        """δ_nxt of eq. (17), m, never negative; the last size if there is only one, NaN if there is none.
+        """Predicted size of the next step, m: Zhao 2023 (17), docs/locomotion_mode.md (2).
 
-        See docs/locomotion_mode.md (2).
+        Never negative; the last size if there is only one, NaN if there is none.
         """
         sizes = self.sizes()
         if len(sizes) < 2:
@@ -88,21 +88,24 @@ class WalkingInformation:
         return max(0.0, 2.0 * sizes[1] - sizes[0])
 
     def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
-        """p^pd of eq. (18), (2,) m, with the foot's offset, and (2,) unit vector of the direction; None if unknown.
+        """Predicted footprint (2,), m, and unit vector (2,) of the direction: docs/locomotion_mode.md (3).
 
-        See docs/locomotion_mode.md (3). The paper gives the first coming footprint, `ahead` = 1; each further one is
-        one size on.
+        Zhao 2023 (18) with the foot's offset from the camera. The paper gives the first coming footprint, `ahead` = 1;
+        each further one is one size on. None while the walk is unknown.
         """
         return self._foot_position(self.next_size(), ahead)
 
     def stance(self) -> Array | None:
-        """(2,) m, position of the foot that touched down last, by the same offsets."""
+        """(2,) m, position of the foot that touched down last, by the offsets of `footprint`; None if unknown."""
         size = self.last_size()
         footprint = None if size is None else self._foot_position(size, 0)
         return None if footprint is None else footprint[0]
 
     def _foot_position(self, size: float, ahead: int) -> tuple[Array, Array] | None:
-        """As `footprint`, with a size, m."""
+        """Footprint (2,), m, so many steps of a size (m) ahead of the last touch-down, and the direction (2,).
+
+        Alternate feet lie half a step width to either side. None if the camera does not move or the size is unknown.
+        """
         speed = 0.0 if self.last is None else float(np.linalg.norm(self.last.v[:2]))
         if self.last is None or speed == 0.0 or not math.isfinite(size):
             return None
@@ -146,11 +149,11 @@ def predict_published_steps(
     walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
     settings: Settings,
 ) -> tuple[StepPrediction, ...]:  # fmt: skip
-    """Predicts the coming steps by the paper's method; LG if too little is known.
+    """Predicts the coming steps by Zhao 2023 (16)-(18) and the map; a step whose place is unknown is LG at the camera.
 
     Args:
         walking: The last touch-downs.
-        rhythm: Which foot is next.
+        rhythm: Feet and times of the steps.
         ground: The map.
         body: (2,) m, position of the camera.
         step_s: Time of a step.

@@ -62,13 +62,13 @@ class StepFilter:
         self._drift, self._noise = drift, noise
 
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
-        """Takes a step.
+        """Updates mean and left-right difference with one step, docs/locomotion_mode.md (4).
 
-        See docs/locomotion_mode.md (4).
+        An outlier, such as a step into a pause, gets less weight.
 
         Args:
             kind: 1 or -1 (`SIDE`, `CLIMB`), 0 if unknown.
-            value: Its length or time.
+            value: Length or time of the step.
             value_sd: Standard deviation of that value.
             sure: Probability that the step is comparable to the others, 0-1.
         """
@@ -87,17 +87,17 @@ class StepFilter:
         self._P = 0.5 * (self._P + self._P.T)
 
     def mean(self, kind: float = 0.0) -> float:
-        """Expected step of a kind; 0: of either."""
+        """Expected step of a kind (1 or -1); 0 means of either kind."""
         return float(self._x[0] + kind * self._x[1])
 
     def sd(self, kind: float = 0.0) -> float:
-        """Standard deviation of that mean."""
+        """Standard deviation of `mean` for a kind."""
         J = np.array([1.0, kind])
         return math.sqrt(max(float(J @ self._P @ J), 0.0))
 
 
 def usual_steps(usual: float, settings: Settings) -> StepFilter:
-    """Filter of the length, or time, of a walker's steps, whose usual value is the prior mean."""
+    """Filter of the length or time of steps with the prior mean `usual` and the parameters' relative deviations."""
     p = settings.mode
     return StepFilter(usual, *(share * usual for share in (p.step_sd, _ASYMMETRY_SD, STEP_DRIFT, p.step_noise)))
 
@@ -107,6 +107,8 @@ FOOT_OF_TOPIC = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 
 @dataclass
 class _Foot:
+    """Load of one insole: last sample, recent minimum and maximum (N), whether the foot is down, and last lift-off."""
+
     t_ns: int = -1
     least: float = 0.0
     most: float = 0.0
@@ -173,6 +175,11 @@ class Rhythm:
 
     Args:
         settings: Prior of the step time, and number of predicted steps.
+
+    Attributes:
+        foot: Foot that touched down last, "" before the first.
+        down_ns: Time of that touch-down; -1 before the first.
+        step: Number of touch-downs.
     """
 
     def __init__(self, settings: Settings) -> None:
@@ -188,7 +195,7 @@ class Rhythm:
         return self._time.mean()
 
     def overdue_foot(self, t_ns: int) -> str | None:
-        """The undetected foot that must be down by now, because the other one is about to lift off."""
+        """The undetected foot that must be down by now, because the other one is about to lift off; else None."""
         waited = (t_ns - self.down_ns) * 1e-9
         is_overdue = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean()
         return self._undetected if is_overdue else None
@@ -198,7 +205,11 @@ class Rhythm:
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean()
 
     def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
-        """Handles a touch-down of `l` or `r`, detected by its insole or inferred; None if the foot only bounced."""
+        """Records a touch-down of `l` or `r`, detected by its insole or inferred.
+
+        Returns:
+            None if the foot only bounced.
+        """
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if detected and foot == self._undetected:
             self._undetected = ""
@@ -221,7 +232,7 @@ class Rhythm:
         return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), measurable=measurable)
 
     def next_feet(self) -> tuple[str, ...]:
-        """Feet of the coming steps."""
+        """`l` or `r` of each coming step; "" while the next foot is unknown."""
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:

@@ -30,9 +30,9 @@ _HERE = Path(__file__).parent
 
 _LEAST = 1e-300
 _EDGE_STEP, _EDGE_STEP_SD_M = 0.60, 0.15
-"""Of docs/locomotion_mode.md (7): mean length of a step over an edge, as a share of the level step, and σ_x."""
+"""Mean length of a step over an edge as a share of the level step, and σ_x, of docs/locomotion_mode.md (7)."""
 _BESIDE_SD_M = 0.05
-"""σ_b of (14): standard deviation of the distance along the path between a foot and the one that joins it."""
+"""σ_b of docs/locomotion_mode.md (14): standard deviation of the distance between a foot and the one that joins it."""
 _MAX_STEP_M = 1.35
 """Longest step."""
 _WEIGHT_FLOOR = 1e-9
@@ -46,11 +46,11 @@ _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Chain:
-    """Distribution of the coming steps.
+    """Distribution of the coming K steps over S cells of the path and P terrain segments.
 
     Attributes:
-        density: (K, S) of each step's footprint over the cells, sums 1.
-        modes: (K, 5) probability of each mode.
+        density: (K, S) of each step's footprint over the cells, each sums to 1.
+        modes: (K, 5) probability of each mode, in the order of `MODES`.
         on: (K, P) probability of each terrain segment under the footprint.
         last: (2, S) density of the last footprint, by whether its step crossed an edge (no, yes); sums to 1.
         joined: (K,) probability that the foot joins the other one on its tread.
@@ -66,7 +66,7 @@ class Chain:
 
 
 def mix_chains(chains: Sequence[Chain], shares: Array) -> Chain:
-    """One chain from those of walkers of several habits with these shares."""
+    """The mixture of the chains of walkers with several habits, weighted by `shares`, which need not sum to 1."""
     shares = shares / shares.sum()
     mean = {
         name: sum(share * getattr(chain, name) for share, chain in zip(shares.tolist(), chains))
@@ -94,9 +94,7 @@ def roll_out(
     ratios: Mapping[str, tuple[float, float]], settings: Settings,
     habit: Habit | None = None, landing: Likelihoods | None = None,
 ) -> Chain:  # fmt: skip
-    """Density of the next footprints.
-
-    See docs/locomotion_mode.md (5).
+    """Predicts the densities of the next footprints by the chain of docs/locomotion_mode.md (5).
 
     Args:
         stance: (2, S) density of the stance foot over the cells, by whether its step crossed an edge (no, yes).
@@ -107,7 +105,7 @@ def roll_out(
         ratios: Step length relative to level ground and its standard deviation, by mode of the ground (RA, RD).
         settings: Dimensions and standard deviations.
         habit: How the walker uses stairs; None: every step follows from its length.
-        landing: Likelihoods of the last step; None: unknown.
+        landing: Likelihoods of the last step's position; None: unknown.
     """
     habit = habit or Habit()
     weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR
@@ -146,18 +144,21 @@ def roll_out(
 
 
 class _Steps(NamedTuple):
-    """Densities of the coming steps from each cell, by kind of step; kernels as in `_Kernels`.
+    """Kernels of the coming steps from each cell, by kind of step l = 1..L; kernels as in `_Kernels`.
 
     Attributes:
         kind: (K,) kind of each step.
-        near: (L, H, S, B).
-        far: (L, S, B).
-        beside: (L, S, W).
-        scale: (L, P, S) factor of the first two by segment and cell. With it, all steps from a cell together weigh the
-            same for any habit: a step is evidence only for habits that make it more often than other steps.
-        share: (L, P, S) factor of the last. With it, all joining steps from a cell weigh as much as all others from
-            there: their probability does not depend on how rarely an ordinary step finds a foothold.
-        joins: (K,) probability of a joining step where the previous one crossed an edge.
+        near: (L, H, S, B) κ_even.
+        far: (L, S, B) κ_edge.
+        beside: (L, S, W) N(s_k − s_(k−1); 0, σ_b²) of docs/locomotion_mode.md (14).
+        scale: (L, P, S) factor of `near` and `far` by segment and cell, docs/locomotion_mode.md (15): all steps from a
+            cell together weigh the same for any habit, so a step is evidence only for habits that make it more often
+            than other steps.
+        share: (L, P, S) ρ of docs/locomotion_mode.md (14), factor of `beside`: all joining steps from a cell weigh as
+            much as all others from there, so their probability does not depend on how rarely an ordinary step finds a
+            foothold.
+        joins: (K,) q of docs/locomotion_mode.md (14): probability of a joining step where the previous one crossed an
+            edge.
     """
 
     kind: NDArray[np.int64]
@@ -170,11 +171,11 @@ class _Steps(NamedTuple):
 
 
 class _Kernels(NamedTuple):
-    """Density of a step of one kind from each cell.
+    """Densities of a step of one kind from each of S cells to the cells around it.
 
     Attributes:
-        near: (H, S, B) to the B cells from it on, on even ground.
-        far: (S, B) to the same cells, over an edge.
+        near: (H, S, B) κ_even to the B cells from it on, for each of H common changes of the step length.
+        far: (S, B) κ_edge to the B cells from it on.
         beside: (S, W) to the W cells about it, joining the other foot.
     """
 
@@ -186,9 +187,16 @@ class _Kernels(NamedTuple):
 def _kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, step_noise: float
 ) -> _Kernels:
-    """Density of a step on level ground of the given length, m.
+    """Kernels of a step whose length on level ground is `length`, m: docs/locomotion_mode.md (7) and (14).
 
-    See docs/locomotion_mode.md (7) and (14).
+    Args:
+        s: (S,) m along the path.
+        level: (S,) path length ℓ(s) in units of level ground, m.
+        unsure: (S,) its relative local uncertainty.
+        length: m.
+        shifts: (H,) common changes η of all steps, m.
+        band: Number of cells B that a step may reach.
+        step_noise: Standard deviation of a single step as a share of its length.
     """
     lag = s[1] - s[0]
     far = np.exp(-0.5 * ((lag * np.arange(band) - _EDGE_STEP * length) / _EDGE_STEP_SD_M) ** 2) / _EDGE_STEP_SD_M
@@ -198,13 +206,13 @@ def _kernels(
 
 
 def _nearby_cells(lag: float) -> NDArray[np.int64]:
-    """(W,) cells about a foot that the other foot may join it in."""
+    """(W,) offsets, in cells of `lag` m, of the cells about a foot in which the other foot may join it."""
     reach = max(1, round(3.0 * _BESIDE_SD_M / lag))
     return np.arange(-reach, reach + 1)
 
 
 def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
-    """Kernels of a step whose landing gave these likelihoods."""
+    """Kernels of a step times the likelihoods of its landing positions, by kind of step."""
     cells, half = len(landing.even), kernels.beside.shape[1] // 2
     here = np.arange(cells)[:, None]
     onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)
@@ -216,7 +224,10 @@ def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
 
 
 def _sum_steps(weight: Array, even: Array, over: Array, step_kernels: Sequence[_Kernels]) -> Array:
-    """(L, P, S) sum of all steps that do not join, by kind of step, from each segment and cell."""
+    """(L, P, S) sum over the landing cells of all steps that do not join, for each kind, segment and cell.
+
+    It is ∫ (κ_even + κ_edge) u ds' of docs/locomotion_mode.md (14), at the middle node of the step length.
+    """
     onto_even, onto_over = even @ weight, over @ weight
     middle = len(_NODES) // 2
     return np.array([_sum_onward(kernels.near[middle], kernels.far, onto_even, onto_over) for kernels in step_kernels])
@@ -224,7 +235,7 @@ def _sum_steps(weight: Array, even: Array, over: Array, step_kernels: Sequence[_
 
 @entry_kernel(_HERE)
 def _sum_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> Array:
-    """(P, S) sum of steps (S, B) from each cell, on even ground and over an edge."""
+    """(P, S) sum of steps from each cell: `near` (S, B) over even footholds (P, S), `far` (S, B) over edges."""
     P, S = onto_even.shape
     sums = np.zeros((P, S))
     for a in range(P):
@@ -236,7 +247,7 @@ def _sum_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> 
 
 @entry_kernel(_HERE)
 def _sum_beside(beside: Array, onto_even: Array) -> Array:
-    """(P, S) sum of joining steps (S, W) from each cell."""
+    """(P, S) sum of joining steps (S, W) from each cell over footholds (P, S) on even ground."""
     P, S = onto_even.shape
     sums = np.zeros((P, S))
     for a in range(P):
@@ -247,7 +258,15 @@ def _sum_beside(beside: Array, onto_even: Array) -> Array:
 
 @entry_kernel(_HERE)
 def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int) -> Array:
-    """(H, S, B) density of steps on even ground, from (S,) path length and its (S,) standard deviation."""
+    """(H, S, B) κ_even of docs/locomotion_mode.md (7): density of steps on even ground, up to a factor.
+
+    Args:
+        level: (S,) path length ℓ(s) in units of level ground, m.
+        sd: (S,) standard deviation of a step by its landing cell, m.
+        length: Expected length of the step, m.
+        shifts: (H,) common changes η of all steps, m.
+        band: B, number of cells that a step may reach.
+    """
     density = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
@@ -264,21 +283,20 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
 def _sum_chains(
     first: Array, weight: Array, even: Array, over: Array, steps: _Steps
 ) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Forward and backward sums over a chain of footprints.
+    """Forward and backward sums over all chains of footprints: docs/locomotion_mode.md (8) and (14).
 
-    See docs/locomotion_mode.md (8) and (14).
+    H common changes of the step length, P segments, S cells, K steps; x tells whether a step crossed an edge.
 
     Args:
-        first: (H, 2, P, S) density of the stance foot, by step length change, whether its step crossed an edge, segment
-            and cell.
-        weight: (P, S) weight of each foothold.
+        first: (H, 2, P, S) density of the stance foot by change of step length, x, segment and cell.
+        weight: (P, S) weight u of each foothold.
         even: (P, P) 1 where a step between segments crosses no edge.
         over: (P, P) probability of a step that crosses edges.
         steps: The coming steps.
 
     Returns:
         (K, S) density of each footprint, (K, P) of its segment, (K, P, P) of its transition, each sums to 1; (H, 2, P,
-        S) density of the last one, as `first`; (K,) probability that a step joins; the sum over all chains.
+        S) density of the last footprint, as `first`; (K,) probability that a step joins; the sum over all chains.
     """
     kind, near, far, beside, scale, share, joins = steps
     _, H, S, B = near.shape
@@ -287,11 +305,13 @@ def _sum_chains(
     alpha[0] = first
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
     evidence = 1.0
+    # Forward: α_k(s) = u(s) Σ κ(s | s') α_(k-1)(s'), normalised at each step; `reach` is the sum before u
     for k in range(K):
         for h in range(H):
             for a in range(P):
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]
+                    # steps that do not join: α(x=0) + (1 - q) α(x=1)
                     v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * scale[kind[k], a, p]
                     if v >= _MIN_DENSITY:
                         n = min(B, S - p)
@@ -299,7 +319,7 @@ def _sum_chains(
                             v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
                             reach_far[k, h, a, p : p + n],
                         )  # fmt: skip
-                    v = joins[k] * share[kind[k], a, p] * crossed
+                    v = joins[k] * share[kind[k], a, p] * crossed  # q ρ α(x=1): the foot joins the other one
                     if v >= _MIN_DENSITY:
                         _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)
             for a in range(P):
@@ -313,6 +333,7 @@ def _sum_chains(
         _divide(alpha[k + 1], total)
         evidence *= total
     density, on, flow, joined = np.zeros((K, S)), np.zeros((K, P)), np.zeros((K, P, P)), np.zeros(K)
+    # Backward: β_(k-1)(s') = Σ κ(s | s') u(s) β_k(s); the density of a footprint is α β
     beta, ends = np.ones((H, 2, P, S)), np.empty((2, P, S))
     for k in range(K - 1, -1, -1):
         back = np.zeros((H, 2, P, S))
@@ -321,7 +342,7 @@ def _sum_chains(
             for c in range(2):
                 for b in range(P):
                     for q in range(S):
-                        ends[c, b, q] = weight[b, q] * beta[h, c, b, q]
+                        ends[c, b, q] = weight[b, q] * beta[h, c, b, q]  # u β
                         v = alpha[k + 1, h, c, b, q] * beta[h, c, b, q]
                         density[k, q] += v
                         on[k, b] += v
@@ -330,6 +351,7 @@ def _sum_chains(
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
                         continue
                     for q in range(S):
+                        # probability of the step from segment a to segment b
                         flow[k, a, b] += even[a, b] * reach_near[k, h, a, q] * ends[0, b, q]
                         flow[k, a, b] += over[a, b] * reach_far[k, h, a, q] * ends[1, b, q]
             onto_even, onto_over = mul(even, ends[0]), mul(over, ends[1])
@@ -346,7 +368,7 @@ def _sum_chains(
                     back[h, 0, a, p] = v
                     if crossed >= _MIN_DENSITY:
                         w = joins[k] * share[kind[k], a, p] * _gather_beside(beside[kind[k], p], onto_even[a], p)
-                        back[h, 1, a, p] = (1.0 - joins[k]) * v + w
+                        back[h, 1, a, p] = (1.0 - joins[k]) * v + w  # after a step over an edge, the foot may join
                         beside_all += crossed * w
                     largest = max(largest, v, back[h, 1, a, p])
         joined[k] = beside_all / max(_total(flow[k]), 1e-300)
@@ -360,20 +382,20 @@ def _sum_chains(
 
 @njit(**INSIDE)
 def _divide(values: Array, by: float) -> None:
-    """Divides values by a number that is 0 where they all are."""
+    """Divides all values in place by a number; by 1e-300 if the number is smaller."""
     for i in np.ndindex(values.shape):
         values[i] /= max(by, 1e-300)
 
 
 @njit(**INSIDE)
 def _normalise(values: Array) -> None:
-    """Scales values to the sum 1."""
+    """Scales all values in place so that they sum to 1."""
     _divide(values, _total(values))
 
 
 @njit(**INSIDE)
 def _total(values: Array) -> float:
-    """Sum of values."""
+    """Sum of all values of an array of any shape."""
     total = 0.0
     for i in np.ndindex(values.shape):
         total += float(values[i])
@@ -382,7 +404,7 @@ def _total(values: Array) -> float:
 
 @njit(**INSIDE)
 def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Array) -> None:
-    """Adds the contribution of one cell to the cells from it on."""
+    """Forward sum: adds the steps from one cell of density v, `near` and `far` (n,), to the n cells from it on."""
     for j in range(len(near)):
         onto_even[j] += v * near[j]
         onto_over[j] += v * far[j]
@@ -390,7 +412,7 @@ def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Arra
 
 @njit(fastmath=True, **INSIDE)
 def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
-    """Backward sum of one cell over the cells from it on; vectorised."""
+    """Backward sum of one cell: Σ near · even + far · over over the n cells from it on; vectorised."""
     v = 0.0
     for j in range(len(near)):
         v += near[j] * even[j] + far[j] * over[j]
@@ -399,7 +421,7 @@ def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
 
 @njit(**INSIDE)
 def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
-    """Adds the contribution of cell p to the cells about it."""
+    """Forward sum: adds the joining steps `beside` (W,) from cell p, of density v, to the cells about it."""
     half = len(beside) // 2
     for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
         onto[p + j - half] += v * beside[j]
@@ -407,7 +429,7 @@ def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
 
 @njit(**INSIDE)
 def _gather_beside(beside: Array, onto: Array, p: int) -> float:
-    """Backward sum of cell p over the cells about it."""
+    """Backward sum of cell p: Σ beside · onto over the W cells about it."""
     half = len(beside) // 2
     v = 0.0
     for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
@@ -416,6 +438,6 @@ def _gather_beside(beside: Array, onto: Array, p: int) -> float:
 
 
 def moments(density: Array, s: Array) -> tuple[float, float]:
-    """Mean and standard deviation of a density over cells, m."""
+    """Mean and standard deviation, m, of a density (S,) over cells at s (S,), at least that of one cell."""
     mean = float(density @ s)
     return mean, float(np.sqrt(max(density @ (s - mean) ** 2, (s[1] - s[0]) ** 2 / 12.0)))

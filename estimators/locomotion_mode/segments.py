@@ -91,7 +91,7 @@ class Segment:
 
 
 def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | None:
-    """The well-known stairs with the most steps, as those of one building are alike; if there are none, `before`."""
+    """The well-known flight with the most steps, as flights of one building are alike; `before` if there is none."""
     most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2
     known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
     return max(known, key=lambda flight: flight.steps, default=before)
@@ -101,11 +101,11 @@ def segments_along(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings,
     usual: Stairs | None = None,
 ) -> list[Segment]:  # fmt: skip
-    """Cuts a profile at its changes; at most one segment lies behind s = 0.
+    """Cuts a profile at its changes into terrain segments; at most one segment lies behind s = 0.
 
     Args:
         profile: Profile of the ground along the path.
-        estimate: Its planes and terrains; None: unknown.
+        estimate: Planes and terrains of the map; None: unknown.
         forward: (2,) unit vector of the path.
         p: Dimensions and standard deviations.
         usual: Stairs like those here; None: none observed.
@@ -184,7 +184,7 @@ def _passable_changes(
 
 
 def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
-    """Whether an edge is impassable: higher than a riser where no flight continues, or too steep a drop."""
+    """Whether an edge is impassable: a rise above a riser where no flight continues, or too steep a drop."""
     if change.drop <= 0.0:
         return -change.drop > p.map.max_riser_m * (1.0 + _HIDDEN_PER_SD * change.sd / MIN_FOOTHOLD_M)
     if change.drop <= p.map.max_riser_m:
@@ -209,11 +209,12 @@ def _is_tread(one: _Bound, other: _Bound, p: Settings) -> bool:
 
 
 def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound]:
-    """Converts a change to edges that can be stepped over.
+    """Converts a change to the edges that can be stepped over.
 
-    A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where
-    the upper ground ends; if the drop is more than a riser, treads are occluded. The upper ground appears to end too
-    early, by about the estimated standard deviation, because pixels at discontinuities and sparse columns are removed.
+    A camera looking down over an edge sees the ground up to the edge, but not what it occludes. The edge is where the
+    upper ground ends; if the drop is more than a riser, treads are occluded and assumed. The upper ground appears to
+    end too early, by about the estimated standard deviation, because pixels at discontinuities and sparse columns are
+    removed.
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
@@ -237,7 +238,7 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
 def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
-    They equal the last observed ones if a whole number of those makes up the drop, and usual ones otherwise.
+    They equal those of `usual` if a whole number of its risers makes up the drop `fall`, m; otherwise usual ones.
     """
     if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_FALL_M:
         return usual.riser, usual.tread, _ALIKE_RISER_SD, _ALIKE_TREAD_SD
@@ -248,7 +249,7 @@ def _read_slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
     p: Settings,
 ) -> tuple[float, float] | None:  # fmt: skip
-    """Slope of a segment in the map and its standard deviation; None where no plane is known."""
+    """Slope of the map between two positions along the path and its standard deviation, rad; None without a plane."""
     planes = {} if estimate is None else estimate.planes
     inside = (profile.s > start) & (profile.s < end) & (profile.plane >= 0)
     known = [int(i) for i in profile.plane[inside] if int(i) in planes]
@@ -265,7 +266,7 @@ def _read_slope(
 
 
 def half_sole(p: Settings) -> float:
-    """From the heel's centre forward to the middle of the sole, m."""
+    """Distance from the heel's centre forward to the middle of the sole, m."""
     return 0.5 * (p.mode.toe_m - p.mode.heel_m)
 
 
@@ -299,9 +300,10 @@ def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, floa
 
 
 def foothold_heights(ground: Sequence[Segment], profile: Profile, s: Array, p: Settings) -> Array | None:
-    """(S,) m, height of the ground that carries a sole, also where unobserved; None if none is observed.
+    """(S,) m, height of the ground that carries a sole whose heel's centre is at s (S,); None if nothing is observed.
 
-    Heels overhang edges: the ground is that under the sole's middle, extended to the heel's centre, which is at (S,) s.
+    Heels overhang edges: it is the ground under the sole's middle, extended to the heel's centre, also where
+    unobserved.
     """
     known = np.isfinite(profile.height)
     if not known.any():
@@ -319,7 +321,7 @@ def edges_before(ground: Sequence[Segment]) -> list[int]:
 
 
 def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
-    """(P, P, 5) probability of each mode of a step from one segment to another. See docs/locomotion_mode.md (9)."""
+    """(P, P, 5) probability of each mode of a step from one segment to another: docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))
     for b, segment in enumerate(ground):
         up, down = (
@@ -339,9 +341,9 @@ def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
 
 
 def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
-    """(P, S) weight of a foothold at s on each segment: the whole sole is supported, and toes end before a riser.
+    """(P, S) weight u of a foothold at s on each segment: docs/locomotion_mode.md (6).
 
-    See docs/locomotion_mode.md (6).
+    The whole sole is supported, and toes end before a riser.
 
     Args:
         ground: Terrain segments.
@@ -365,7 +367,14 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
 
 
 def _foothold_weight(inside: Array, sd: Array, fall: Array, p: Settings) -> Array:
-    """(N, S) weight of soles ending so far inside their segments; `fall` (N,) is < 0 where the ground beyond rises."""
+    """(N, S) weights exp(−x²/2σ²) of soles that end so far `inside` (N, S), m, their segments: x is the excess.
+
+    Args:
+        inside: (N, S) m, negative where the sole extends beyond the segment's end.
+        sd: (N,) standard deviation of the end, m.
+        fall: (N,) height drop beyond the end, m; < 0 where the ground rises, which allows no overhang.
+        p: Not used.
+    """
     spread = np.where(fall < 0.0, CLEARANCE_SD_M, np.where(fall > 0.0, _OVERHANG_SD_M, _ACROSS_SD_M))
     allowed = np.where(fall > 0.0, _OVERHANG_M, 0.0)
     beyond = np.maximum(0.0, -inside - allowed[:, None])
@@ -378,7 +387,7 @@ def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
 
 
 def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> Array:
-    """(S,) probability that unobserved positions are of another mode than assumed.
+    """(S,) probability that the ground at a position is of another mode than assumed, because it is not observed.
 
     Changes are random, one per `change_m` on average. Between two observed positions two changes would be needed; from
     the stance foot, whose ground may be unobserved, one is enough.
@@ -398,15 +407,19 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
 
 
 def mix_unseen(modes: Array, chance: Array) -> Array:
-    """(K, 5) mode probabilities when, with probability (K,), any mode is possible."""
+    """(K, 5) mode probabilities where each of the K steps may, with probability `chance` (K,), be of any mode."""
     return np.asarray((1.0 - chance[:, None]) * modes + chance[:, None] / len(MODES))
 
 
 def path_scale(ground: Sequence[Segment], s: Array, ratios: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
-    """(S,) path length in units of level ground, longer where steps are shorter; and (S,) its local uncertainty.
+    """(S,) path length in units of level ground, m, and (S,) its local relative uncertainty.
 
-    `ratios` holds the step length relative to level ground and its standard deviation by mode of the segment; the (S,)
-    positions along the path, m, are evenly spaced.
+    The path is longer where steps are shorter.
+
+    Args:
+        ground: Terrain segments.
+        s: (S,) m along the path, evenly spaced.
+        ratios: Step length relative to level ground and its standard deviation, by mode of the segment.
     """
     ratio, sd = np.ones(len(s)), np.zeros(len(s))
     for segment in ground:

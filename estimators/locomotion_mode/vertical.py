@@ -21,14 +21,12 @@ _FLAT_SD_RAD, _RAMP_SD_RAD = 0.006, 0.12
 _LEVEL_SHARE = 0.85
 """π of docs/locomotion_mode.md (10): share of level ground among planes too long for a tread."""
 _FALSE_BREAK = 0.1
-"""ψ of (11): weight of a slope break between two segments that are both level."""
+"""ψ of docs/locomotion_mode.md (11): weight of a slope break between two segments that are both level."""
 _LEVEL, _RAMP = 0, 1
 
 
 def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> tuple[Array, Array]:
-    """True slopes of segments from mapped ones.
-
-    See docs/locomotion_mode.md (10), (11).
+    """True slopes of segments from mapped ones, which all contain the map's lean: docs/locomotion_mode.md (10), (11).
 
     Args:
         slope: (N,) rad, as mapped, uphill positive, in order along the path.
@@ -37,7 +35,7 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
         lean_sd_rad: Standard deviation of the lean, rad.
 
     Returns:
-        (N,) rad; (N,) standard deviation, rad.
+        (N,) slopes, rad; (N,) their standard deviations, rad.
     """
     lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad
     off, variance = slope[:, None] - lean, sd[:, None] ** 2
@@ -81,4 +79,5 @@ def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
 
 
 def _normal_density(x: Array, variance: Array | float) -> Array:
+    """Normal density of mean 0 at x; the variance has the shape of x or is a number."""
     return np.asarray(np.exp(-0.5 * x**2 / variance) / np.sqrt(2.0 * math.pi * variance))

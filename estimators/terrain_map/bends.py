@@ -1,7 +1,7 @@
 """Where ground that the map holds as one plane bends along a line, from the heights of its columns.
 
 Planes are found by their normals, and gentle ramps have nearly that of level ground. The columns' heights are precise
-to millimetres, so that a bend of two degrees shows within half a metre.
+to millimetres, so that a bend of two degrees shows within half a metre. See docs/terrain_map.md (12).
 """
 
 from __future__ import annotations
@@ -52,13 +52,15 @@ class Stretch(NamedTuple):
 
 
 def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_rad: float) -> list[Stretch]:
-    """Cuts samples of one plane into straight stretches; fewer than two if nothing bends, or not like a ramp.
+    """Cuts samples of one plane into straight stretches at its bends, docs/terrain_map.md (12).
+
+    Fewer than two stretches are returned if nothing bends, and none if the ground jumps or bulges.
 
     Args:
         s: (N,) m along the line.
         height: (N,) m, NaN where unknown.
         first: First sample of the plane.
-        last: Its last one.
+        last: Last sample of the plane.
         min_bend_rad: Smallest bend, rad.
     """
     here = slice(first, last + 1)
@@ -102,7 +104,7 @@ def _bin_heights(s: Array, height: Array) -> tuple[Array, Array]:
 
 
 def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
-    """Middle, height there, slope, and its standard deviation."""
+    """Line through heights z at x, (M,) m: middle x, height there, slope, and standard deviation of the slope."""
     middle, level = float(x.mean()), float(z.mean())
     off = x - middle
     spread = float(off @ off)
@@ -111,7 +113,10 @@ def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
 
 
 def _find_bends(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
-    """Appends the bends between two bins, the best one, then those on both sides of it; too many of them at first."""
+    """Appends the bends between bins a and b to `cuts`: the best one, then those on both sides of it.
+
+    Any bend counts here, however small; `_settle_bounds` removes those that are none.
+    """
     at = _find_best_bend(x[a:b], z[a:b])
     if at is not None:
         cuts.append(a + at)
@@ -120,7 +125,14 @@ def _find_bends(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
 
 
 def _settle_bounds(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list[int]:
-    """Bounds, where each bend is the best one between its neighbours; those that are none there are removed."""
+    """Bounds in which each bend is the best one between its neighbours; bends that are too small are removed.
+
+    Args:
+        x: (M,) m along the line.
+        z: (M,) m, heights.
+        bounds: First bin of each stretch, and the number of bins at the end.
+        min_bend_rad: Smallest bend, rad.
+    """
     for _ in range(_PASSES):
         kept = bounds[:1]
         for k in range(1, len(bounds) - 1):
@@ -135,9 +147,15 @@ def _settle_bounds(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -
 
 
 def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> int | None:
-    """The bin where the line bends most significantly, by least squares with a hinge; None where it is straight.
+    """The bin with the most significant bend, by least squares with a hinge; None where the line is straight.
 
-    Without a smallest bend, rad, any counts, and so does one that leaves others: up and down again is a small bend.
+    For each bin b, β max(0, x − b) is fitted to what a line leaves of the heights; the best bin explains most.
+
+    Args:
+        x: (M,) m along the line.
+        z: (M,) m, heights.
+        min_bend_rad: Smallest bend, rad. None: any bend counts, also one that leaves others, because up and down again
+            is a small bend.
     """
     n = len(x)
     if n < 2 * _MIN_BINS:
@@ -151,7 +169,7 @@ def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> in
     hinge -= ((hinge @ x) / (x @ x))[:, None] * x  # what a line cannot explain
     power = np.einsum("kn,kn->k", hinge, hinge)
     along = hinge @ residual
-    gain = along**2 / np.maximum(power, 1e-12)
+    gain = along**2 / np.maximum(power, 1e-12)  # decrease of the squared residuals by β = along / power
     best = int(gain.argmax())
     bend = along[best] / max(float(power[best]), 1e-12)
     residual_variance = max(float(residual @ residual - gain[best]) / n, _NOISE_M**2)

@@ -24,7 +24,13 @@ _MIN_JUMP_M = 0.25
 
 @entry_kernel(_HERE)
 def clip_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) -> tuple[NDArray[np.float32], int]:
-    """(H, W) m, 0 where not finite or outside `least` to `most`; and the number of valid pixels."""
+    """Depth image with invalid pixels set to 0, and the number of valid ones.
+
+    Args:
+        depth: (H, W) m; not finite or outside the limits means invalid.
+        least: Smallest valid depth, m.
+        most: Largest valid depth, m.
+    """
     valid = np.empty(depth.shape, np.float32)
     nothing, count = np.float32(0.0), 0
     for v in range(depth.shape[0]):
@@ -37,9 +43,10 @@ def clip_range(depth: NDArray[np.float32], least: np.float32, most: np.float32) 
 
 @entry_kernel(_HERE, error_model="numpy")
 def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int) -> NDArray[np.float32]:
-    """Removes the pixels beside a depth discontinuity: each lies on either surface or between them (flying pixels).
+    """Depth image without the pixels beside a discontinuity, which may lie between two surfaces (flying pixels).
 
-    The same width is removed on both sides, so the middle of the gap is at the discontinuity.
+    A pixel becomes 0 if the nearest and farthest depths around it differ by more than `share`. The same width is
+    removed on both sides, so the middle of the gap is at the discontinuity.
 
     Args:
         depth: (H, W) m, 0 = none.
@@ -109,11 +116,14 @@ class DepthCamera:
         return max(1, round(of_640 * self.shape[1] / _WIDTH))
 
     def rectify(self, depth: NDArray[np.float32], p: TerrainMapParameters) -> tuple[NDArray[np.float32], int]:
-        """The rectified depth, (H, W) m, 0 = out of range or invalid; and the number of valid pixels.
+        """Rectifies a depth image to the pinhole model.
 
         Args:
             depth: (H, W) m; 0, NaN, infinity and negative values are invalid.
             p: Range limits.
+
+        Returns:
+            (H, W) m, 0 = invalid or out of range; number of valid pixels.
 
         Raises:
             StrideTwinError: The image size differs from the rig's.
@@ -130,7 +140,7 @@ class DepthCamera:
 
 
 def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
-    """The camera with this depth stream, or the first camera that has one.
+    """Calibration of the camera with this depth stream; without a topic, of the first camera that has one.
 
     Raises:
         StrideTwinError: No such camera; the message lists the available ones.
@@ -144,12 +154,12 @@ def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
 
 
 def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
-    """(4, 4) transform, m: camera's optical frame to another sensor's frame on the same body, such as `head/imu`.
+    """(4, 4) transform, m, from the camera's optical frame to another sensor's frame on the same body.
 
     Args:
         rig: Holds both mounting poses.
         camera: Camera of the optical frame.
-        frame: The other sensor's frame; "" is the camera's own.
+        frame: Frame of the other sensor, such as `head/imu`; "" is the camera's own.
 
     Raises:
         StrideTwinError: The rig has no such sensor, or it is on another body.
@@ -165,13 +175,13 @@ def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
 
 
 def is_pose(sample: Odometry) -> bool:
-    """Whether position and rotation are finite, and the rotation is valid."""
+    """Whether position and quaternion of a sample are finite, and the quaternion is not near zero."""
     p, q = sample.p_frame_in_world.tolist(), sample.q_world_frame.tolist()
     return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
 
 
 def transform(pose: Odometry) -> Array:
-    """(4, 4) frame to world, m, of a pose."""
+    """(4, 4) transform frame to world, m, of a pose sample."""
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
     T[:3, 3] = pose.p_frame_in_world
@@ -179,7 +189,7 @@ def transform(pose: Odometry) -> Array:
 
 
 class Poses:
-    """The last two poses.
+    """Keeps the last pose, and detects jumps and gaps.
 
     Args:
         parameters: Limits of a pose's age and speed.
@@ -208,7 +218,10 @@ class Poses:
         return dt > self._p.max_gap_s or (moved > _MIN_JUMP_M and moved > self._p.max_speed_mps * dt)
 
     def at(self, t_ns: int) -> Array | None:
-        """(4, 4) frame to world at a time: the last pose, propagated by its velocity; None if it is too old."""
+        """(4, 4) frame to world at a time: the last pose, propagated by its velocity where it has one.
+
+        None if the last pose is older than `max_pose_age_s`.
+        """
         pose = self._last
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
             return None

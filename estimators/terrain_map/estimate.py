@@ -55,7 +55,7 @@ class Plane:
 
     @cached_property
     def rise(self) -> float:
-        """Height from its lowest to its highest side, m, taken as a rectangle that slopes along one of its edges."""
+        """Height from the lowest to the highest side, m, taken as a rectangle that slopes along one of its edges."""
         return math.sqrt(12.0 * max(float(self.gradient @ self.spread @ self.gradient), 0.0))
 
     def height(self, xy: Array) -> Array:
@@ -164,7 +164,7 @@ class TerrainEstimate:
         return tuple(t for t in self.terrains if isinstance(t, Ramp))
 
     def terrain_of(self, plane: int) -> Terrain | None:
-        """The terrain that a plane belongs to: stairs if the plane is a tread, else its own."""
+        """The terrain of a plane by its id: stairs if the plane is a tread, else a level or a ramp; None if unknown."""
         level_or_ramp: Terrain | None = None
         for terrain in self.terrains:
             if isinstance(terrain, Stairs):

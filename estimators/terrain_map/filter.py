@@ -200,6 +200,11 @@ class TerrainMap:
 def _volume(
     backend: str, camera: DepthCamera, R_world_grid: Array, p: TerrainMapParameters
 ) -> VoxelVolume | Open3dVolume:
+    """The volume of a backend: `numba` (or "") is the proposed one, `open3d` the published one.
+
+    Raises:
+        ConfigError: The backend is unknown.
+    """
     if backend in ("", NUMBA):
         return VoxelVolume(camera, R_world_grid, p)
     if backend == OPEN3D:
@@ -208,5 +213,6 @@ def _volume(
 
 
 def _rotation_z(angle: float) -> Array:
+    """(3, 3) rotation by an angle, rad, about z."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

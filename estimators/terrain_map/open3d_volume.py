@@ -1,4 +1,4 @@
-"""The volume of Zhao et al. 2023 as published, with Open3D: eqs. (19)-(22), ray casting, and planes of I_D^s.
+"""The volume of Zhao 2023 as published, with Open3D: Zhao 2023 (19)-(22), ray casting, and planes of I_D^s.
 
 The truncation t_δ is a distance along the line of sight, every image has the weight 1, and planes are extracted by
 agglomerative clustering from the smoothed depth image in the camera's view (sections II-E and F). The paper does not
@@ -35,7 +35,15 @@ _FRAGMENTS = 4 * CAPACITY
 
 
 class Open3dVolume:
-    """Open3D's `VoxelBlockGrid`."""
+    """The published volume by Open3D's `VoxelBlockGrid`; the interface is that of `VoxelVolume`.
+
+    Args:
+        camera: Depth camera.
+        parameters: Size of voxels, truncation and range.
+
+    Raises:
+        StrideTwinError: Open3D is not installed.
+    """
 
     keeps_unobserved = True
 
@@ -54,7 +62,7 @@ class Open3dVolume:
         self.clear()
 
     def clear(self) -> None:
-        """As `VoxelVolume`."""
+        """Removes all voxels."""
         float32 = self._o3d.core.float32
         self._grid = self._o3d.t.geometry.VoxelBlockGrid(
             ("tsdf", "weight"), (float32, float32), ((1,), (1,)), self._p.voxel_size_m, EDGE, CAPACITY
@@ -65,16 +73,19 @@ class Open3dVolume:
 
     @property
     def origin(self) -> NDArray[np.int64]:
-        """As `VoxelVolume`."""
+        """(2,) lowest column of the window, which is centred on the camera."""
         return np.floor(self._T_grid_camera[:2, 3] / self._p.voxel_size_m).astype(np.int64) - COLUMNS // 2
 
     @property
     def blocks_used(self) -> int:
-        """As `VoxelVolume`."""
+        """Number of voxel blocks in use."""
         return int(self._grid.hashmap().size())
 
     def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
-        """As `VoxelVolume`; free space in view is updated too, so that moving objects vanish."""
+        """Integrates a depth image, (H, W) m, 0 = none, from a (4, 4) camera pose, m, by Zhao 2023 (19)-(22).
+
+        Free space in view is updated too, so that moving objects vanish.
+        """
         p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
         image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
         extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
@@ -84,7 +95,7 @@ class Open3dVolume:
             rows, self._in_view = self._visible_blocks()
             grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
         weight = grid.attribute("weight").numpy()  # a view
-        weight[rows] = np.minimum(weight[rows], p.max_weight)  # (22)
+        weight[rows] = np.minimum(weight[rows], p.max_weight)  # Zhao 2023 (22)
 
     def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
         """Rows and keys of the blocks that may be in view; those beyond the window are freed."""
@@ -125,7 +136,7 @@ class Open3dVolume:
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
 
     def top_view(self) -> TopView:
-        """As `VoxelVolume`: planes of the smoothed depth image, projected down to the columns of the ground."""
+        """The planes of the smoothed depth image from the last pose, projected down to the columns of the ground."""
         p, T = self._p, self._T_grid_camera
         depth = self.render_depth()
         points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
@@ -137,7 +148,14 @@ class Open3dVolume:
     def _from_above(
         self, points: NDArray[np.float32], noise: NDArray[np.float32], labels: NDArray[np.int32], planes: Array
     ) -> TopView:
-        """Projects labelled points down; in each column the highest one counts."""
+        """The top view of labelled points; in each column the highest point counts.
+
+        Args:
+            points: (h, w, 3) m, grid axes.
+            noise: (h, w) m, standard deviation of each point.
+            labels: (h, w) number of each point's plane, -1 = none.
+            planes: (P, 4) planes a x + b y + c z = d; small gaps of a plane between its columns are filled by it.
+        """
         voxel_m, first = self._p.voxel_size_m, view_corner(self._T_grid_camera, self._p)
         on_plane = labels >= 0
         points, noise, labels = points[on_plane], noise[on_plane], labels[on_plane]
@@ -157,7 +175,7 @@ class Open3dVolume:
         return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
 
     def refine_riser(self, edge: Riser, upper: Plane, down: Array) -> Riser:
-        """As `VoxelVolume`: unchanged, because the paper takes stairs from the planes alone."""
+        """Returns the riser unchanged, because the paper takes stairs from the planes alone."""
         return edge
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]]:
@@ -166,15 +184,17 @@ class Open3dVolume:
         return mesh.vertex.positions.numpy().astype(float), mesh.triangle.indices.numpy().astype(np.int64)
 
     def _tensor(self, values: Array) -> Any:
+        """An array as Open3D's tensor of doubles."""
         return self._o3d.core.Tensor(np.ascontiguousarray(values), self._o3d.core.float64)
 
     @contextmanager
     def _quiet(self) -> Iterator[None]:
-        """Open3D warns at each growth of its buffers."""
+        """Suppresses Open3D's warnings at each growth of its buffers."""
         with self._o3d.utility.VerbosityContextManager(self._o3d.utility.VerbosityLevel.Error):
             yield
 
 
 def _matrix(intrinsics: Array) -> Array:
+    """(3, 3) pinhole matrix of (4,) fu, fv, pu, pv."""
     fu, fv, pu, pv = intrinsics
     return np.array([[fu, 0.0, pu], [0.0, fv, pv], [0.0, 0.0, 1.0]])

@@ -27,14 +27,14 @@ def sort(values: Array) -> None:
 
 @njit(**INSIDE)
 def median(ordered: Array, n: int) -> float:
-    """Of the n sorted values in front."""
+    """Median of the first n entries of a sorted array (N,)."""
     half = n // 2
     return ordered[half] if n % 2 else (ordered[half - 1] + ordered[half]) / 2
 
 
 @njit(**INSIDE)
 def percentile(ordered: Array, percent: float) -> float:
-    """Of sorted (N,) values, linear between neighbours."""
+    """Percentile of a sorted array (N,), linear between neighbours (Hyndman & Fan 1996, type 7)."""
     last = ordered.shape[0] - 1
     rank = 1 + last * percent / 100.0
     below = math.floor(rank)
@@ -46,7 +46,7 @@ def percentile(ordered: Array, percent: float) -> float:
 
 @njit(**INSIDE)
 def mean(points: Array, first: int, end: int, axis: int) -> float:
-    """Of one coordinate of points (N, 2), from the first to before the end."""
+    """Mean of one coordinate (`axis`) of points (N, 2), from row `first` to before row `end`."""
     total = 0.0
     for n in range(first, end):
         total += points[n, axis]

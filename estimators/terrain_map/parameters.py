@@ -22,17 +22,17 @@ class TerrainMapParameters:
     """Parameters of `TerrainMap`; the defaults serve every camera, mount and terrain.
 
     Each attribute says what it is, where its default comes from, and what happens if it is doubled. "Tuned": chosen by
-    hand on simulated walks of seeds below 1000. "Buildings": dimensions that are usual in buildings. Equations are
-    those of docs/terrain_map.md. Effects were seen on stairs with risers of 90-160 mm, on ramps of 4° and 9° and on a
-    table, at 10 images per second; where none is named, nothing changed there.
+    hand on simulated walks of seeds below 1000. "Buildings": dimensions that are usual in buildings. Effects were seen
+    on stairs with risers of 90-160 mm, on ramps of 4° and 9° and on a table, at 10 images per second; where none is
+    named, nothing changed there.
 
     Attributes:
         voxel_size_m: Edge of a voxel and of a column of the ground, m; less than `truncation_m`. Tuned. Doubled, both:
             an image takes a third of the time, and risers of 90 mm are lost where treads merge to ramps.
-        truncation_m: t of (2), m: the layer above and below a surface in which distances are averaged. Tuned. Doubled:
-            edges seen from above, on the way down, lie 1 cm farther out.
-        max_weight: W_max of (4), in images taken from 1 m. Tuned. Doubled: what has moved, and what was mapped with
-            an erroneous pose, takes up to twice as long to vanish.
+        truncation_m: t of docs/terrain_map.md (2), m: the layer above and below a surface in which distances are
+            averaged. Tuned. Doubled: edges seen from above, on the way down, lie 1 cm farther out.
+        max_weight: W_max of docs/terrain_map.md (4), in images taken from 1 m. Tuned. Doubled: what has moved, and what
+            was mapped with an erroneous pose, takes up to twice as long to vanish.
         min_range_m: Smaller depths are invalid, m. Tuned. Doubled: the ground within 0.7 m of the camera is not mapped.
         max_range_m: Larger depths are invalid, m. Tuned. Doubled: a twentieth more blocks and no more ground, because
             planes are extracted up to 3.7 m ahead of the camera.
@@ -40,12 +40,12 @@ class TerrainMapParameters:
             recognised 0.1 m later.
         plane_noise_m: Largest standard deviation of a column's height, and largest change of a height, m, within one
             plane; a third of it is the smallest. Tuned. Doubled: a ramp of 4° is recognised 0.4 m later.
-        plane_sd_m: Standard deviation of a plane's height by errors of pose and sensor, m, in (8). Tuned. Doubled:
-            the standard deviation of risers nearly doubles.
-        slope_sd_rad: Standard deviation of a plane's slope by the same errors, rad, in (8). Tuned. Doubled: the
-            standard deviation of ramps doubles, and the prediction is less certain of their mode.
-        edge_sd_m: Standard deviation of the position of a whole edge by the same errors, m, in (10). Tuned. Doubled:
-            the standard deviation of treads doubles.
+        plane_sd_m: Standard deviation of a plane's height by errors of pose and sensor, m, in docs/terrain_map.md (8).
+            Tuned. Doubled: the standard deviation of risers nearly doubles.
+        slope_sd_rad: Standard deviation of a plane's slope by the same errors, rad, in docs/terrain_map.md (8). Tuned.
+            Doubled: the standard deviation of ramps doubles, and the prediction is less certain of their mode.
+        edge_sd_m: Standard deviation of the position of a whole edge by the same errors, m, in docs/terrain_map.md
+            (10). Tuned. Doubled: the standard deviation of treads doubles.
         max_level_slope_rad: A plane with a smaller slope is level, rad. Buildings: the gentlest ramps of building codes
             have 2.9° (1:20). Doubled, with the next one: ramps up to 5° are level ground.
         max_tread_slope_rad: A plane with a smaller slope may be a tread, rad. Tuned. Doubled: so may planes up to 10°.

@@ -32,7 +32,7 @@ _VALID_SHARE = 0.7
 _CELL_ANGLE_RAD = math.radians(7.0)
 """θ of docs/terrain_map.md (6): largest angle between two merged planes, beyond what their noise explains."""
 _TILT_GATE_SD = 2.0
-"""What noise explains in (6): standard deviations of the difference of two tilts."""
+"""What noise explains in docs/terrain_map.md (6): standard deviations of the difference of two tilts."""
 _DISTANCE_GATE_SD = 3.0
 """Largest distance of a column from its plane, or from its neighbour in a strip, in standard deviations."""
 _MIN_CELLS = 4
@@ -44,20 +44,23 @@ _MIN_AREA_M2 = 0.012
 
 
 def min_columns(voxel_size_m: float) -> int:
-    """Number of columns, of `voxel_size_m`, that a plane has at least."""
+    """Smallest number of columns of a plane, for columns of `voxel_size_m`."""
     return round(_MIN_AREA_M2 / voxel_size_m**2)
 
 
 @entry_kernel(_HERE, error_model="numpy")
 def cell_sums(points: Points, noise: Points) -> Array:
-    """Sums over the points of each node cell.
+    """Sums over the points of each cell that fits a plane.
+
+    A cell is a node if enough of its points are valid, none lies off the plane by more than 3 standard deviations, and
+    its mean squared distance is no greater than its noise.
 
     Args:
         points: (n, m, 3) m, NaN = no point.
         noise: (n, m) m, standard deviation of a point.
 
     Returns:
-        (n // CELL, m // CELL, 11) sums; 0 where the cell is not a node.
+        (n // CELL, m // CELL, 11) sums, see `plane_fit.SUMS`; 0 where the cell is not a node.
     """
     rows, columns = noise.shape[0] // CELL, noise.shape[1] // CELL
     cells = np.zeros((rows, columns, SUMS))
@@ -97,9 +100,7 @@ def _tilt_variance(s: Array) -> float:
 
 @entry_kernel(_HERE, error_model="numpy")
 def cluster(cells: Array) -> NDArray[np.int32]:
-    """Merges cells into planes.
-
-    See docs/terrain_map.md (6).
+    """Merges neighbouring cells into planes by agglomerative clustering, docs/terrain_map.md (6).
 
     Args:
         cells: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
@@ -202,7 +203,12 @@ def extract_large_planes(points: Points, noise: Points, p: TerrainMapParameters)
 
 
 def extract_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
-    """Extracts the planes of the ground from a top view, those of strips too; arguments as in `extract_large_planes`.
+    """Extracts the planes of the ground from a top view: large planes, then strips between them.
+
+    Args:
+        points: (n, m, 3) m, grid axes, NaN = no point; n and m are multiples of `CELL`.
+        noise: (n, m) m, standard deviation of a point.
+        p: Largest slope, and size of a column.
 
     Returns:
         (n, m) number of each column's plane, -1 = none; and (P, 11) sums over each plane's columns.
@@ -214,7 +220,13 @@ def extract_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tu
 
 
 def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> Points:
-    """(n, n, 3) m, middles of columns of (n, n) heights, m, from the column `first` (2,)."""
+    """(n, n, 3) m, middles of the columns of a height image.
+
+    Args:
+        height: (n, n) m.
+        first: (2,) column of the image's corner.
+        voxel_m: Edge of a column.
+    """
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
     places = (along[:, None] + first.astype(float) * voxel_m).astype(np.float32)
     points = np.empty((*height.shape, 3), np.float32)
@@ -224,7 +236,7 @@ def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> P
 
 @entry_kernel(_HERE)
 def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Array:
-    """(count, 11) sums over the points of each plane."""
+    """(count, 11) sums over the points of each plane, see `plane_fit.SUMS`; points with label -1 belong to none."""
     sums = np.zeros((count, SUMS))
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
@@ -235,7 +247,18 @@ def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Arr
 
 @entry_kernel(_HERE)
 def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: float) -> tuple[Labels, Array]:
-    """Assigns each point to the nearest walkable plane of the cells around it."""
+    """Assigns each point to the nearest walkable plane of the cells around it.
+
+    Args:
+        points: (n, m, 3) m.
+        noise: (n, m) m.
+        roots: (R, C) root cell of each cell's plane, from `cluster`.
+        sums: (R C, 11) sums of the planes at their root cells.
+        least_up: Smallest z of a walkable plane's normal.
+
+    Returns:
+        (n, m) number of each point's plane, -1 = none; (P, 4) planes a x + b y + c z = d.
+    """
     rows, columns = roots.shape
     number = np.full(rows * columns, -1, np.int32)
     planes = np.empty((rows * columns, 4))
@@ -283,6 +306,14 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
 @entry_kernel(_HERE)
 def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int) -> int:
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
+
+    Args:
+        points: (n, m, 3) m.
+        noise: (n, m) m.
+        labels: (n, m) changed in place.
+        planes: (P, 4) large planes.
+        least_up: Smallest z of a walkable plane's normal.
+        fewest: Smallest number of columns of a strip.
 
     Returns:
         The new number of planes.

@@ -24,7 +24,7 @@ PlaneFit = tuple[float, float, float, float, float, float, float]
 
 @njit(inline="always")
 def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
-    """Adds a point to (11,) sums."""
+    """Adds a point (x, y, z), m, with standard deviation `noise`, m, to sums (11,), see `SUMS`."""
     sums[0] += 1.0
     sums[1] += x
     sums[2] += y
@@ -40,9 +40,7 @@ def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
 
 @njit(error_model="numpy", **INSIDE)
 def fit_plane(s: Array) -> PlaneFit:
-    """Principal component analysis of points.
-
-    See docs/terrain_map.md (5).
+    """Fits a plane to points by principal component analysis, docs/terrain_map.md (5).
 
     Args:
         s: (11,) sums over at least three points, see `SUMS`.
@@ -112,16 +110,14 @@ squared_distance = entry_kernel(_HERE, error_model="numpy")(plane_misfit)
 def fit_height_planes(
     sums: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> tuple[Array, Array, Array, Array]:
-    """Maximum-likelihood planes through points as height functions, z = z_c + a (x - x_c) + b (y - y_c).
-
-    See docs/terrain_map.md (7), (8).
+    """Fits planes z = z_c + a (x − x_c) + b (y − y_c) by maximum likelihood, docs/terrain_map.md (7), (8).
 
     The prior is a level plane, for points that are too few or too nearly collinear to determine the slope.
 
     Args:
         sums: (N, 11) sums over the points of each, see `SUMS`.
         common_m: Standard deviation of the height error common to all points.
-        common_rad: The same for the slopes, rad.
+        common_rad: Standard deviation of the slope error common to all points, rad.
         alike: Number of points that share an error.
         slope_sd: Prior standard deviation of the slopes, rad.
 
@@ -147,7 +143,16 @@ def fit_height_planes(
 def height_plane_misfit(
     new: Array, old: Array, common_m: float, common_rad: float, alike: float, slope_sd: float
 ) -> Array:
-    """(N,) mean squared height difference, m², of points from `fit_height_planes` of others; both as (N, 11) sums."""
+    """(N,) mean squared height difference, m², of points from planes fitted by `fit_height_planes` to other points.
+
+    Args:
+        new: (N, 11) sums of the points.
+        old: (N, 11) sums of the points that determine the planes.
+        common_m: As in `fit_height_planes`.
+        common_rad: As in `fit_height_planes`.
+        alike: As in `fit_height_planes`.
+        slope_sd: As in `fit_height_planes`.
+    """
     centres, slopes, _, _ = fit_height_planes(old, common_m, common_rad, alike, slope_sd)
     a, b = -slopes.T
     d = -(centres[:, 2] + a * centres[:, 0] + b * centres[:, 1])
@@ -159,7 +164,7 @@ def height_plane_misfit(
 
 @entry_kernel(_HERE)
 def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: float) -> tuple[float, float]:
-    """The farthest point from a plane's centre toward (x, y) at which the plane is well observed.
+    """The point, in plan, from a plane's centre toward (x, y) that is farthest but still well observed.
 
     Args:
         centre: (3,) m.
@@ -182,9 +187,17 @@ def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: flo
 
 @entry_kernel(_HERE)
 def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: float, border_m: float) -> float:
-    """Height of a plane, m, where it is well observed toward (x, y); gradient (2,), the rest as in `point_toward`.
+    """Height of a plane, m, at the point toward (x, y) where it is still well observed, see `point_toward`.
 
     A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
+
+    Args:
+        centre: (3,) m.
+        gradient: (2,) slopes along x and y.
+        spread: (2, 2) m², covariance of its points in plan.
+        x: m.
+        y: m.
+        border_m: Width of the border where it is not well observed.
     """
     x, y = point_toward(centre, spread, x, y, border_m)
     return centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]
@@ -193,7 +206,7 @@ def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: fl
 def rotate_planes(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Rotates the result of `fit_height_planes` by a (3, 3) rotation about the vertical."""
+    """Rotates the four arrays of `fit_height_planes` by a (3, 3) rotation R about the vertical."""
     rotation = R[:2, :2]
     covariances = covariances.copy()
     covariances[:, 1:, 1:] = rotation @ covariances[:, 1:, 1:] @ rotation.T

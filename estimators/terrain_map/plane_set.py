@@ -53,7 +53,7 @@ class Surface(NamedTuple):
         return cls(label, height, np.zeros((COLUMNS, COLUMNS), np.float32), np.zeros(2, np.int64))
 
     def clear(self) -> None:
-        """Clears all columns."""
+        """Removes labels and heights of all columns."""
         self.label[:], self.height[:] = NONE, np.nan
 
     def move(self, origin: NDArray[np.int64]) -> None:
@@ -69,7 +69,7 @@ class Surface(NamedTuple):
         self.origin[:] = origin
 
     def at(self, columns: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Label and height of (..., 2) columns; -1 and NaN outside the window."""
+        """Label and height of columns (..., 2); -1 and NaN outside the window."""
         inside = ((columns >= self.origin) & (columns < self.origin + COLUMNS)).all(axis=-1)
         i, j = columns[..., 0] % COLUMNS, columns[..., 1] % COLUMNS
         return np.where(inside, self.label[i, j], NONE), np.where(inside, self.height[i, j], np.float32(np.nan))
@@ -95,7 +95,17 @@ class TopView(NamedTuple):
 
 @entry_kernel(_HERE)
 def count_overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(P, slots) columns that each pair of a new and an old plane shares, and (slots,) observed columns of each old."""
+    """Counts the columns that new and old planes share.
+
+    Args:
+        surface: Columns with the old planes' slots.
+        view: Top view with the new planes.
+        slots: Number of slots.
+
+    Returns:
+        (P, slots) columns that each pair of a new and an old plane shares; (slots,) columns of each old plane that the
+        view observes.
+    """
     label, first = surface.label, view.first
     both, seen = np.zeros((len(view.sums), slots), np.int64), np.zeros(slots, np.int64)
     for i in range(view.labels.shape[0]):
@@ -162,11 +172,11 @@ def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]
 
 @entry_kernel(_HERE)
 def find_borders(surface: Surface, reach: int, least_m: float, most_m: float) -> NDArray[np.int32]:
-    """Columns where a plane ends and a lower one begins.
+    """Finds the columns where a plane ends and a lower one begins.
 
     Args:
         surface: The columns.
-        reach: Columns that may lie between them.
+        reach: Columns that may lie between the planes.
         least_m: Smallest height difference.
         most_m: Largest height difference.
 
@@ -221,7 +231,7 @@ _SAME_IOU, _INSIDE_SHARE = 0.3, 0.6
 _APART = 1.5
 """Planes farther apart than this many `plane_noise_m` are distinct."""
 _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD = 16.0, math.radians(6.0)
-"""Of (7): columns that share their error, a pixel's neighbourhood and one pose; prior of the ground's slope."""
+"""docs/terrain_map.md (7): columns whose error is shared, and the prior of the ground's slope."""
 
 
 class PlaneSet:
@@ -249,14 +259,14 @@ class PlaneSet:
         self._next_id = 0
 
     def clear(self) -> None:
-        """Removes every plane; ids continue."""
+        """Removes every plane and column; ids of later planes continue."""
         self.surface.clear()
         self.ids[:] = NONE
         self.votes[:] = 0.0
         self._sums[:] = 0.0
 
     def update(self, view: TopView) -> None:
-        """Takes the planes of one top view."""
+        """Associates the planes of one top view with the known ones, and updates columns, votes and sums."""
         s = self.surface
         common, in_scope = count_overlaps(s, view, SLOTS)
         slots = self._match_slots(common, in_scope, view.sums)
@@ -271,9 +281,12 @@ class PlaneSet:
         self._remove(np.flatnonzero(few))
 
     def planes(self, R_world_grid: Array) -> dict[int, Plane]:
-        """The planes by id, in world axes; R_world_grid is a (3, 3) rotation about the vertical.
+        """The planes by id, in world axes.
 
         A plane that has not changed since the last call is the same object.
+
+        Args:
+            R_world_grid: (3, 3) rotation about the vertical, grid to world axes.
         """
         changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
         self._last_sums[:], self._last_votes[:] = self._sums, self.votes
@@ -289,7 +302,7 @@ class PlaneSet:
         return {id_: self._last[id_] for id_ in planes}
 
     def _fit_planes(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
-        """The planes of these slots by id."""
+        """The planes in these slots by id, fitted to the sums over their columns, docs/terrain_map.md (7), (8)."""
         sums = self._sums[slots]
         centres, slopes, covariances, spreads = rotate_planes(
             *fit_height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
@@ -307,7 +320,15 @@ class PlaneSet:
         }  # fmt: skip
 
     def _match_slots(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
-        """Slot of each new plane: that of the matching plane, or a free one. See docs/terrain_map.md (9)."""
+        """(P,) slot of each new plane: that of the known plane it belongs to, docs/terrain_map.md (9), or a free one.
+
+        If there are too few free slots, the planes with the fewest votes make room.
+
+        Args:
+            common: (P, SLOTS) columns that a new and an old plane share.
+            in_scope: (SLOTS,) observed columns of each old plane.
+            sums: (P, 11) sums of the new planes.
+        """
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
         new, old = np.nonzero(common)
@@ -335,7 +356,7 @@ class PlaneSet:
         return slots
 
     def _lies_on_plane(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(N,) whether all of a new plane, from its (N, 11) sums, lies on the old one in its slot."""
+        """(N,) whether a new plane, from its (N, 11) sums, lies on the known plane in its slot (N,)."""
         p = self._p
         off = height_plane_misfit(
             new, self._sums[slots], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
@@ -343,7 +364,10 @@ class PlaneSet:
         return np.asarray(off < (_APART * p.plane_noise_m) ** 2)
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
-        """A match is a vote for the plane; no match while in view is a vote against it."""
+        """Updates the votes: + 1 for a matched plane, - 1 for one that is in view without a match.
+
+        Planes without votes are removed.
+        """
         paired = np.zeros(SLOTS, bool)
         paired[slots[slots >= 0]] = True
         self.votes[paired] = np.minimum(self.votes[paired] + 1.0, _MAX_VOTES)
@@ -352,6 +376,7 @@ class PlaneSet:
         self._remove(np.flatnonzero(lost & (self.votes <= 0)))
 
     def _remove(self, slots: NDArray[np.intp]) -> None:
+        """Removes the planes in some slots, with their labels; the columns' heights remain."""
         if len(slots):
             self.ids[slots] = NONE
             self.votes[slots] = 0.0

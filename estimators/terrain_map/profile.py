@@ -50,16 +50,18 @@ def read_profile(
     estimate: TerrainEstimate | None, planes: PlaneSet, R_world_grid: Array, p: TerrainMapParameters, origin: Array,
     heading: float, length_m: float,
 ) -> Profile:  # fmt: skip
-    """The ground along a line.
+    """Reads the profile of the ground along a line: height, plane and slope at each sample, and its changes.
+
+    Where a plane bends along the line, each straight stretch has its own height and slope.
 
     Args:
-        estimate: Estimate of the ground.
-        planes: Its columns.
+        estimate: Planes and terrains; None gives a profile without ground.
+        planes: Columns of the map.
         R_world_grid: (3, 3) grid to world axes.
         p: Size of a column, standard deviations, and the smallest slope break.
-        origin: (2,) m, world.
+        origin: (2,) start of the line, m, world.
         heading: rad from x.
-        length_m: m.
+        length_m: Length of the line, m.
     """
     s = np.arange(0.0, length_m, p.voxel_size_m) + p.voxel_size_m / 2
     lanes = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 0.01, _LANE_M)
@@ -91,7 +93,7 @@ def read_profile(
 
 
 def _plane_ids(plane: NDArray[np.int64]) -> list[int]:
-    """The planes of a line, in order of their ids."""
+    """Ids of the planes (N,) along a line, in ascending order, without -1."""
     return sorted(set(plane.tolist()) - {-1})
 
 
@@ -154,7 +156,7 @@ def _find_straight_runs(
     s: Array, height: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> list[_Run]:  # fmt: skip
-    """Runs on one plane, cut where its columns bend."""
+    """Runs of samples on one plane along a line, cut where the plane's columns bend."""
     runs = []
     for first, last, id_ in _find_runs(plane):
         whole_plane = estimate.planes[id_]
@@ -177,6 +179,7 @@ def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -
 def _find_changes(
     s: Array, runs: Sequence[_Run], estimate: TerrainEstimate, origin: Array, forward: Array, p: TerrainMapParameters
 ) -> tuple[Change, ...]:
+    """The edges and slope breaks between consecutive runs."""
     changes = []
     for before, after in pairwise(runs):
         one, other, stretch = before.plane, after.plane, after.stretch
@@ -211,6 +214,22 @@ def _edge_or_slope_break(
     end: float, start: float, one: Plane, other: Plane, estimate: TerrainEstimate, origin: Array, forward: Array,
     p: TerrainMapParameters,
 ) -> Change | None:  # fmt: skip
+    """The change between two neighbouring planes along a line: an edge, a slope break, or None for neither.
+
+    A slope break needs a bend beyond `min_slope_break_rad` and 4 standard deviations, and planes that meet near the gap
+    between them. Otherwise a height difference of at least a kerb is an edge: at the edge of a mapped flight if there
+    is one, else at the end of the upper plane.
+
+    Args:
+        end: Last sample of the plane before, m along the line.
+        start: First sample of the plane after, m along the line.
+        one: Plane before.
+        other: Plane after.
+        estimate: Gives the mapped flights.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
+        p: Standard deviations, and the smallest slope break.
+    """
     middle = 0.5 * (end + start)
     place = origin + middle * forward
     drop = float(other.height(place) - one.height(place))
@@ -248,7 +267,7 @@ def _edge_or_slope_break(
 
 
 def _slope_sd(plane: Plane, forward: Array) -> float:
-    """Standard deviation of a plane's slope along a (2,) direction."""
+    """Standard deviation of a plane's slope (rise over run) along a (2,) direction."""
     return math.sqrt(max(float(forward @ plane.covariance[1:, 1:] @ forward), 0.0))
 
 
@@ -262,10 +281,10 @@ def _height_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
 def _in_flight(
     flight: Stairs, one: int, other: int, origin: Array, forward: Array, min_sd_m: float
 ) -> tuple[float, float] | None:
-    """Where a line crosses the edge between two planes of a flight, m along it, and its standard deviation.
+    """Position of the edge between two planes of a flight, m along a line, and its standard deviation.
 
-    This is the measured edge, unless it is far from its place in the fitted flight, as when a leg occludes it: then the
-    other edges determine it.
+    It is the measured edge, unless it is far from its place in the fitted flight, as when a leg occludes it: then the
+    other edges determine it. None if the planes are not neighbours in the flight.
     """
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
@@ -280,7 +299,7 @@ def _in_flight(
 def _next_to_flight(
     flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array
 ) -> tuple[float, float] | None:
-    """Where a line crosses the edge one tread beyond either end of a flight, m along it, and its standard deviation.
+    """Position of the edge one tread beyond either end of a flight, m along a line, and its standard deviation.
 
     The riser of such an edge, of height `drop`, was observed, but not its position. None if there is no such edge.
     """
@@ -296,6 +315,16 @@ def _next_to_flight(
 
 
 def _edge_crossing(flight: Stairs, edge: float, sd: float, origin: Array, forward: Array) -> tuple[float, float] | None:
-    """Where a line crosses a flight's edge, and its standard deviation; None if the line is parallel to the edge."""
+    """Position where a line crosses a flight's edge, m along the line, and its standard deviation.
+
+    None if the line is nearly parallel to the edge.
+
+    Args:
+        flight: The flight.
+        edge: Position of the edge along the flight's ascent, m.
+        sd: Standard deviation of that position, m.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
+    """
     along = float(flight.up @ forward)
     return None if abs(along) < _MIN_COSINE else ((edge - float(flight.up @ origin)) / along, sd / abs(along))

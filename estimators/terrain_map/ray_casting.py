@@ -30,18 +30,21 @@ _WEIGHT_FLOOR = np.float32(0.05)
 def cast_down(
     blocks: Blocks, first_i: int, first_j: int, size: int, top_k: int, voxel_m: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Casts one ray straight down per column of voxels.
+    """Casts one ray straight down per column of voxels, to the highest surface.
+
+    A surface lies where λ changes from negative (free) to positive between two observed voxels; linear interpolation
+    gives its height.
 
     Args:
         blocks: Voxels of the map.
-        first_i: Column of the corner; a multiple of 8.
-        first_j: As `first_i`.
+        first_i: Column of the corner along i; a multiple of 8.
+        first_j: Column of the corner along j; a multiple of 8.
         size: Columns along one edge of the view; a multiple of 8.
         top_k: Rays start at this layer.
         voxel_m: Edge of a voxel.
 
     Returns:
-        (size, size) height of the surface, m, NaN where unobserved, and the weight of the voxel above it.
+        (size, size) height of the surface, m, NaN where unobserved, and the smaller weight of the two voxels.
     """
     height = np.full((size, size), np.nan, np.float32)
     trust = np.zeros((size, size), np.float32)
@@ -171,6 +174,7 @@ def _column_noise(
     height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
     most_m: float, noise_per_m: float,
 ) -> NDArray[np.float32]:  # fmt: skip
+    """The compiled part of `column_noise`; `beside` (n, n) is the largest weight around each column."""
     noise = np.empty(height.shape, np.float32)
     unseen = np.float32(math.nan)
     for i in range(height.shape[0]):

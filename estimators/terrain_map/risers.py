@@ -1,4 +1,4 @@
-"""Steps between two planes: where the upper one ends, from its last columns and then, to a centimetre, the voxels."""
+"""Steps between two planes: where the upper one ends, from its last columns and then, to 1 cm, from the voxels."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Riser:
 
 @entry_kernel(_HERE)
 def _extent(points: Array, down: Array) -> tuple[float, float, float]:
-    """Middle of (N, 2) points, and their extent along an edge across `down`, m."""
+    """Middle (x, y) of (N, 2) points, and their extent along an edge across `down` (2,), m."""
     n, least, most = len(points), math.inf, -math.inf
     for k in range(n):
         along = points[k, 1] * down[0] - points[k, 0] * down[1]
@@ -87,7 +87,7 @@ def _extent(points: Array, down: Array) -> tuple[float, float, float]:
 
 
 def fit_riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Array, voxel_m: float) -> Riser | None:
-    """The step between two planes, from their columns.
+    """Fits the step between two planes to the columns where they border on each other.
 
     Args:
         lower: Lower plane.
@@ -114,7 +114,22 @@ def _fit_edge(
     columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
     centre: Array, gradient: Array, spread: Array,
 ) -> tuple[Array, Array, float]:  # fmt: skip
-    """Edge between two planes from `fit_riser`'s columns: (2,) down across it, (N, 2) points, m, and height, m."""
+    """Edge between two planes from the columns of `fit_riser`, and their height difference there.
+
+    Args:
+        columns: (N, 5), see `fit_riser`.
+        turn: (2, 2) grid to world axes.
+        voxel_m: Edge of a column.
+        low_centre: (3,) of the lower plane, m.
+        low_gradient: (2,) of the lower plane.
+        low_spread: (2, 2) of the lower plane, m².
+        centre: (3,) of the upper plane, m.
+        gradient: (2,) of the upper plane.
+        spread: (2, 2) of the upper plane, m².
+
+    Returns:
+        (2,) unit vector down across the edge; (N, 2) points, m, none if there is no edge; height, m.
+    """
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
     for n in range(len(columns)):
         side = columns[n, 4]
@@ -133,7 +148,7 @@ def _fit_edge(
 
 @njit(**INSIDE)
 def project(points: Array, u: float, v: float) -> Array:
-    """(N,) coordinates of (N, 2) points along (u, v)."""
+    """(N,) coordinates of points (N, 2) along the direction (u, v): x u + y v."""
     s = np.empty(points.shape[0])
     for n in range(points.shape[0]):
         s[n] = points[n, 0] * u + points[n, 1] * v
@@ -142,6 +157,7 @@ def project(points: Array, u: float, v: float) -> Array:
 
 @njit(**INSIDE)
 def _median(s: Array) -> float:
+    """Median of s (N,), which stays unsorted."""
     ordered = s.copy()
     sort(ordered)
     return median(ordered, ordered.shape[0])
@@ -149,7 +165,7 @@ def _median(s: Array) -> float:
 
 @njit(**INSIDE)
 def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
-    """The (N, 2) points to keep; none if they are too few."""
+    """The points (N, 2) where `keep` (N,) is True; none if they are fewer than `fewest`."""
     count = 0
     for n in range(points.shape[0]):
         count += keep[n]
@@ -165,7 +181,15 @@ def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array
 
 @njit(**INSIDE)
 def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
-    """(2,) unit vector down across an edge, and its columns (see `_fit_edge`) on the line; none if there is no edge."""
+    """Fits the edge's line to the ends of the upper plane's columns.
+
+    Args:
+        ends: (N, 2) m, ends of the columns.
+        toward: (N, 2) unit vectors from each column toward the lower plane.
+
+    Returns:
+        (2,) unit vector down across the edge; the ends near the line, none if the lower plane surrounds the upper one.
+    """
     count, down = ends.shape[0], np.empty(2)
     down[0] = mean(toward, 0, count, 0)
     down[1] = mean(toward, 0, count, 1)
@@ -183,7 +207,16 @@ def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
 
 @njit(**INSIDE)
 def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
-    """(2,) unit vector across the line through (N, 2) points, on the side of `toward` (2,)."""
+    """(2,) unit vector across the line through points (N, 2), on the side of `toward` (2,).
+
+    The line has the direction of the largest scatter, ½ atan2(2 s_xy, s_xx − s_yy). If `toward` is nearly along it, the
+    points are too few to have a direction, and the result is `toward` itself, normalised.
+
+    Args:
+        points: (N, 2) m.
+        toward: (2,).
+        ratio_min: Smallest ratio of the components of `toward` across and along the line.
+    """
     count, normal = points.shape[0], np.empty(2)
     middle_x, middle_y = mean(points, 0, count, 0), mean(points, 0, count, 1)
     xx, xy, yy = 0.0, 0.0, 0.0
@@ -192,7 +225,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
         xx += x * x
         xy += x * y
         yy += y * y
-    turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # the line's, from its scatter
+    turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # direction of the largest scatter
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
     if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
@@ -207,7 +240,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
 
 
 def refine_riser(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_world: Array, voxel_m: float) -> Riser:
-    """Refines a riser's edge in the voxels just under the upper plane.
+    """Measures a riser's edge anew in the voxels just under the upper plane.
 
     Args:
         edge: Riser from the columns.
@@ -232,12 +265,26 @@ def refine_riser(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_
 def _edge_in_voxels(
     points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
 ) -> tuple[Array, Array]:  # fmt: skip
-    """(2,) unit vector down across an edge, and its (N, 2) points, m, in the voxels; none if they show no edge."""
+    """The end of solid ground along `_LANES` lines that cross an edge one voxel under the upper plane.
+
+    Args:
+        points: (N, 2) m, the edge from the columns.
+        down: (2,) unit vector across it.
+        centre: (3,) of the upper plane, m.
+        gradient: (2,) of the upper plane.
+        blocks: The voxels.
+        turn: (2, 2) world to grid axes.
+        voxel_m: Edge of a voxel.
+
+    Returns:
+        (2,) unit vector down across the edge; (N, 2) its points, m, none if the voxels show no edge.
+    """
     starts = _lane_starts(points, down)
     at = np.empty((len(starts), 3))
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
         for axis in range(2):
+            # one voxel under the plane z = z_c + g · (x - x_c), in voxels of the grid
             at[n, axis] = (turn[axis, 0] * x + turn[axis, 1] * y) / voxel_m
         at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
     slope = gradient[0] * down[0] + gradient[1] * down[1]
@@ -251,7 +298,7 @@ def _edge_in_voxels(
 
 @njit(**INSIDE)
 def _lane_starts(points: Array, down: Array) -> Array:
-    """(N, 2) m, start points, a little before an edge, of the lanes that cross it."""
+    """(N, 2) m, starts of the lanes across an edge, evenly spaced along it, `_INSIDE_M` before it."""
     aside = project(points, -down[1], down[0])
     sort(aside)
     low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
@@ -266,7 +313,14 @@ def _lane_starts(points: Array, down: Array) -> Array:
 
 @njit(**INSIDE)
 def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
-    """(N, 2) m, end points of the lanes without outliers, from their reach, voxels; none if too few remain."""
+    """(N, 2) m, ends of the lanes without outliers, none if too few remain.
+
+    Args:
+        starts: (N, 2) m.
+        reach: (N,) length of solid ground from each start, voxels; NaN where unobserved.
+        voxel_m: Edge of a voxel.
+        down: (2,) direction of the lanes.
+    """
     points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
     known = np.empty(starts.shape[0])
     for n in range(starts.shape[0]):
@@ -285,7 +339,7 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
 
 
 def pairs_of(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Rows of the result of `plane_set.find_borders`, by the ids of lower and upper plane."""
+    """Rows of the result of `plane_set.find_borders` by the ids of lower and upper plane; `ids` are by slot."""
     if not len(borders):
         return {}
     key = borders[:, 0].astype(np.int64) * len(ids) + borders[:, 1]

@@ -69,13 +69,21 @@ def _is_winding(row: list[Riser]) -> bool:
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
+    """Whether one riser continues in another: parallel, and a tread farther up."""
     tread = float(np.subtract(one.middle, other.middle) @ one.down)
     are_parallel = float(one.down @ other.down) > math.cos(_PARALLEL_RAD)
     return are_parallel and p.min_tread_m <= tread <= p.max_tread_m
 
 
 def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainMapParameters) -> Stairs:
-    """Fits a flight, with covariance, to a row of risers from the lowest; see `find_flights`."""
+    """Fits a flight with equal risers and treads, and its covariance, to a row of risers: docs/terrain_map.md (10).
+
+    Args:
+        row: Risers from the lowest, see `find_flights`.
+        planes: Planes by id.
+        id_: Id of the flight.
+        p: Standard deviations.
+    """
     up = -heading_of(row)
     left = to_left(up)
     middles = np.array([r.middle for r in row])
@@ -107,7 +115,7 @@ def to_left(forward: Array) -> Array:
 
 
 def _height_and_sd(plane: Plane, place: Array) -> tuple[float, float]:
-    """Height of a plane where it is well observed toward a (2,) place, m, and its standard deviation."""
+    """Height of a plane, m, where it is well observed toward a place (2,), and its standard deviation, m."""
     x, y = point_toward(plane.centre, plane.spread, place[0], place[1], BORDER_M)
     J = np.array([1.0, x - plane.centre[0], y - plane.centre[1]])
     return float(plane.centre[2] + J[1:] @ plane.gradient), math.sqrt(J @ plane.covariance @ J)
@@ -116,11 +124,9 @@ def _height_and_sd(plane: Plane, place: Array) -> tuple[float, float]:
 def fit_even_edges(
     edges: Sequence[Array], sd: Sequence[float], up: Array, middle: float, least: float
 ) -> tuple[Array, Array]:
-    """Fits evenly spaced edges, s = start + k tread - turn (l - middle), by least squares; one row per edge point.
+    """Fits evenly spaced edges s = start + k tread − turn (l − middle) by least squares: docs/terrain_map.md (10).
 
-    See docs/terrain_map.md (10).
-
-    An edge's points share an error; Woodbury's formula includes it in the weights.
+    One row per edge point. An edge's points share an error; Woodbury's formula includes it in the weights.
 
     Args:
         edges: (N, 2) m, points of each edge.
@@ -136,6 +142,7 @@ def fit_even_edges(
     for k, points in enumerate(edges):
         s, l, n = points @ up, points @ to_left(up), len(points)
         variance = max(float(s.var()), least)
+        # inverse of variance I + sd² 1 1ᵀ: I / variance - shared 1 1ᵀ
         shared = 1.0 / (variance**2 * (n / variance + 1.0 / sd[k] ** 2))
         A = np.column_stack([np.ones(n), np.full(n, float(k)), middle - l])
         total = A.sum(axis=0)
@@ -149,7 +156,15 @@ def fit_even_edges(
 
 
 def fit_stair_line(heights: Array, sd: Array) -> tuple[Array, Array]:
-    """(2,) base and riser of equal steps through heights, m, with their (2, 2) covariance; docs/terrain_map.md (10)."""
+    """Fits base and riser h_k = h_0 + k r to heights (N,), m, by weighted least squares: docs/terrain_map.md (10).
+
+    Args:
+        heights: (N,) m, from the lowest.
+        sd: (N,) standard deviations, m.
+
+    Returns:
+        (2,) base and riser, m; their (2, 2) covariance.
+    """
     A = np.column_stack([np.ones(len(sd)), np.arange(len(sd))]) / sd[:, None]
     covariance = np.asarray(np.linalg.inv(A.T @ A), float)
     return np.asarray(covariance @ (A.T @ (heights / sd)), float), covariance

@@ -35,6 +35,8 @@ RefineRiser = Callable[[Riser, Plane, Array], Riser]
 
 
 class _CachedRiser(NamedTuple):
+    """A riser between two planes with what it was computed from; the riser is None where there is no edge."""
+
     lower: Plane
     upper: Plane
     columns: NDArray[np.int32]
@@ -52,7 +54,7 @@ def is_level(plane: Plane, p: TerrainMapParameters) -> bool:
 
 
 def _less_than(slope_rad: float, plane: Plane) -> bool:
-    """Whether a plane may slope by less.
+    """Whether a plane may slope by less than `slope_rad`.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
     does not make it a ramp.
@@ -78,12 +80,12 @@ class Terrains:
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
     def find(self, planes: dict[int, Plane], plane_set: PlaneSet, refine: RefineRiser) -> tuple[Terrain, ...]:
-        """Levels, ramps and stairs.
+        """Finds levels, ramps and stairs among the planes.
 
         Args:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
-            plane_set: Their columns.
-            refine: Measures the edges.
+            plane_set: Columns of the planes.
+            refine: Measures the edge of a riser.
         """
         p = self._p
         terrains: list[Terrain] = []
@@ -105,12 +107,13 @@ class Terrains:
         return tuple(terrains)
 
     def _fit_flight(self, row: Sequence[Riser], planes: dict[int, Plane], refine: RefineRiser) -> Stairs:
+        """The flight of a row of risers, after their edges are measured in the volume."""
         down = heading_of(row)
         risers = [refine(r, planes[r.upper], down) for r in row]
         return fit_stairs(risers, planes, min(r.upper for r in row), self._p)
 
     def _find_risers(self, planes: dict[int, Plane], plane_set: PlaneSet) -> list[Riser]:
-        """Steps between flat planes, from their columns."""
+        """Risers between flat planes; those whose planes and columns have not changed come from the cache."""
         p = self._p
         border_columns = find_borders(
             plane_set.surface, round(_HIDDEN_M / p.voxel_size_m), p.min_riser_m, p.max_riser_m
@@ -132,7 +135,7 @@ class Terrains:
         return [one.riser for one in known.values() if one.riser is not None]
 
     def _fit_riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
-        """The step given by columns of `find_borders`."""
+        """The riser of columns from `find_borders`; None if it is not as high and long as one of stairs."""
         p = self._p
         edge = fit_riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
         if edge is not None and p.min_riser_m <= edge.height <= p.max_riser_m and edge.length >= _MIN_EDGE_M:

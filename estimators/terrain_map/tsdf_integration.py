@@ -1,4 +1,4 @@
-"""Integrates depth images into the voxels: eqs. (19)-(22) of Zhao et al. 2023."""
+"""Integrates depth images into the voxels: docs/terrain_map.md (1)-(4), after Zhao 2023 (19)-(22)."""
 
 from __future__ import annotations
 
@@ -92,9 +92,7 @@ def integrate(
     blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
     max_weight: float, noise_per_m: float,
 ) -> None:  # fmt: skip
-    """Updates every voxel in view by eqs. (19)-(22).
-
-    See docs/terrain_map.md (1)-(4).
+    """Updates every voxel in view by docs/terrain_map.md (1)-(4), after Zhao 2023 (19)-(22).
 
     The truncation t_δ of a line of sight makes λ a height: it is band_m divided by the line's descent per metre. A
     voxel counts as behind a surface only if the surface extends to straight above it. Otherwise a line of sight just
@@ -176,14 +174,14 @@ class _Lattice(NamedTuple):
 
 
 class _Projection(NamedTuple):
-    """(512,) per voxel of a block, and (8,) per slab.
+    """A depth image evaluated at the voxels of a block: (512,) per voxel, (8,) per slab.
 
     Attributes:
         z: m along the optical axis.
-        descent: Descent of the line of sight per metre.
+        descent: Descent of the line of sight per metre of depth.
         scale: λ per metre of depth.
         pixel: Pixel of the voxel; 0 if it is not in view.
-        sdf: (19), m; `_NONE` where unobserved.
+        sdf: Signed distance of docs/terrain_map.md (1), m; `_NONE` where unobserved.
         second: Depth of the image at the second lookup, m.
         observed: Number of observed voxels per slab.
         behind: Number of those behind a surface seen from above.
@@ -201,7 +199,7 @@ class _Projection(NamedTuple):
 
 @njit(**INSIDE)
 def _lattice(steps: Array, voxel_m: float) -> _Lattice:
-    """Offsets from the (3, 3) steps between neighbouring voxels in the camera's axes, m."""
+    """Offsets of a block's voxels from its first, by the (3, 3) steps between neighbours in the camera's axes, m."""
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
     up = np.empty(VOXELS, np.float32)
     for at in range(VOXELS):
@@ -215,6 +213,7 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 
 @njit(**INSIDE)
 def _projection() -> _Projection:
+    """A projection with uninitialised arrays."""
     return _Projection(
         np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
         np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
@@ -227,9 +226,15 @@ def _project(
     image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, above: np.float32,
     projection: _Projection,
 ) -> bool:  # fmt: skip
-    """Evaluates a (H * W) depth image, m, 0 = none, at each voxel of a block; returns whether any voxel is observed.
+    """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
 
-    The block's first voxel is at `corner` in the camera's axes, m; the camera is `above` m over it.
+    Args:
+        image: (H * W) depth, m, 0 = none.
+        camera: Pinhole camera.
+        lattice: Offsets of the voxels.
+        corner: The block's first voxel in the camera's axes, m.
+        above: Height of the camera over that voxel, m.
+        projection: Overwritten.
     """
     x0, y0, z0 = corner
     # Loops without branches or lookups among the sums are vectorised.
@@ -251,7 +256,7 @@ def _project(
         observed_count, behind = _ORIGIN, _ORIGIN
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
             d = projection.sdf[at]
-            sdf = projection.z[at] - d  # (19)
+            sdf = projection.z[at] - d  # Zhao 2023 (19)
             is_observed = (projection.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * projection.scale[at] <= _ONE)
             projection.sdf[at] = sdf if is_observed else _NONE
             observed_count += np.int32(1) if is_observed else _ORIGIN
@@ -267,7 +272,14 @@ def _check_above(
 ) -> None:  # fmt: skip
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
-    Arguments as in `_project`; the projection's pixels become those of the second lookup.
+    The projection's pixels become those of the second lookup.
+
+    Args:
+        image: (H * W) depth, m, 0 = none.
+        camera: Pinhole camera.
+        lattice: Offsets of the voxels.
+        corner: The block's first voxel in the camera's axes, m.
+        projection: Changed in place; where the surface ends, the distance becomes that to the second pixel's depth.
     """
     x0, y0 = corner[0], corner[1]
     for slab in range(EDGE):
@@ -297,18 +309,19 @@ def _check_above(
 def _average(
     distance: NDArray[np.float32], weight: NDArray[np.float32], camera: _Pinhole, projection: _Projection
 ) -> None:
-    """Eqs. (20)-(22) for a block's (512,) voxels."""
+    """Averages λ and weight of a block's voxels (512,): docs/terrain_map.md (2)-(4), after Zhao 2023 (20)-(22)."""
     for slab in range(EDGE):
         if projection.observed[slab] == _ORIGIN:
             continue
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
             sdf, z = projection.sdf[at], projection.z[at]
             value = sdf * projection.scale[at]
-            value = value if value > -_ONE else -_ONE  # (20)
+            value = value if value > -_ONE else -_ONE  # Zhao 2023 (20)
             new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
             total = old + new
-            mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)  # (21)
+            # Zhao 2023 (21)
+            mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)
             distance[at] = mixed if sdf < _NONE else distance[at]
-            weight[at] = total if total < camera.max_weight else camera.max_weight  # (22)
+            weight[at] = total if total < camera.max_weight else camera.max_weight  # Zhao 2023 (22)

@@ -51,7 +51,7 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
 
 
 def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
-    """(3,) unit vector upwards in the world; None if no surface is level.
+    """(3,) unit vector upwards in the world, estimated from surface normals of several images; None if none is level.
 
     Args:
         views: Per image, (N, 3) normals in the camera's optical frame, and (3, 3) rotation of that frame to the world.

@@ -37,6 +37,11 @@ class VoxelVolume:
 
     Grid axes are the world's, rotated about the vertical.
 
+    Args:
+        camera: Depth camera.
+        R_world_grid: (3, 3) grid to world axes.
+        parameters: Size of voxels, truncation and noise.
+
     Attributes:
         keeps_unobserved: Whether a column unobserved in a top view keeps its plane.
     """
@@ -59,7 +64,7 @@ class VoxelVolume:
         return int(self._blocks.used.sum())
 
     def clear(self) -> None:
-        """Removes everything."""
+        """Removes all voxels."""
         clear(self._blocks)
 
     def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
@@ -77,7 +82,7 @@ class VoxelVolume:
         )  # fmt: skip
 
     def top_view(self) -> TopView:
-        """The planes, from the last pose."""
+        """The planes seen in the volume from above, around a point ahead of the last camera pose."""
         assert self._T_grid_camera is not None
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
@@ -92,7 +97,7 @@ class VoxelVolume:
         return refine_riser(edge, upper, down, self._blocks, self._R_grid_world, self._p.voxel_size_m)
 
     def mesh(self) -> None:
-        """None: there is no mesh."""
+        """None: this volume makes no mesh."""
 
 
 def min_noise_m(p: TerrainMapParameters) -> float:

@@ -26,14 +26,14 @@ _NONE = -1
 
 
 class Blocks(NamedTuple):
-    """The allocated voxels.
+    """The allocated voxels, in N blocks of 512.
 
     Attributes:
         slots: (X, Y, Z) int32 ring, row of each block in the arrays below; -1 = none.
         places: (N, 3) int32, block coordinates.
         used: (N,) bool.
-        distance: (N, 512) float32, λ of eq. (21), -1 to 1, positive behind the surface.
-        weight: (N, 512) float32, W of eq. (22); 0 = never seen.
+        distance: (N, 512) float32, λ of docs/terrain_map.md (4), -1 to 1, positive behind the surface.
+        weight: (N, 512) float32, W of docs/terrain_map.md (4); 0 = never seen.
         solid: (N,) bool, whether the block is known to have a voxel behind a surface.
         seen_ns: (N,) int64, when a surface was last observed in the block.
         free: (N,) int32, stack of unused rows.
@@ -117,7 +117,7 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
 
 @njit(**INSIDE)
 def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32], first: int, stride: int) -> bool:
-    """Whether a block has a voxel behind a surface, among the first one and those `stride` apart from it on."""
+    """Whether a block has an observed voxel behind a surface, among its voxels from `first` on, `stride` apart."""
     at = first
     while at < VOXELS and not (distance[at] > 0.0 and weight[at] > 0.0):
         at += stride
@@ -125,6 +125,7 @@ def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32], first:
 
 
 def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
+    """Frees the blocks in some rows."""
     i, j, k = (blocks.places[rows] % np.array(SHAPE, np.int32)).T
     blocks.slots[i, j, k] = _NONE
     blocks.used[rows] = False
@@ -135,7 +136,7 @@ def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
 
 @njit(inline="always")
 def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int, k: int) -> int:
-    """Row of block (i, j, k), -1 = none."""
+    """Row of block (i, j, k) in the arrays of `Blocks`; -1 if it is not allocated or outside the window."""
     if (
         i < origin[0] or i >= origin[0] + SHAPE[0] or j < origin[1] or j >= origin[1] + SHAPE[1]
         or k < origin[2] or k >= origin[2] + SHAPE[2]
@@ -146,7 +147,7 @@ def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int,
 
 @njit(**INSIDE)
 def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
-    """Row of a new block (i, j, k) within the window, -1 if the buffer is full."""
+    """Allocates block (i, j, k) within the window; returns its row, or -1 if the buffer is full."""
     if blocks.counts[0] == 0:
         return _NONE
     blocks.counts[0] -= 1

@@ -116,6 +116,11 @@ def check_stamps(subject: Subject) -> None:
 
 
 def _check_streams(subject: Subject) -> None:
+    """The declared streams are well-formed, without the truth, and the walk has the required ones.
+
+    Raises:
+        ConformanceError: They are not; the message says what to correct.
+    """
     try:
         walk = subject.walk
         streams = subject.estimator_class.streams(walk.rig, walk.options)
@@ -166,7 +171,7 @@ def _rejection_message(subject: Subject, rig: Rig, options: Options) -> str | No
 
 
 def _sensor_names_of(streams: tuple[Stream, ...]) -> set[str]:
-    """Words of which a message about missing sensors has at least one: parts of topics, roles and kinds."""
+    """Words of which a message about missing sensors has to contain one: parts of topics, roles and kinds."""
     texts = [text for s in streams if s.topic != POSES for text in (s.topic, s.role, s.kind.__name__)]
     return {word for text in texts for word in re.split(r"[/_\W]+", text.lower()) if len(word) > 2}
 

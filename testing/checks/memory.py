@@ -57,7 +57,7 @@ def check_bounded_memory(subject: Subject) -> None:
 
 
 def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[tuple[Sample, ...], int]:
-    """Samples of as many full seconds as there are, so that rates stay the same where one pass follows another.
+    """Samples of the largest whole number of seconds, so that rates do not change where one pass follows another.
 
     Returns:
         The samples, and their duration, ns.

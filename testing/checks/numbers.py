@@ -32,11 +32,12 @@ def check_covariance(subject: Subject) -> None:
 
 
 def _describes_uncertainty(leaf: Leaf) -> bool:
+    """Whether a value is a covariance, a standard deviation or a probability."""
     return leaf.is_covariance or leaf.is_standard_deviation or leaf.name in ("probability", "probabilities")
 
 
 def _problem(leaf: Leaf) -> str:
-    """What is wrong with a covariance, standard deviation or probability; "" if nothing is."""
+    """Why a covariance, standard deviation or probability cannot be one, in words; "" if it can."""
     if leaf.value is None or isinstance(leaf.value, str):
         return ""
     value = np.asarray(leaf.value, float)
@@ -56,6 +57,7 @@ def _problem(leaf: Leaf) -> str:
 
 
 def _covariance_problem(matrix: Array) -> str:
+    """Why a matrix cannot be a covariance, in words; "" if it can: symmetric, no negative eigenvalue."""
     scale = np.abs(matrix).max(initial=0.0)
     if np.abs(matrix - matrix.T).max(initial=0.0) > _SYMMETRY * scale:
         return "is not symmetric: average it with its transpose after each update"

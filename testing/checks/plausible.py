@@ -45,6 +45,11 @@ def check_plausible(subject: Subject) -> None:
 
 
 def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
+    """The poses of one frame are rotations, as far apart as the true ones, and upright.
+
+    Raises:
+        ConformanceError: They are not.
+    """
     for pose in poses:
         _check_rotation(np.asarray(pose.rotation, float), pose.t_ns)
     imu_topics = [stream.topic for stream in subject.walk.streams if stream.kind is Imu]
@@ -60,6 +65,11 @@ def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
 
 
 def _check_rotation(rotation: Array, t_ns: int) -> None:
+    """A rotation is a unit quaternion (4,) or a rotation matrix (3, 3).
+
+    Raises:
+        ConformanceError: It is neither.
+    """
     at = f"the rotation at {t_ns * 1e-9:.3f} s"
     if rotation.shape == (4,):
         if abs(np.linalg.norm(rotation) - 1.0) > _UNIT:
@@ -102,6 +112,11 @@ def _check_vertical(subject: Subject, topic: str, poses: Sequence[Pose]) -> None
 
 
 def _check_steps(subject: Subject, estimates: list[StepEstimate]) -> None:
+    """Steps name their foot and mode, are level on the twin's walk, and are about as many as the footprints.
+
+    Raises:
+        ConformanceError: They do not.
+    """
     if not estimates:
         return
     for estimate in estimates:
@@ -122,6 +137,11 @@ def _check_steps(subject: Subject, estimates: list[StepEstimate]) -> None:
 
 
 def _check_normal(normal: Array, at: str) -> None:
+    """A normal (3,) is a unit vector that points up; `at` names the estimate in the error.
+
+    Raises:
+        ConformanceError: It is not.
+    """
     if abs(np.linalg.norm(normal) - 1.0) > _UNIT:
         raise ConformanceError(f"{at}: normal has the length {np.linalg.norm(normal):.4g}: normalise it")
     if normal[2] <= 0.0:
@@ -129,6 +149,11 @@ def _check_normal(normal: Array, at: str) -> None:
 
 
 def _check_terrain(estimate: TerrainEstimate) -> None:
+    """Planes have normals and areas, and the largest is as far below the camera as a person's ground.
+
+    Raises:
+        ConformanceError: They do not.
+    """
     at = f"the map at {estimate.t_ns * 1e-9:.3f} s"
     for plane in estimate.planes.values():
         _check_normal(plane.normal, at)
@@ -146,6 +171,11 @@ def _check_terrain(estimate: TerrainEstimate) -> None:
 
 
 def _check_modes(estimate: ModeEstimate) -> None:
+    """Predicted steps are near in place and time, and as long and fast as a person's.
+
+    Raises:
+        ConformanceError: They are not.
+    """
     at = f"the prediction at {estimate.t_ns * 1e-9:.3f} s"
     if not 0.05 < estimate.step_length < 2.5 or not 0.1 < estimate.step_time < 5.0:
         raise ConformanceError(

@@ -31,7 +31,7 @@ def check_deterministic(subject: Subject) -> None:
 
 
 def check_independent(subject: Subject) -> None:
-    """Two instances that take samples in turn, one a third of the walk behind, return the same as each alone."""
+    """Two instances that take samples in turn, one a third of the walk behind, return what each returns alone."""
     samples = subject.walk.samples
     lag = len(samples) // 3
     instances = subject.create(), subject.create()
@@ -81,6 +81,11 @@ def check_follow(subject: Subject) -> None:
 
 
 def _require_same_path(path: Trajectory, expected: Trajectory, frame: str) -> None:
+    """Two paths have the stamps, positions and rotations of each other, bit by bit.
+
+    Raises:
+        ConformanceError: They differ.
+    """
     advice = "let follow call update, or both the same function"
     if not np.array_equal(path.t_ns, expected.t_ns):
         raise ConformanceError(

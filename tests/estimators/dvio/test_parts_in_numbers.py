@@ -262,12 +262,12 @@ def test_level_ground_weighs_by_its_construction_and_a_ramp_nothing():
 
 def test_level_ground_is_due_once_a_metre_and_only_where_it_is_used():
     ground, place = LevelGround(GROUND_SD_RAD, used=True), np.array([1.0, 2.0, 3.0])
-    assert ground.due(place)
+    assert ground.is_due(place)
     ground._p_last = place
-    assert [ground.due(place + s * np.array([0.6, 0.0, 0.8])) for s in (0.0, 0.99, 1.01)] == [False, False, True]
+    assert [ground.is_due(place + s * np.array([0.6, 0.0, 0.8])) for s in (0.0, 0.99, 1.01)] == [False, False, True]
     ground.restart()
-    assert ground.due(place)
-    assert not LevelGround(GROUND_SD_RAD, used=False).due(place)
+    assert ground.is_due(place)
+    assert not LevelGround(GROUND_SD_RAD, used=False).is_due(place)
 
 
 def test_the_covariance_of_some_states_is_a_block_of_the_inverse():
