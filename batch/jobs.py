@@ -36,7 +36,10 @@ class Job(Generic[Task]):
 
 @dataclass(frozen=True)
 class Failure:
-    """In place of a row: why a job has none. It concerns this job alone, and a later run tries the job again."""
+    """What a job without a row has instead: the reason.
+
+    It concerns this job alone, is not stored, and a later run tries the job again.
+    """
 
     reason: str
 

@@ -103,6 +103,7 @@ class RowLines:
 
 
 def _read_lines(text: str) -> Iterator[tuple[str, Row]]:
+    """Key and row of each valid line; invalid lines, such as the half line of a killed run, are skipped."""
     for line in text.splitlines():
         try:
             row = json.loads(line)

@@ -88,7 +88,7 @@ def read_table(path: Path) -> ScoreTable:
 
 
 def check_scores(node: object, where: Where) -> dict[str, Scores]:
-    """Checks a node of a file as a mapping of estimators to scores.
+    """Checks that a node of a file maps estimators to scores by name, and returns it.
 
     Raises:
         ConfigError: It is not one; the message has the path of the field.
@@ -114,6 +114,7 @@ def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores
 
 
 def _check_names(value: object, where: Where, valid: str) -> dict[str, Any]:
+    """Checks that a value is a mapping whose keys are names, and returns it."""
     if not isinstance(value, dict):
         raise where.error(value, valid)
     for name in value:
