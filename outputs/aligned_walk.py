@@ -26,7 +26,7 @@ _SOLE_M = 0.27
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AlignedWalk:
-    """The poses of an odometry over N instants, beside the truth.
+    """The poses of an odometry over N instants, in a world of its own, beside the truth.
 
     Attributes:
         frame: Frame of the poses, such as `head/imu`.
@@ -53,7 +53,7 @@ class AlignedWalk:
     sole_m: float = _SOLE_M
 
     def place_at(self, t_ns: int) -> float | None:
-        """The true place along the route at the last pose, m; None before the first one."""
+        """The true place along the route at the last pose up to a time, m; None before the first pose."""
         i = int(np.searchsorted(self.poses.t_ns, t_ns, side="right")) - 1
         return float(self.place_m[i]) if i >= 0 else None
 

@@ -59,7 +59,7 @@ def outline(footprint: Footprint) -> Array:
 
 
 class StraightenedRoute:
-    """The true footprints and the true path of a walk along its route.
+    """A walk's true footprints and path, laid out along the straightened route for figures from above.
 
     Args:
         walk: The walk.
@@ -92,7 +92,7 @@ class StraightenedRoute:
         return list(pairwise(np.linspace(*span, count + 1).tolist()))
 
     def footprints_within(self, span: Range) -> list[int]:
-        """Numbers of the footprints whose middle lies within a span."""
+        """Numbers of the footprints whose middle lies within a span of the route, m."""
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
     def plot_row(self, title: str, number: int, rows: list[Range]) -> Plot:

@@ -55,7 +55,7 @@ class TruePath:
 
     @property
     def poses(self) -> Trajectory:
-        """The poses at the path's own stamps."""
+        """The poses at the stamps of the path."""
         return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
 
     def since(self, t_ns: int) -> TruePath:
@@ -101,7 +101,7 @@ class TruePath:
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:
-    """The true path of a frame: as recorded, or derived from another sensor on the same body through their mounts.
+    """The true path of a frame: recorded, or derived from another sensor on the same body by their mounts.
 
     Raises:
         RecordingError: The recording has no truth for the frame; the message lists the available frames.
@@ -125,7 +125,14 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
 
 
 def _derive_path(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
-    """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
+    """The path of a frame that is rigidly mounted in the recorded one.
+
+    p = p_r + R_r a and v = v_r + R_r (ω × a), with the arm a in the recorded frame.
+
+    Args:
+        recorded: True path of the recorded frame.
+        T_recorded_frame: (4, 4) pose of the frame in the recorded one, m.
+    """
     path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
     relative = np.cross(recorded.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
@@ -155,7 +162,10 @@ def true_footprints(recording: Recording) -> list[Footprint]:
 
 
 def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
-    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order."""
+    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order.
+
+    The order resolves where a route passes a place twice.
+    """
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
 

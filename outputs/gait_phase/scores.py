@@ -152,7 +152,7 @@ def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
 
 
 def true_phase(t_ns: ArrayLike, stride: Stride) -> Array:
-    """(N,) phase at times (N,) ns within a stride, 0 to 1."""
+    """(N,) true phase at times (N,) ns within a stride, 0 to 1: (t - begin) / (end - begin)."""
     return (np.asarray(t_ns, dtype=np.int64) - stride.begin_ns) / (stride.end_ns - stride.begin_ns)
 
 
@@ -229,6 +229,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
 
 
 def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]) -> dict[str, float]:
+    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones, see `phase_scores`."""
     true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
     pairs = match_touch_downs(detected_ns, true_ns)
     errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])

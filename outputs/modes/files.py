@@ -70,7 +70,7 @@ def find_completed_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedSte
 
 
 def mode_cells(row: PredictedStep) -> list[str]:
-    """A step as a row of `MODE_COLUMNS`."""
+    """The cells of `MODE_COLUMNS` for a predicted step; unknown values are empty."""
     step, change = row.step, row.estimate.change
     heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
     variance = float(heading @ step.covariance @ heading)
@@ -103,7 +103,7 @@ class LiveModes(LiveTable):
         self._steps = CompletedSteps()
 
     def add(self, estimate: Any) -> str | None:
-        """The row of the next step."""
+        """The row of the next step in an estimate, and keeps the last prediction of a step that it completes."""
         if estimate is None:
             return None
         if (completed := self._steps.add(estimate)) is not None:

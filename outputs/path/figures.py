@@ -106,7 +106,7 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
 
 
 def _colors(results: Sequence[Result]) -> dict[str, str]:
-    """The colour of each estimate, the same in every figure."""
+    """The colour of each estimate by name: that of its part, and further colours for further estimators."""
     return {
         result.estimate.name: color
         for part, part_results in by_part(results).items()
@@ -135,6 +135,7 @@ def _along_route(layout: Layout | None, result: Result) -> Array:
 
 
 def _bound_mm(result: Result) -> Array | None:
+    """(N,) radius of the sphere around an estimate with 95 % probability in its worst direction, mm: √(χ² λ_max)."""
     covariance = result.comparison.estimate.covariance
     if covariance is None:
         return None

@@ -14,7 +14,7 @@ STEP_COLUMNS = (
 
 
 def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
-    """A step as a row of `STEP_COLUMNS`."""
+    """The cells of `STEP_COLUMNS` for a step."""
     e = estimate
     return (
         f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",

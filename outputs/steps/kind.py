@@ -43,7 +43,7 @@ class StepCollector(Collector[list[StepEstimate]]):
             self._last[estimate.step] = estimate
 
     def outputs(self) -> list[Output[list[StepEstimate]]]:
-        """The steps, in order."""
+        """The only output: the last estimate of each step, in order."""
         return [Output(name=self._name, estimates=[self._last[step] for step in sorted(self._last)])]
 
 
