@@ -125,8 +125,7 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     """Compares every gated score of the baseline, and the composite of each estimator's errors, with the current ones.
 
     Walks in both tables are compared in pairs. With fewer than `MIN_WALKS` of these, the two groups of walks are
-    compared;
-    with too few of them, the means are compared by the tolerance.
+    compared; with too few of them, the means are compared by the tolerance.
 
     Raises:
         ConfigError: The baseline has too many scores for the level, see `check_level`.
@@ -285,8 +284,7 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
     """Tests each column over the walks and gives one line per column.
 
     p-values are corrected by Holm's method, separately for composites and scores (`_correct_p_values`). A paired score
-    that
-    is equal on every walk is not tested and keeps the verdict SAME.
+    that is equal on every walk is not tested and keeps the verdict SAME.
     """
     lines = []
     for c in columns:
@@ -351,8 +349,7 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
     """A line for each estimator that no longer gives scores on walks on which it did.
 
     PAIRED compares the walks in both tables. Otherwise an estimator without failures in the baseline must not fail on
-    any
-    current walk, and every estimator of the baseline must have a mean.
+    any current walk, and every estimator of the baseline must have a mean.
     """
     lines = []
     for name in sorted(baseline.means):

@@ -62,8 +62,7 @@ class Scale:
         """The value as a loss, which is larger if it is worse and can be averaged over walks.
 
         Shares stay in percentage points, with the sign turned where more is better. Other scores become logarithms of
-        their
-        absolute value, at least `slack`; of a lead time the negative one.
+        their absolute value, at least `slack`; of a lead time the negative one.
         """
         if self.in_points:
             return -value if self.kind == SHARE else value

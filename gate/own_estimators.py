@@ -101,8 +101,7 @@ class PythonClass(OwnEstimator):
 
         Raises:
             StrideTwinError: The class cannot be loaded (`load`), reads invalid topics or gives invalid poses
-                (`estimate_path`),
-                raises an exception, or calls `sys.exit`.
+                (`estimate_path`), raises an exception, or calls `sys.exit`.
         """
         estimator_class = self.load()
         with _catch_user_errors(self.place):

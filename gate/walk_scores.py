@@ -117,8 +117,7 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
 
     Returns:
         `name`, `sha256`, `metadata` (scenario, seed, physics), `estimators` (scores by output), and `failed` (reasons
-        by
-        estimator) if an estimator failed.
+        by estimator) if an estimator failed.
 
     Raises:
         StrideTwinError: The recording cannot be read; in a strict job, any error.

@@ -53,9 +53,8 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
         estimate: N poses.
         truth: The N true poses at the same stamps.
         how: `start`: position and yaw agree at the first pose; `yaw`: the least-squares translation and rotation about
-            the
-            vertical; `se3`: the least-squares translation and rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380, without
-            scale).
+            the vertical; `se3`: the least-squares translation and rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380,
+            without scale).
 
     Raises:
         ValueError: No such alignment.

@@ -95,8 +95,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     """Clock and mount of one camera relative to the IMU on its body.
 
     Segments of images are read in batches, those with the most varied rotation first, until the offset is certainly
-    above
-    or below `CLOCK_OFFSET_S`.
+    above or below `CLOCK_OFFSET_S`.
 
     Args:
         recording: Recording with the images.
@@ -143,9 +142,8 @@ def _estimate_clock(
     """The clock by the rates of some segments; None without a clear peak, or with too few blocks of images.
 
     Gyro and images are compared at every shift, first with the nominal mount. A rotated mount (`_align_mounts`) is
-    taken
-    instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not at
-    all.
+    taken instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not
+    at all.
     """
     blocks = [
         half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
@@ -204,8 +202,7 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
     """The best of S shifts; None if it is at the end of the range, not unique, or too uncertain.
 
     The interval is Student's, from a jackknife over B blocks of images: var = (B - 1) var(minima without one block),
-    plus
-    the error of the model.
+    plus the error of the model.
 
     Args:
         shifts: (S,) s.

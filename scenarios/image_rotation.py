@@ -96,8 +96,7 @@ class _Features:
         """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
 
         Without motion it is 0; with depth it comes from perspective from n points; otherwise from a rotation alone if
-        that
-        explains the features, else from the essential matrix.
+        that explains the features, else from the essential matrix.
 
         Args:
             a: First image, grey.

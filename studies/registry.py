@@ -46,7 +46,7 @@ class ExperimentOptions(BatchOptions):
     estimators: tuple[str, ...] = ()
 
     def cases(self, study: Experiment) -> list[ExperimentCase]:
-        """The cases of an experiment."""
+        """The cases of an experiment with these options: one per seed."""
         first = study.seeds[0] if self.first is None else self.first
         count = self.subset or len(study.seeds)
         return [
@@ -67,7 +67,7 @@ def run_experiment(name: str, options: ExperimentOptions, progress: Progress) ->
     """Runs the cases of an experiment.
 
     Returns:
-        As `Experiment.result`.
+        The result of `Experiment.result`.
 
     Raises:
         StrideTwinError: The name, or that of an estimator, is invalid (the message lists the valid ones); another
@@ -133,6 +133,7 @@ def _job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
 
 
 def _version(module: str, estimators: bool) -> str:
+    """Digest of the sources behind a module's results, with or without the estimators."""
     return code_versions(module, estimators=estimators)["sources"]
 
 
@@ -152,13 +153,13 @@ def key_of(name: str, case: ExperimentCase) -> str:
 
 
 def read_row(file: Path) -> Row:
-    """A case's row from its file."""
+    """Reads the row of a case from its file."""
     row: Row = json.loads(file.read_text(encoding="utf-8"))
     return row
 
 
 def _run_case(task: _CaseTask) -> Row:
-    """Runs a case; returns its row."""
+    """Runs a case and returns its row; recordings of another version are deleted first."""
     mark = task.case.file(".key")
     if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
         for recording in task.case.recordings:

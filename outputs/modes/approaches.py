@@ -66,8 +66,7 @@ def _score_change(
     """Errors of the next terrain change that an estimate predicts.
 
     The true change is found if the predicted one has its mode and lies within 0.4 m along the route; otherwise all
-    errors
-    are NaN. Sizes count where the true change has them.
+    errors are NaN. Sizes count where the true change has them.
     """
     predicted = estimate.change
     if predicted is None or predicted.mode != change.mode:

@@ -82,8 +82,7 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
     """Modes other than the true one that a step between two places may count as.
 
     Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
-    for
-    everyone to call it a stair.
+    for everyone to call it a stair.
 
     Args:
         mode: True mode.

@@ -87,8 +87,7 @@ def run_paths(instance: Instance, recording: Recording, progress: Progress | Non
     """Runs one estimator of paths on a whole recording.
 
     The estimator's `follow` is used where it has one and the instance has no parameters, because it is faster;
-    otherwise
-    samples are fed one by one.
+    otherwise samples are fed one by one.
 
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.

@@ -252,9 +252,9 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
         (more than 2 m away with start or path aligned). `unhealthy_s`: how long it reported itself lost after its first
         healthy pose, and `recovered` whether it was healthy at the end. Except after the first two failures also
         `loop_drift_m` and `loop_drift_xyz_m` (error at the end with the start aligned), `ape_rmse_m` (path aligned),
-        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m`
-        (`climb_errors_m`, the largest; None without climbs), `coverage_pct` of the walk, and with a covariance
-        `nees_mean` and `nees_within_95_pct` of the position.
+        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m` (`climb_errors_m`,
+        the largest; None without climbs), `coverage_pct` of the walk, and with a covariance `nees_mean` and
+        `nees_within_95_pct` of the position.
     """
     first = int(odometry.healthy.argmax()) if odometry.healthy.any() else len(odometry.healthy)
     path, healthy = odometry.path[first:], odometry.healthy[first:]

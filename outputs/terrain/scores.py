@@ -247,8 +247,7 @@ def _score_change(
     """Errors of the estimate of one terrain change.
 
     A ramp is found if the map has a slope of more than 5° shortly beyond its edge; stairs if a flight of two or more
-    steps
-    in the same direction begins within `_MATCH_M`.
+    steps in the same direction begins within `_MATCH_M`.
 
     Args:
         change: The true change.

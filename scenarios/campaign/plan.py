@@ -90,8 +90,7 @@ def draw_people(campaign: Campaign) -> list[Any]:
     """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
     The members of a group are sorted by their first varying value, so that walks that cover the people evenly cover
-    that
-    value evenly, too.
+    that value evenly, too.
     """
     members: list[Any] = []
     for i, group in enumerate(campaign.people):

@@ -57,7 +57,7 @@ def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Visit:
-    """One place on one walk.
+    """One place on one walk, which is simulated and scored together.
 
     Attributes:
         at: Numbers of the place and of the walk.
@@ -75,14 +75,15 @@ class Visit:
 
     @property
     def label(self) -> str:
-        """Its walk as text."""
+        """Name of the walk: the scenario and the seed."""
         return f"{self.scenario.config.name}, seed {self.seed}"
 
 
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
-    """A row: `walk`, `estimators`, and `failed` with a reason if the walk or an estimator failed.
+    """Simulates a visit's walk with the needed sensors, and scores the recording, which is deleted then.
 
-    The recording lies in the placement's folder until it is scored.
+    Returns:
+        `walk`, `estimators` (scores by output), and `failed` with a reason if the walk or an estimator failed.
 
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
@@ -107,9 +108,16 @@ def _one_line(error: StrideTwinError, folder: Path) -> str:
 
 
 def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
-    """A row: `walk`, `scores` of these names, and `failed` with a reason if the place or the walk is infeasible.
+    """Computes the geometric scores of a visit.
 
-    `run` identifies the run of the placement, whose walks are kept in memory.
+    Args:
+        names: Scores of `GEOMETRIC_SCORES`.
+        seeing: When a board counts as seen.
+        run: Identifies the run of the placement, whose walks are kept in memory.
+        visit: Place and walk.
+
+    Returns:
+        `walk`, `scores` by name, and `failed` with a reason if the place or the walk is infeasible.
     """
     row: Row = {"walk": visit.label, "scores": {}}
     try:
@@ -125,10 +133,10 @@ _posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
 
 
 def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
-    """The walk, planned once in each process for all places that share it.
+    """The walk of a visit, planned once in each process for all places that share it.
 
     Raises:
-        StrideTwinError: It is infeasible.
+        StrideTwinError: The walk is infeasible.
     """
     key = run, visit.walk
     if key not in _posed_walks:
@@ -175,7 +183,7 @@ class MeasuredPlaces:
 
     @property
     def best_first(self) -> list[int]:
-        """Numbers of the places."""
+        """Numbers of the places by their loss, the best first."""
         return np.argsort(self.losses, kind="stable").tolist()
 
     @cached_property
@@ -222,7 +230,17 @@ class Measure:
         self.keys: list[str] = []
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> MeasuredPlaces:
-        """Scores of places on the walks of all scenarios with these seeds."""
+        """Scores places on the walks of all scenarios with some seeds.
+
+        Args:
+            places: The places.
+            seeds: Seeds of the walks of each scenario.
+            stage: What is measured, for progress.
+
+        Raises:
+            ConfigError: No walk has a score of the problem.
+            StrideTwinError: An error that affects all walks.
+        """
         scores = self._problem.scores
         walks = [f"{base.name}, seed {seed}" for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
@@ -308,6 +326,7 @@ class Measure:
 
 
 def _feeds(scenario: Scenario, estimator: str) -> bool:
+    """Whether a scenario has the sensors that an estimator reads."""
     try:
         return bool(sensors_of([estimator], scenario.config))
     except StrideTwinError:

@@ -99,7 +99,7 @@ class PlacementProblem:
 
     @property
     def knobs(self) -> list[Knob]:
-        """Every value to choose."""
+        """Knobs of all free fields."""
         return [knob for free in self.free for knob in free.knobs]
 
 
@@ -191,10 +191,10 @@ def read_problem(path: Path) -> PlacementProblem:
 
 
 def check_budget(problem: PlacementProblem, at: Where) -> None:
-    """Whether a search comes to every start, and to every combination of choices.
+    """Checks that the budget of a search suffices for every start and every combination of choices.
 
     Raises:
-        ConfigError: Its budget is too small; with the smallest one that is valid.
+        ConfigError: The budget is too small; the message has the smallest valid one.
     """
     if problem.search is None:
         return
@@ -206,7 +206,7 @@ def check_budget(problem: PlacementProblem, at: Where) -> None:
 
 
 def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where) -> FreeField:
-    """A free field, with the names that files get in the output folder."""
+    """A free field of the block `free`, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(spec, Among) and names_files(paths):
         spec = Among(choice=tuple(files.with_output_names(list(spec.choice), at)))
@@ -226,7 +226,7 @@ class Place:
 
     @property
     def label(self) -> str:
-        """Its name in tables and figures."""
+        """Name of the place in tables and figures: its values, or `as it is`."""
         return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
 
 
@@ -258,12 +258,12 @@ def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, A
 
 
 def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Path) -> Scenario:
-    """A place's scenario; the folder contains the user's parts."""
+    """The scenario of a place; `folder` is the output folder with the user's files."""
     return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
 def _person(plain: dict[str, Any], free: Sequence[FreeField], base: Base) -> Person:
-    """The walker; the default person where no field is on a surface."""
+    """The walker of a scenario's plain data; the default person where no free field is on a surface."""
     if all(f.surface is None for f in free):
         return Person()
     steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}

@@ -52,7 +52,7 @@ FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_r
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """One trial of one subject.
+    """Runs every method on one trial of one subject.
 
     Returns:
         The case's row with `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`: method to the
@@ -90,7 +90,11 @@ def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Samp
 
 
 def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
-    """The samples of a walk in time order, and the true footprints."""
+    """Simulates a walk without writing a recording.
+
+    Returns:
+        The sensors' samples in time order, and the true footprints.
+    """
     samples: list[Sample] = []
     footprints = []
     for chunk in twin.blocks():
@@ -121,7 +125,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
     """Steps classified by a support vector machine, trained on every other subject (Table 7).
 
-    Also the subjects with a result: training data from the other subjects may be insufficient.
+    Returns:
+        The trials with classified steps, and the subjects with a machine: training data from the other subjects may be
+        insufficient.
     """
     machines = {}
     for who in {w for w, _ in trials}:
@@ -206,7 +212,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each method and the paper, as lines of text."""
+    """Each method's figures by case beside the paper's, as lines of text, with classes by mode and by subject."""
     paper_figures = result["paper"]["Shim et al. 2019"]
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",

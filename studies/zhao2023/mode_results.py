@@ -138,7 +138,7 @@ def _cell_name(row: dict[str, Any]) -> str:
 
 @cache
 def table_2() -> dict[str, float]:
-    """Table II of the paper by cell, %."""
+    """Table II of the paper: accuracy by cell, %."""
     return {_cell_name(row): float(row["accuracy_pct"]) for row in read_reference_rows("zhao2023_table2")}
 
 
@@ -173,7 +173,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def overall_lines(result: dict[str, Any]) -> list[str]:
-    """Number of walks and steps, accuracy and lead time."""
+    """Number of walks and steps, accuracy and lead times by method, as lines of text."""
     summary, paper_accuracy = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
     ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
@@ -222,6 +222,7 @@ def ahead_lines(result: dict[str, Any]) -> list[str]:
 
 
 def _figure_at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
+    """The figure at nested keys times a factor; None if it is undefined."""
     for key in keys:
         figures = figures[key]
     return None if figures is None else factor * float(figures)
@@ -233,14 +234,14 @@ def conditions_title(result: dict[str, Any]) -> str:
 
 
 def condition_lines(result: dict[str, Any]) -> list[str]:
-    """Accuracy by condition, %."""
+    """Accuracy by condition and method beside the paper's, %, as lines of text."""
     summary, paper_figures = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
     names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
     return _rows(result, "accuracy_by_condition_pct", names, paper_figures)
 
 
 def cell_lines(result: dict[str, Any]) -> list[str]:
-    """Accuracy by cell, %."""
+    """Accuracy by cell and method beside the paper's, %, as lines of text."""
     cells = result["summary"][methods(result)[0]]["cells_pct"]
     return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
 
@@ -269,7 +270,7 @@ def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
 
 
 def methods(result: dict[str, Any]) -> list[str]:
-    """Methods of a result; ours first."""
+    """Names of the methods of a result; the proposed one first."""
     return list(result["cases"][0]["methods"])
 
 
@@ -290,7 +291,7 @@ def _cell(value: float | None, width: int = 12) -> str:
 
 
 def report(result: dict[str, Any]) -> str:
-    """The experiment as HTML text."""
+    """The experiment as an HTML page."""
     cases, ours = result["cases"], methods(result)[0]
     steps = {m: [s for c in cases for s in ModeScores.of(c["methods"][m]).steps] for m in methods(result)}
     lead_lead = "Time from the final correct prediction to touch-down; 0 where the prediction was wrong."
@@ -334,7 +335,7 @@ def _number(value: float | None) -> str:
 
 
 def _conditions(result: dict[str, Any]) -> str:
-    """Table III."""
+    """Section with Table III: accuracy by condition; "" without any."""
     key, columns = "accuracy_by_condition_pct", methods(result)
     paper_figures = result["paper"]["published"][key]
     ours = result["summary"][columns[0]][key]
@@ -352,7 +353,7 @@ def _conditions(result: dict[str, Any]) -> str:
 
 
 def _table_2(result: dict[str, Any]) -> str:
-    """Table II, in the paper's layout."""
+    """Section with Table II in the paper's layout: accuracy by cell; "" without any."""
     ours, paper_cells = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
     if not ours:
         return ""

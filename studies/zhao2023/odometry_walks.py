@@ -32,7 +32,7 @@ FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_e
 
 
 class Odometer(Protocol):
-    """A running odometry."""
+    """An odometry that runs."""
 
     def update(self, sample: Any) -> Any:
         """Takes a sample, in time order; returns a `Pose` of the IMU, an object with one, or None."""
@@ -64,7 +64,11 @@ class OdometryRun:
 
 
 def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
-    """Runs an odometry on samples in time order."""
+    """Runs an odometry on samples in time order; of several poses of one instant the last one is kept.
+
+    Returns:
+        The path, and the processing time from each image to the next, ms.
+    """
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
     spent = 0.0
@@ -85,24 +89,24 @@ def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
-    """IMU, images and depth, in time order."""
+    """Samples of IMU, colour images and depth of the camera on a mount, in time order."""
     return recording.samples([f"/{mount}/{stream}" for stream in ("imu", "color", "depth")])
 
 
 def true_path(recording: Recording, mount: str) -> TruePath:
-    """True path of the camera's IMU."""
+    """True path of the IMU of the camera on a mount."""
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
 def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
-    """`drift_figures`, and `time_ms` per frame."""
+    """Figures of one run: `drift_figures`, and `time_ms` per frame."""
     return drift_figures(run.odometry, truth) | {"time_ms": time_statistics(run.frame_ms)}
 
 
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Figures by method, then those of other installed estimators."""
+    """Figures of each of `METHODS` and of other installed estimators on one walk, by name."""
     truth = true_path(recording, mount)
     return {
         name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
@@ -130,14 +134,14 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
 
 
 def time_statistics(frame_ms: Array) -> dict[str, float]:
-    """Mean and 99th percentile."""
+    """Mean and 99th percentile of times; 0 without any."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}
     return {"mean": float(frame_ms.mean()), "p99": float(np.percentile(frame_ms, 99))}
 
 
 def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
-    """Mean of a figure over the walks that have it."""
+    """Mean of a figure over the walks that have it; None without any."""
     values = [w[name] for w in walks if w.get(name) is not None]
     return float(np.mean(values)) if values else None
 
