@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Fixed
-from stridetwin.scenarios.campaign.field_paths import FieldPath, set_value
+from stridetwin.scenarios.campaign.field_paths import FieldPath, set_values
 from stridetwin.scenarios.campaign.named_files import (
     SCENARIOS,
     Base,
@@ -276,8 +276,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
-        for path in variable.paths:
-            set_value(plain, path, _fill_factors(value, combination.labels, variable.at), variable.at)
+        set_values(plain, variable.paths, _fill_factors(value, combination.labels, variable.at), variable.at)
     if physics is not None:
         plain["physics"] = physics
     places = [base.at] * len(plain.get(_FAULTS, ()))  # of each fault in the file

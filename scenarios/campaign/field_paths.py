@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +57,22 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Wher
         node = node[key]
     _check_place(node, path, len(path.keys) - 1, where)
     node[path.keys[-1]] = value
+
+
+def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: Where) -> None:
+    """Sets a value at several fields of a scenario, each with a copy of its own.
+
+    Args:
+        scenario: Plain data of the scenario, which is changed.
+        paths: The fields.
+        value: Plain data.
+        where: Position of the value in the user's file, for errors.
+
+    Raises:
+        ConfigError: The scenario has no place for a field.
+    """
+    for path in paths:
+        set_value(scenario, path, deepcopy(value), where)
 
 
 def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:

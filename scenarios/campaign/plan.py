@@ -15,7 +15,7 @@ import numpy as np
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.distributions import index_at_quantile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_value
+from stridetwin.scenarios.campaign.field_paths import field_path, set_value, set_values
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
 
@@ -169,8 +169,7 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     scenario: dict[str, Any] = deepcopy(base.scenario)
     for variable in effective_variables(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
-        for path in variable.paths:
-            set_value(scenario, path, deepcopy(value), variable.at)
+        set_values(scenario, variable.paths, value, variable.at)
     if person is not None:
         scenario["person"] = deepcopy(person)
     if extra.physics is not None:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_value
+from stridetwin.scenarios.campaign.field_paths import field_path, set_values
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -246,14 +246,11 @@ def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, A
     """
     plain = copy.deepcopy(base.scenario)
     for variable in (*problem.variables, *base.variables):
-        for path in variable.paths:
-            set_value(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
+        set_values(plain, variable.paths, variable.distribution.at(0.0), variable.at)
     if place.values:
         person = _person(plain, problem.free, base)
         for free in problem.free:
-            value = free.value(place.values, person)
-            for path in free.paths:
-                set_value(plain, path, copy.deepcopy(value), free.at)
+            set_values(plain, free.paths, free.value(place.values, person), free.at)
     return plain
 
 
