@@ -60,7 +60,12 @@ class Executor:
 
 @contextmanager
 def open_executor(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
-    """The executor of these options. It starts processes, or connects to the scheduler, when the first job runs."""
+    """Opens the executor of these options; it starts processes, or connects to the scheduler, when the first job runs.
+
+    Args:
+        workers: Number of processes; 1 runs the jobs in this process.
+        scheduler: Address of a Dask scheduler, which then runs the jobs.
+    """
     with ExitStack() as resources:
         if scheduler is not None:
             yield _Cluster(scheduler, resources)

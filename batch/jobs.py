@@ -58,7 +58,7 @@ class Work(Generic[Task, Result]):
 
 
 def one_by_one(function: Callable[[Task], Result | Failure]) -> Callable[[Sequence[Task]], Iterable[Result | Failure]]:
-    """The `Work.run` of a function of one task; pickles if the function does."""
+    """Makes `Work.run` from a function of one task; it pickles if the function does."""
     return partial(map, function)
 
 

@@ -117,7 +117,7 @@ def check_level(baseline: ScoreTable, rules: Rules) -> None:
 
 
 def _draw_count(score_count: int, level: float) -> int:
-    """Number of resamples that resolves half of the level after `_correct_p_values`, for this number of scores."""
+    """Number of resamples that resolves half of the level after `_correct_p_values`: 4 × scores / level."""
     return math.ceil(4.0 * score_count / level)
 
 
@@ -244,7 +244,7 @@ def _losses(walks: ScoresPerWalk, name: str, metric: str, scale: Scale) -> Array
 
 
 def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Estimators and the names under which they are scored; two names if one estimates both feet."""
+    """Estimators with their names in the scores: two names, `NAME_l` and `NAME_r`, if one estimates both feet."""
     groups: dict[str, tuple[str, ...]] = {}
     for name in names:
         stem = name.removesuffix("_l").removesuffix("_r")
@@ -257,10 +257,10 @@ def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
-    """For each estimator with several errors, their mean, each weighted by its spread over walks.
+    """For each estimator with two or more errors, their mean loss with weights 1 / spread over walks.
 
-    A weighted mean of logarithms, that is a weighted geometric mean of errors in which errors of low spread count
-    more. Weights come from the baseline alone, so that a change does not affect its own weight.
+    As a loss is a logarithm, this is a weighted geometric mean of errors, in which errors of low spread count more.
+    Weights come from the baseline alone, so that a change does not affect its own weight.
     """
     composites = []
     for name in dict.fromkeys(c.estimator for c in columns):
@@ -313,7 +313,7 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
 
 
 def _correct_p_values(p: Array, composite: NDArray[np.bool_]) -> Array:
-    """Corrected p-values: half of the level goes to the few composites, half to the scores."""
+    """p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores."""
     corrected = np.empty(len(p))
     for part in (composite, ~composite):
         corrected[part] = np.minimum(2.0 * holm_correct(p[part]), 1.0)

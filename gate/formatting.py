@@ -18,7 +18,7 @@ _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 @dataclass(frozen=True, kw_only=True)
 class ScoringFailure:
-    """An estimator (or `score_table.EVERY_ESTIMATOR`) that could not be scored on a walk, and the reason; the gate fails."""
+    """An estimator, or `EVERY_ESTIMATOR`, that could not be scored on a walk, and the reason; the gate fails."""
 
     walk: str
     estimator: str

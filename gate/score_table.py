@@ -109,7 +109,12 @@ def is_text(value: object) -> bool:
 
 
 def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
-    """The scores of some walks, ready for JSON."""
+    """The scores of some walks as `score --json` prints them.
+
+    Args:
+        entries: Rows of the walks.
+        means: Mean scores by estimator.
+    """
     return {"recordings": list(entries), "estimators": dict(means)}
 
 

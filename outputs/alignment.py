@@ -19,7 +19,7 @@ ALIGNMENTS = ("start", "yaw", "se3")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rigid:
-    """p ↦ R p + t, from the estimate's world to the truth's.
+    """A rigid transform p ↦ R p + t from the estimate's world to the truth's.
 
     Attributes:
         R: (3, 3) rotation.

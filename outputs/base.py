@@ -85,7 +85,7 @@ class Evaluation(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluated(Generic[E]):
-    """An evaluation whose figures need what the kind made of the estimates.
+    """An evaluation of a kind whose figures need no more than the estimates.
 
     Attributes:
         name: Name of the output.
@@ -166,7 +166,13 @@ class FileOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """What was written of an output: its files, the requested one first, the rows in them, and a message for each."""
+    """What was written of an output.
+
+    Attributes:
+        files: Its files, the requested one first.
+        rows: Number of rows in them.
+        lines: One message per file, or for all.
+    """
 
     files: list[Path]
     rows: int

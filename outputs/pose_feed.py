@@ -155,7 +155,7 @@ class PoseFeed:
         self._camera: Pose | None = None
 
     def samples(self, estimate: Any) -> Iterator[Odometry]:
-        """The camera's pose, if it is estimated and new, then the pose, if it is valid."""
+        """The samples in an estimate of the odometry: the camera's pose if it is new, and the pose if it is valid."""
         pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
         if camera is not None and camera is not self._camera:
             self._camera = camera

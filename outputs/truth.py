@@ -59,7 +59,7 @@ class TruePath:
         return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
 
     def since(self, t_ns: int) -> TruePath:
-        """The path from a time on; at least its last two samples stay."""
+        """The path from a time (ns) on; at least its last two samples stay."""
         i = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
         return TruePath(
             t_ns=self.t_ns[i:],
@@ -186,7 +186,7 @@ def scoring_time_ns(s: float, t_ns: Array, places: Array) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """Risers with treads between them.
+    """A flight of stairs: risers with treads between them.
 
     Attributes:
         s: Arc length of its first edge, m.
@@ -204,13 +204,20 @@ class Flight:
 
 
 def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
-    """Height steps of the ground of at least `least_m`: arc length, m; height, m; and the strip that begins there."""
+    """Height steps of the ground of at least `min_m`, in order along the route.
+
+    Returns:
+        For each its place, m along the route; its height, m, down negative; and the strip that begins there.
+    """
     jumps = [(after.s0, after.z0 - before.z1, after) for before, after in pairwise(profile)]
     return [jump for jump in jumps if abs(jump[1]) >= min_m]
 
 
 def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
-    """The flights of a route, in order; risers below `least_m` are ignored."""
+    """The flights of a route, in order; height steps below `min_m` are ignored.
+
+    A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair.
+    """
     route_flights: list[Flight] = []
     s, heights = [], []
     for place, height, onto in edges(profile, min_m):

@@ -70,7 +70,7 @@ class ExperimentCase:
         return f"seed_{self.seed}"
 
     def file(self, ending: str) -> Path:
-        """A file of this case; its name ends with `ending`."""
+        """Path of a file of this case, `seed_NUMBER` followed by `ending`."""
         return self.folder / f"{self.name}{ending}"
 
     @property

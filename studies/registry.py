@@ -110,7 +110,7 @@ def _check_estimators(study: Experiment, chosen: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _CaseTask:
-    """A case to run.
+    """A case to run on a worker.
 
     Attributes:
         case: The case.
@@ -148,7 +148,7 @@ def _plugins(estimators: Sequence[str]) -> dict[str, str]:
 
 
 def key_of(name: str, case: ExperimentCase) -> str:
-    """Key of a case's row when this version of the code makes it."""
+    """Key that this version of the code gives the row of a case."""
     return _job(experiment(name), case).key
 
 

@@ -54,7 +54,7 @@ SCORES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Stride:
-    """One true stride of a foot.
+    """One true stride of a foot, from one touch-down to the next.
 
     Attributes:
         begin_ns: Touch-down that begins it, ns.
@@ -167,7 +167,16 @@ def find_touch_downs(series: PhaseSeries) -> NDArray[np.int64]:
 
 
 def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: float = 0.25) -> list[tuple[int, int]]:
-    """Pairs of indices of detected and true touch-downs, nearest pairs first, each used once, within the tolerance."""
+    """Matches detected with true touch-downs, nearest pairs first, each used once.
+
+    Args:
+        detected_ns: (M,) detected times, ns.
+        true_ns: (N,) true times, ns.
+        tolerance_s: Largest difference of a pair, s.
+
+    Returns:
+        Pairs of indices of detected and true touch-downs, sorted.
+    """
     detected, true = np.asarray(detected_ns, dtype=float), np.asarray(true_ns, dtype=float)
     distance = np.abs(detected[:, None] - true[None, :])
     nearest = np.argsort(distance, axis=None, kind="stable")
@@ -183,7 +192,7 @@ def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: f
 
 
 def phase_errors(series: PhaseSeries, stride: Stride) -> tuple[Array, Array]:
-    """Circular errors of a stride's samples, shares of the cycle, and their standard deviations.
+    """Circular errors of a stride's samples and their reported standard deviations, both as shares of the cycle.
 
     A sample without a claimed phase counts as estimated at 0, with the deviation that it reports.
     """

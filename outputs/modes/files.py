@@ -37,7 +37,10 @@ class PredictedStep:
 
 
 class CompletedSteps:
-    """Collects, from consecutive estimates, the last prediction of each completed step."""
+    """Collects, from consecutive estimates, the last prediction of each completed step.
+
+    After a jump of the poses, where the number of steps falls, it starts again.
+    """
 
     def __init__(self) -> None:
         self._since: dict[int, tuple[str, int]] = {}

@@ -94,7 +94,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
 
 
 def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
-    """Some of the estimates, and every one at which the next step changes."""
+    """Estimates at about `_STEPS_HZ`, and every one at which the number of steps changes."""
     due_ns, step = -(2**62), -1
     for estimate in estimates:
         if estimate.t_ns >= due_ns or estimate.step != step:

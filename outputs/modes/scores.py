@@ -112,7 +112,7 @@ class ScoredMode:
 
     @property
     def is_correct(self) -> bool:
-        """Whether the predicted mode counts as right."""
+        """Whether the predicted mode is one of the allowed ones."""
         return self.predicted in self.allowed
 
     @property
@@ -150,7 +150,7 @@ class ModeScores:
         )
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
-        """`steps` and `approaches` for JSON; NaN is null."""
+        """The scores as rows of `steps` and `approaches` for JSON; NaN becomes null."""
         return {"steps": [_to_json(s) for s in self.steps], "approaches": [_to_json(a) for a in self.approaches]}
 
 
@@ -344,7 +344,16 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
 
 
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
-    """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
+    """Figures of one size over some changes.
+
+    Args:
+        name: Attribute of the size's error, such as `riser_m`.
+        factor: To the unit of the figures.
+        approaches: Scored changes that have the size.
+
+    Returns:
+        `seen_pct`, share of the changes where the size was observed, not guessed; `rmse` of those; `all_rmse` of all.
+    """
     sd = name.replace("_", "_sd_")
     errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
@@ -355,7 +364,11 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
 
 
 def inside_pct(errors: Iterable[tuple[float, float]]) -> float | None:
-    """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
+    """Share of errors within the reported 95 % interval (1.96 standard deviations), %; None without any.
+
+    Args:
+        errors: Pairs of error and standard deviation; pairs with NaN are left out.
+    """
     return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
 
 
@@ -397,7 +410,7 @@ def _quantile(values: Sequence[float], percent: float) -> float | None:
 
 
 def rms(values: Sequence[float], factor: float = 1.0) -> float | None:
-    """Root mean square of the known values times a factor to another unit; None without any."""
+    """Root mean square of the finite values times a factor to another unit; None without any."""
     finite = [v for v in values if math.isfinite(v)]
     return float(np.sqrt(np.mean(np.square(finite)))) * factor if finite else None
 

@@ -23,7 +23,13 @@ _MAX_NORM_ERROR = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """An estimated path, aligned with the truth and scored."""
+    """An estimated path, aligned with the truth and scored.
+
+    Attributes:
+        estimate: The path in the estimator's own world.
+        comparison: The path and the truth in the truth's world.
+        scores: Scores by name.
+    """
 
     estimate: PathEstimate
     comparison: PathComparison

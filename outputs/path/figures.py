@@ -96,7 +96,13 @@ def _part_name(results: Sequence[Result]) -> str:
 
 
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:
-    """Paths (2, 2, N): the true one, once for each part, and the estimate; horizontal and vertical coordinate."""
+    """Draws the true path of each part once, and every estimate.
+
+    Args:
+        plot: The figure.
+        results: The estimates.
+        paths: For each, horizontal and vertical coordinate of truth and estimate, (2, 2, N) m.
+    """
     colors = _colors(results)
     for part_results in by_part(results).values():
         truth = paths[results.index(part_results[0])][:, 0]

@@ -80,7 +80,7 @@ class ScoredStep:
         return self.estimated_elevation - self.elevation
 
     def row(self) -> dict[str, Any]:
-        """For JSON; `ScoredStep(**row)` restores it."""
+        """The step as a mapping for JSON; `ScoredStep(**row)` restores it."""
         return asdict(self)
 
 
@@ -123,7 +123,10 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
 
 def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:
-    """The estimates of a footprint's foot from shortly before it until the foot's next one."""
+    """The estimates that may belong to the i-th footprint.
+
+    They are of its foot, from `_EARLY_NS` before its touch-down until the foot's next one.
+    """
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS
     until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)

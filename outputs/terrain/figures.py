@@ -101,7 +101,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Errors of the mapped heights, and of the edges' positions, along the route."""
+    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
     s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
     jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])

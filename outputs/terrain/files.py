@@ -181,7 +181,7 @@ class LiveTerrain(LiveOutput):
         return None if estimate is None else json.dumps(terrain_document(estimate), allow_nan=False)
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Writes the files; rows are planes."""
+        """Writes the files of the last map; returns the number of planes for each."""
         if self._file is None:
             return {}
         terrain_map: Any = estimator

@@ -44,7 +44,13 @@ class MappedRoute:
 
 
 class RouteMapper:
-    """Fills a `MappedRoute` during the walk, between two places along the route, m."""
+    """Fills a `MappedRoute` during the walk.
+
+    Args:
+        layout: The true terrain.
+        s0: Begin of the stored ground along the route, m.
+        s1: End of the stored ground, m.
+    """
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile

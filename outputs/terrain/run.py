@@ -36,7 +36,12 @@ class SampledMap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapRun:
-    """A map at the end of a recording, and what was sampled of it on the way; None without a truth."""
+    """The result of a map on a recording.
+
+    Attributes:
+        terrain_map: The map at the end.
+        sampled: What was sampled of it on the way; None without a truth.
+    """
 
     terrain_map: TerrainMap
     sampled: SampledMap | None = None

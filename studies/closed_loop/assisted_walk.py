@@ -121,7 +121,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
 
 
 def _cuff_force_squared(result: WalkResult) -> Array:
-    """(N,) N², mean square of the cuffs' forces at the walk's instants."""
+    """(N,) mean square of the cuffs' forces at the walk's N instants, N²; 0 without exoskeleton."""
     t = result.walk.t
     if result.twin.config.exo is None:
         return np.zeros(len(t))

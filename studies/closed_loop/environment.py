@@ -252,11 +252,11 @@ class Assistance(control.Task):
         self.observer: Observer = observer or Streams(rig)
 
     def initialize_episode(self, physics: WalkPhysics) -> None:
-        """Starts a walk."""
+        """Starts a walk: resets the observer."""
         self.observer.reset()
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
-        """(n,) N m, flexion positive, in the order of the physics' `joints`."""
+        """Bounds of an action: (n,) torques, N m, flexion positive, in the order of the physics' `joints`."""
         return specs.BoundedArray(
             physics.max_torque_nm.shape, float, -physics.max_torque_nm, physics.max_torque_nm, name="torque_nm"
         )
@@ -273,7 +273,7 @@ class Assistance(control.Task):
         self.observer.update(physics.samples)
 
     def get_observation(self, physics: WalkPhysics) -> dict[str, Array]:
-        """The observer's observation, from which the environment also derives the specification."""
+        """The observer's observation; the environment also derives its specification from it."""
         return self.observer.observation()
 
     def get_reward(self, physics: WalkPhysics) -> float:
@@ -281,7 +281,7 @@ class Assistance(control.Task):
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
-        """0 after a fall, 1 at the end of the route, else None."""
+        """Discount at the end of a walk: 0 after a fall, 1 at the end of the route; None while it goes on."""
         simulation = physics.live.simulation
         return None if not simulation.over else 0.0 if simulation.fell_at is not None else 1.0
 

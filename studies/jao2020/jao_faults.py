@@ -79,7 +79,7 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By fault, means over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
+    """Means by fault over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
     return summarize_by_fault(results, _mean_figures)
 
 

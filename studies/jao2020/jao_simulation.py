@@ -65,13 +65,17 @@ UNEQUAL = (2.9687 * _PER_METRE, -1.2354 * _PER_METRE)
 
 @dataclass(frozen=True)
 class SteadyWalk:
-    """Motion of both feet over this number of strides each."""
+    """Motion of both feet in closed form: straight north with identical strides.
+
+    Attributes:
+        strides: Number of strides of each foot.
+    """
 
     strides: int = STRIDES
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last."""
+        """Time from the first instant to the last, s."""
         return 2 * _STAND_S + (self.strides + 0.5) * STRIDE_S
 
     def foot(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
@@ -166,7 +170,7 @@ class JaoSimulation:
         self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)
 
     def start(self) -> dict[str, StartPose]:
-        """The true poses at the start."""
+        """The true pose of each foot's IMU at the first instant."""
         return {
             f: StartPose(p_imu_in_world=t.p_body_in_world[0], q_world_imu=t.q_world_body[0])
             for f, t in self.imus.items()
@@ -368,7 +372,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Our figures and the paper's, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's, as lines of text; pairs are left and right."""
     summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
     rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED_METHODS]
     floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]

@@ -44,7 +44,12 @@ _MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand
 
 
 def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
-    """The forecast of a placement, of which so many walks are measured; warns of a long one."""
+    """The forecast of the time that a placement still takes; warns of a long one.
+
+    Args:
+        problem: The placement.
+        measured: Number of walks with a row.
+    """
     places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
     walks = len(problem.bases) * len(problem.seeds)
     missing = max(places * walks - measured, 0)
@@ -178,7 +183,7 @@ class MeasuredPlaces:
 
     @cached_property
     def losses(self) -> Array:
-        """(P,) weighted sums over all walks."""
+        """(P,) weighted sums of the scores, means over all walks; infinite where one is missing."""
         return mean_losses(self.losses_of_walks)
 
     @property
@@ -192,7 +197,7 @@ class MeasuredPlaces:
         return np.asarray(self.values.mean(axis=1))
 
     def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
-        """Some of the places, in this order."""
+        """The places of some numbers, in this order."""
         failed = {k: self.failed[i] for k, i in enumerate(numbers) if i in self.failed}
         places, values = [self.places[i] for i in numbers], self.values[numbers]
         return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
@@ -262,7 +267,13 @@ class Measure:
     def _visits(
         self, places: Iterable[tuple[int, Place]], seeds: Sequence[int], failed: dict[int, str]
     ) -> Iterator[Visit]:
-        """All visits of numbered places; adds to `failed` why a scenario cannot have a place."""
+        """All visits of some places.
+
+        Args:
+            places: Places with their numbers.
+            seeds: Seeds of the walks of each scenario.
+            failed: Gets the reason, by the place's number, why a scenario cannot have a place.
+        """
         for (i, place), (b, base) in product(places, enumerate(self._problem.bases)):
             plain = plain_of(self._problem, base, place)
             try:
@@ -277,7 +288,13 @@ class Measure:
                 yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
 
     def _rows_of(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
-        """The row of each visit, with the scores of both kinds; each place has so many walks."""
+        """The row of each visit, with the geometric scores and those of estimators.
+
+        Args:
+            visits: The visits.
+            walks: Number of walks of each place.
+            progress: Receives the share of the work that is done (0-1).
+        """
         none: list[Row] = [{}] * len(visits)
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
@@ -317,7 +334,7 @@ class Measure:
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
 
     def _check_scores(self, rows: Sequence[Row]) -> None:
-        """Refuses a score that its estimator, which reports others, reports on no walk."""
+        """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
             reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):

@@ -215,13 +215,13 @@ def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where)
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values of all knobs by their names; none for the unchanged scenario."""
+    """A place: the values of all knobs by their names; none for the unchanged scenario."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
-        """A text that is equal for equal places."""
+        """Text that is equal for equal places."""
         return json.dumps(self.values, sort_keys=True)
 
     @property
@@ -285,7 +285,13 @@ def check_ends(problem: PlacementProblem, folder: Path) -> None:
 
 
 def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:
-    """The error of a scenario that is invalid as it is, or with a knob at one of its ends."""
+    """The error of a scenario at the place in the placement's file that causes it.
+
+    Args:
+        base: The scenario.
+        changed: Knob and value that were set last; None for the unchanged scenario.
+        error: Error of the scenario.
+    """
     why = f"({error.field}: {error.problem})"
     if changed is None:
         return base.at.error(base.written, f"a scenario that takes what is set {why}")

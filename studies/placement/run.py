@@ -85,7 +85,7 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
 
 
 def _request(problem: PlacementProblem) -> dict[str, Any]:
-    """What binds a folder to a placement; another number of walks or a larger budget continues it."""
+    """What binds a folder to a placement, as JSON; another number of walks or a larger budget continues it."""
     return {
         "placement": problem.description,
         "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
@@ -220,7 +220,7 @@ def _write(
 
 
 def _csv(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
-    """Every place, best first: its values, and the mean of each score."""
+    """All places as CSV, best first: values, mean of each score, and the reason for a missing one."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*(k.name for k in problem.knobs), *(s.name for s in problem.scores), "failed"])

@@ -21,7 +21,7 @@ from stridetwin.streams.validation import suggest, validated
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """One of the compared methods.
+    """One of the methods that a study compares.
 
     Attributes:
         name: In the study.

@@ -115,7 +115,7 @@ def _usual_stair(rng: Rng) -> Stairs:
 
 
 def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg: float = 8.0) -> TwinConfig:
-    """Up a usual stair, a landing, and down a ramp."""
+    """The walk up a usual stair, over a landing, and down a ramp."""
     return _with_terrain(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
@@ -257,7 +257,7 @@ def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
-    """A table beside the way, a stripe and a shadow on it."""
+    """Draws places for a table beside the way, and for a stripe and a shadow on it."""
     places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
     side = float(rng.choice([-1, 1]))
     return (

@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 def collect(results: list[Row]) -> Row:
-    """Figures over all walks, over the kinds outside the tuning set, and by kind; and of the odometry."""
+    """Figures of modes and odometry: over all walks, over the kinds outside the tuning set, and by kind."""
     groups: dict[str, Callable[[Row], bool]] = {
         _ALL: lambda row: True,
         _UNTUNED: lambda row: not WALK_KINDS[row["kind"]].tuned,
@@ -138,7 +138,7 @@ def table(result: Row) -> list[str]:
 
 
 def overall_lines(result: Row) -> list[str]:
-    """Figures by kind; `*` marks kinds outside the tuning set."""
+    """Figures of the modes by kind, as lines of text; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
     return [

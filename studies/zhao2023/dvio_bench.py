@@ -47,7 +47,7 @@ SEQUENCES = {
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By method, means over the walks of each sequence and over the sequences; with the paper's EuRoC figures."""
+    """Means by method over the walks of each sequence and over the sequences, beside the paper's figures on EuRoC."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         of: dict[str, list[dict[str, Any]]] = {}
@@ -80,7 +80,7 @@ def read_paper_figures() -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each sequence and the one of EuRoC of similar difficulty, as lines of text."""
+    """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
     time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}

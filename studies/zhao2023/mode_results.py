@@ -91,7 +91,7 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
 
 
 def _share(walk: ModeScores, *, strict: bool = False) -> float:
-    """Share of its steps that are right, %."""
+    """Share of the steps of a walk that are right, %; `strict` counts only the true mode."""
     return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
@@ -118,7 +118,7 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
 
 
 def _by_condition(walks: Sequence[ScoredWalk]) -> dict[str, float]:
-    """Accuracy by row of `conditions`, if any walk has it."""
+    """Accuracy for each row of `conditions`, mean over its walks, %; rows without walks are left out."""
     shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
     return {name: float(np.mean(values)) for name, values in shares.items() if values}
 
@@ -205,7 +205,7 @@ def overall_lines(result: dict[str, Any]) -> list[str]:
 
 
 def ahead_lines(result: dict[str, Any]) -> list[str]:
-    """Our estimates of terrain changes 1.5 s before a foot landed beyond them, and of the next footprint."""
+    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text."""
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
@@ -247,7 +247,7 @@ def cell_lines(result: dict[str, Any]) -> list[str]:
 
 
 def spread_lines(result: dict[str, Any]) -> list[str]:
-    """Figure 4: camera pitch (down positive) and speed of the walks."""
+    """Figure 4 as lines of text: camera pitch (down positive) and speed of the walks beside the paper's."""
     walk_spread, paper_spread = result["summary"]["spread"], result["paper"].get("spread", {})
     return [
         f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",

@@ -177,9 +177,12 @@ class Predictions:
 def predict(
     samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS
 ) -> Predictions:
-    """Runs predictors on a walk's poses, depth and insoles, and on step estimates from the legs, in time order.
+    """Runs predictors on the samples of a walk.
 
-    Methods are the predictor's own, `FORGETFUL`, or names of installed estimators of modes.
+    Args:
+        samples: Poses, depth, insoles and step estimates from the legs, in time order.
+        recording: Source of rig and frame of the poses.
+        methods: The predictor's own methods, `FORGETFUL`, or names of installed estimators of modes.
     """
     rig = recording.rig
     options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
@@ -270,7 +273,7 @@ def samples_with_poses(
 
 
 def trajectory(path: list[Odometry]) -> Trajectory:
-    """The path of samples in time order."""
+    """The poses of odometry samples in time order as a trajectory."""
     return Trajectory(
         t_ns=np.array([o.t_ns for o in path], np.int64),
         p_frame_in_world=np.array([o.p_frame_in_world for o in path]),

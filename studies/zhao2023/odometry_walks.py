@@ -43,7 +43,13 @@ Maker = Callable[[str, Rig, str], Odometer]
 
 
 def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
-    """One of `METHODS`, or an installed estimator of paths."""
+    """Builds one of `METHODS`, or an installed estimator of paths.
+
+    Args:
+        name: The method or the estimator.
+        rig: Nominal rig.
+        mount: Mount of the camera: head or chest.
+    """
     if name in METHODS:
         return Dvio(rig, options=Options(method=name, mount=mount))
     estimator_class = registry.estimator(name)
@@ -115,7 +121,7 @@ def run_every_method(
 
 
 def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
-    """One walk, by every method and by other installed estimators.
+    """Runs every method and other installed estimators on one walk.
 
     Returns:
         The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
@@ -147,6 +153,6 @@ def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
 
 
 def summarize_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Mean time per frame, and the largest 99th percentile of any walk."""
+    """Mean of the walks' mean times per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

@@ -14,7 +14,7 @@ from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, summarize_
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means by method over all walks and over those of each mount, and the number of failures; with the paper's."""
+    """Means by method over all walks and by mount, and the number of failures, beside the paper's figures."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
