@@ -60,7 +60,12 @@ class Executor:
 
 @contextmanager
 def open_executor(workers: int = 1, scheduler: str | None = None) -> Iterator[Executor]:
-    """The executor of these options. It starts processes, or connects to the scheduler, when the first job runs."""
+    """Opens the executor of these options; it starts processes, or connects to the scheduler, when the first job runs.
+
+    Args:
+        workers: Number of processes; 1 runs the jobs in this process.
+        scheduler: Address of a Dask scheduler, which then runs the jobs.
+    """
     with ExitStack() as resources:
         if scheduler is not None:
             yield _Cluster(scheduler, resources)
@@ -82,7 +87,11 @@ class _Pool(Executor):
     def run(
         self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
     ) -> Iterator[tuple[Job[Task], Result | Failure]]:
-        """See `Executor.run`."""
+        """Runs the groups on several processes; jobs and results come in the order in which the groups end.
+
+        Raises:
+            StrideTwinError: An error that affects all jobs, or the third group in a row whose worker dies.
+        """
         versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
         while waiting:
             running: dict[Future[list[Result | Failure]], Sequence[Job[Task]]] = {}
@@ -122,7 +131,7 @@ def _run_alone(
 
 
 def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
-    """The names of the groups in a row whose worker died, with one more.
+    """The names of consecutive groups whose worker died, with one more.
 
     Raises:
         StrideTwinError: It is the third one.
@@ -136,6 +145,7 @@ def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -
 
 
 def _name_of(group: Sequence[Job[Any]]) -> str:
+    """Name of a group in messages: its first job, and the number of the others."""
     return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
 
 
@@ -149,7 +159,12 @@ class _Cluster(Executor):
     def run(
         self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
     ) -> Iterator[tuple[Job[Task], Result | Failure]]:
-        """See `Executor.run`."""
+        """Runs the groups on the scheduler's workers; jobs and results come in the order in which the groups end.
+
+        Raises:
+            StrideTwinError: An error that affects all jobs, the third group in a row whose worker dies, or no
+                scheduler.
+        """
         if not groups:
             return
         client, versions, failed_groups = self._connect(), work.versions(), list[str]()
@@ -172,7 +187,11 @@ class _Cluster(Executor):
             future.release()
 
     def _connect(self) -> Any:
-        """The client, connected at the first call."""
+        """The client of the scheduler, which connects at the first call and sets `workers` to the cluster's threads.
+
+        Raises:
+            StrideTwinError: Dask is not installed, or no scheduler with workers answers within a minute.
+        """
         if self._client is not None:
             return self._client
         with needing("--scheduler needs Dask", "cluster"):

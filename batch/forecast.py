@@ -30,7 +30,11 @@ class Forecast:
         self._is_announced = False
 
     def count_job(self, workers: int) -> None:
-        """Notes that a job has ended; so many run at a time."""
+        """Notes that a job has ended, and announces the time left once the speed is known.
+
+        Args:
+            workers: Number of jobs that run at a time.
+        """
         self._ended, self._left = self._ended + 1, self._left - 1
         if self._ended == 1:
             self._start_s = time.monotonic()

@@ -36,7 +36,10 @@ class Job(Generic[Task]):
 
 @dataclass(frozen=True)
 class Failure:
-    """In place of a row: why a job has none. It concerns this job alone, and a later run tries the job again."""
+    """What a job without a row has instead: the reason.
+
+    It concerns this job alone, is not stored, and a later run tries the job again.
+    """
 
     reason: str
 
@@ -55,7 +58,7 @@ class Work(Generic[Task, Result]):
 
 
 def one_by_one(function: Callable[[Task], Result | Failure]) -> Callable[[Sequence[Task]], Iterable[Result | Failure]]:
-    """The `Work.run` of a function of one task; pickles if the function does."""
+    """Makes `Work.run` from a function of one task; it pickles if the function does."""
     return partial(map, function)
 
 

@@ -26,7 +26,7 @@ def open_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Worker processes compute with one thread unless the user sets otherwise."""
+    """Lets worker processes that start meanwhile compute with one thread each, unless the user sets otherwise."""
     missing = [name for name in _THREADS if name not in os.environ]
     os.environ.update(dict.fromkeys(missing, "1"))
     try:
@@ -37,7 +37,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A worker ends with the process that started it in every case, and prints nothing when it is stopped."""
+    """Lets a worker end with the process that started it in every case, and print nothing when it is stopped."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = parent_process()
     if parent is None:

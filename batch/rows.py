@@ -72,7 +72,7 @@ class RowLines:
         return self._rows.get(job.key)
 
     def has_any(self, job: Job[Any]) -> bool:
-        """Whether `read` has a row: rows have no names here."""
+        """Whether there is a row with the job's key, as in `read`, because rows have no names here."""
         return job.key in self._rows
 
     def write(self, job: Job[Any], row: Row) -> None:
@@ -103,6 +103,7 @@ class RowLines:
 
 
 def _read_lines(text: str) -> Iterator[tuple[str, Row]]:
+    """Key and row of each valid line; invalid lines, such as the half line of a killed run, are skipped."""
     for line in text.splitlines():
         try:
             row = json.loads(line)

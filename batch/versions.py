@@ -82,7 +82,7 @@ def _library_versions() -> str:
 
 
 def _distribution_versions(names: Sequence[str]) -> dict[str, str]:
-    """Versions of those of some distributions that are installed."""
+    """Versions of the named distributions, without those that are not installed."""
     versions = {}
     for name in names:
         with suppress(metadata.PackageNotFoundError):
@@ -101,7 +101,7 @@ def _data_files() -> dict[str, Path]:
 
 
 def _find_imports(module: str) -> dict[str, Path]:
-    """A module and all its direct and indirect imports from estimators and scenarios, by name.
+    """A module and all its direct and indirect imports from the packages in `_FOLLOWED`, name to file.
 
     A package counts if something is imported from it, not if it is only part of the path to a module. What is loaded by
     entry points counts by itself: `class_version`.
@@ -118,7 +118,7 @@ def _find_imports(module: str) -> dict[str, Path]:
 
 
 def _source_file(name: str) -> Path | None:
-    """The source of a module of estimators or scenarios; None for any other name."""
+    """The source of a module of the packages in `_FOLLOWED`; None for any other name."""
     package = ".".join(name.split(".")[:2])
     if package not in _FOLLOWED:
         return None
@@ -128,6 +128,7 @@ def _source_file(name: str) -> Path | None:
 
 @cache
 def _package_folder(package: str) -> Path:
+    """Folder of a package."""
     return Path(str(resources.files(package)))
 
 

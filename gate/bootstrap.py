@@ -31,7 +31,7 @@ and 30 values, normal to lognormal and with outliers). Tests keep the plain stat
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BootstrapResult:
-    """Bootstrap results for S means (or differences of means).
+    """Bootstrap-t results of S means, or of S differences of means; `compare_pairs` and `compare_groups` return them.
 
     Attributes:
         count: (S,) number of values; of two groups the smaller one.
@@ -51,28 +51,40 @@ class BootstrapResult:
 
 
 def compare_pairs(changes: ArrayLike, min_draws: int = 0) -> BootstrapResult:
-    """Means of changes.
+    """Tests whether mean changes differ from 0, for walks that are measured before and after a change.
+
+    Use it where both measurements are of the same walks; `compare_groups` is for unrelated walks. All S columns share
+    the resamples of the walks.
 
     Args:
-        changes: (walks, S), NaN where a value is missing; two or more values in each column.
-        min_draws: Resamples, if `DRAWS` are too few.
+        changes: (walks, S) values after minus before, NaN where a value is missing; two or more values in each column.
+        min_draws: Least number of resamples; `DRAWS` if that is more.
+
+    Returns:
+        Means of the S columns with their 95 % intervals and one-sided p-values.
     """
     return _test_columns([np.asarray(changes, float)], min_draws)
 
 
 def compare_groups(before: ArrayLike, now: ArrayLike, min_draws: int = 0) -> BootstrapResult:
-    """Differences of means, now minus before, of unrelated walks.
+    """Tests differences of means, now minus before, of two groups of unrelated walks.
 
     Args:
         before: (walks, S), NaN where a value is missing; two or more values in each column.
-        now: (other walks, S).
-        min_draws: As in `compare_pairs`.
+        now: (walks, S) of another group, whose number of walks may differ.
+        min_draws: Least number of resamples; `DRAWS` if that is more.
+
+    Returns:
+        The S differences with their 95 % intervals and one-sided p-values.
     """
     return _test_columns([np.asarray(before, float), np.asarray(now, float)], min_draws)
 
 
 def _test_columns(sides: Sequence[Array], min_draws: int) -> BootstrapResult:
-    """Tests of slices of columns that are resampled together; every slice gets the same resamples."""
+    """Tests slices of the columns one after the other, so that memory stays bounded.
+
+    The generator starts anew for every slice, so all columns get the same resamples of the walks.
+    """
     draws = max(DRAWS, min_draws)
     step = max(1, _MAX_RESAMPLED_MEANS // draws)
     starts = range(0, sides[0].shape[1], step)
@@ -83,7 +95,14 @@ def _test_columns(sides: Sequence[Array], min_draws: int) -> BootstrapResult:
 
 
 def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
-    """Tests the mean of one group of walks, or the second group's mean minus the first's."""
+    """Bootstrap-t test of the mean of one group, or of the second group's minus the first's.
+
+    Efron & Tibshirani 1993, 12.5 and 16.4.
+
+    With the mean m and its standard error s, a resample with mean m* (of centred values) and error s* has the statistic
+    t* = m* / s*. The interval is m - t*(97.5 %) s to m - t*(2.5 %) s, where s* is at least `_MIN_RELATIVE_ERROR` s; the
+    p-value is the share of t* at least as extreme as m / s, without that bound.
+    """
     rng = np.random.default_rng(_SEED)
     means, variances, counts = zip(*map(_moments, sides))
     resampled_means, resampled_variances = zip(*(_resample(side, draws, rng) for side in sides))
@@ -107,11 +126,16 @@ def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
 
 
 def _difference(values: Sequence[Array]) -> Array:
+    """The second value minus the first, or the only value."""
     return values[-1] - values[0] if len(values) > 1 else values[0]
 
 
 def holm_correct(p: ArrayLike) -> Array:
-    """p-values corrected for multiple comparisons (Holm 1979), which controls the family-wise error rate."""
+    """(N,) p-values corrected for multiple comparisons (Holm 1979), which controls the family-wise error rate.
+
+    The k-th smallest of N p-values is multiplied by N - k + 1; a corrected value is at least those of smaller p-values,
+    and at most 1.
+    """
     p = np.asarray(p, float)
     order = np.argsort(p, kind="stable")
     factors = np.arange(len(p), 0, -1)
@@ -121,7 +145,7 @@ def holm_correct(p: ArrayLike) -> Array:
 
 
 def _moments(x: Array) -> tuple[Array, Array, Array]:
-    """Mean, variance of the mean, and number of values of each column."""
+    """Mean, variance of the mean, and number of the values in each column of (walks, S); NaN is left out."""
     count = np.isfinite(x).sum(axis=0)
     mean = np.nanmean(x, axis=0)
     variance = np.nansum((x - mean) ** 2, axis=0) / np.maximum(count * (count - 1), 1)
@@ -129,7 +153,11 @@ def _moments(x: Array) -> tuple[Array, Array, Array]:
 
 
 def _resample(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Mean and variance of the mean of each resample of centred columns, (draws, S) each."""
+    """Mean and variance of the mean of each resample of the centred columns of `x` (walks, S), (draws, S) each.
+
+    A resample draws as many walks as there are, with replacement. How often it draws each walk times sums over walks
+    gives count, sum and sum of squares of all columns at once.
+    """
     n, columns = len(x), x.shape[1]
     is_present = np.isfinite(x).astype(float)
     centred = np.where(is_present > 0, x - np.nanmean(x, axis=0), 0.0)

@@ -28,7 +28,7 @@ WALKS = "walks"
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """When a change is a regression.
+    """What counts as a regression: how sure, how large, and what holds with too few walks.
 
     Attributes:
         level: Probability of any false alarm, 0-1.
@@ -81,13 +81,18 @@ class Line:
 
     @property
     def regressed(self) -> bool:
-        """Whether the gate fails because of it."""
+        """Whether the gate fails because of this line: the score has become worse, or is missing."""
         return self.verdict in (WORSE, MISSING)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """All scores against their baselines, by estimator and score; `words` give the method of comparison."""
+    """All scores against their baselines, sorted by estimator and score.
+
+    Attributes:
+        words: How the scores were compared, as text: in pairs, as groups, or by tolerance, and over how many walks.
+        lines: One line per estimator and score.
+    """
 
     words: str
     lines: Sequence[Line]
@@ -112,7 +117,7 @@ def check_level(baseline: ScoreTable, rules: Rules) -> None:
 
 
 def _draw_count(score_count: int, level: float) -> int:
-    """Number of resamples that resolves half of the level after `_correct_p_values`, for this number of scores."""
+    """Number of resamples that resolves half of the level after `_correct_p_values`: 4 × scores / level."""
     return math.ceil(4.0 * score_count / level)
 
 
@@ -123,7 +128,7 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     compared; with too few of them, the means are compared by the tolerance.
 
     Raises:
-        ConfigError: As `check_level`.
+        ConfigError: The baseline has too many scores for the level, see `check_level`.
     """
     check_level(baseline, rules)
     shared = [key for key in baseline.walks if key in now.walks]
@@ -165,16 +170,27 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
 
 
 def _walk_count(table: ScoreTable) -> str:
+    """Number of walks of a table with its unit, such as `12 walks`."""
     return f"{len(table.walks)} walk{'s' if len(table.walks) != 1 else ''}"
 
 
 def _sort_key(line: Line) -> tuple[str, bool, bool, str]:
+    """Order of the lines: by estimator; its number of walks first, then the composite, then scores by name."""
     return line.estimator, line.metric != WALKS, line.metric != OVERALL, line.metric
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _ScoreColumn:
-    """The losses of one score, (walks,) each, NaN where it is missing; means over the feet of one estimator."""
+    """The losses of one score on every walk, means over the feet of one estimator.
+
+    Attributes:
+        estimator: Its name without the foot.
+        members: Names of the estimator in the scores: one, or those of both feet.
+        metric: Name of the score.
+        scale: Scale of its losses.
+        before: (walks,) losses of the baseline, NaN where the score is missing.
+        now: (walks,) current losses.
+    """
 
     estimator: str
     members: Sequence[str]
@@ -191,7 +207,7 @@ class _ScoreColumn:
         return self.before[had], self.now[has]
 
     def count(self, method: str) -> int:
-        """Number of walks that have it; of two groups the smaller one."""
+        """Number of walks with a loss: of both sides for PAIRED, else on the side with fewer."""
         return min(map(len, self.finite_losses(method)))
 
 
@@ -199,6 +215,13 @@ ScoresPerWalk = Sequence[Mapping[str, Scores]]
 
 
 def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str]) -> list[_ScoreColumn]:
+    """A column for each gated score of the baseline.
+
+    Args:
+        before: Scores of each walk of the baseline, by estimator.
+        now: Current scores of each walk.
+        gone: Estimators without any current score, which get no column.
+    """
     names = sorted({name for walk in before for name in walk} - set(gone))
     columns = []
     for estimator, members in _group_feet(names).items():
@@ -215,12 +238,13 @@ def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str
 
 
 def _losses(walks: ScoresPerWalk, name: str, metric: str, scale: Scale) -> Array:
+    """(walks,) losses of one score of one estimator, NaN where a walk lacks it."""
     values = (walk.get(name, {}).get(metric) for walk in walks)
     return np.array([np.nan if value is None else scale.loss(value) for value in values])
 
 
 def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Estimators and the names under which they are scored; two names if one estimates both feet."""
+    """Estimators with their names in the scores: two names, `NAME_l` and `NAME_r`, if one estimates both feet."""
     groups: dict[str, tuple[str, ...]] = {}
     for name in names:
         stem = name.removesuffix("_l").removesuffix("_r")
@@ -233,10 +257,10 @@ def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
-    """For each estimator with several errors, their mean, each weighted by its spread over walks.
+    """For each estimator with two or more errors, their mean loss with weights 1 / spread over walks.
 
-    A weighted mean of logarithms, that is a weighted geometric mean of errors in which errors of low spread count
-    more. Weights come from the baseline alone, so that a change does not affect its own weight.
+    As a loss is a logarithm, this is a weighted geometric mean of errors, in which errors of low spread count more.
+    Weights come from the baseline alone, so that a change does not affect its own weight.
     """
     composites = []
     for name in dict.fromkeys(c.estimator for c in columns):
@@ -257,7 +281,11 @@ def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
 
 
 def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rules) -> list[Line]:
-    """Lines of the scores that enough walks have."""
+    """Tests each column over the walks and gives one line per column.
+
+    p-values are corrected by Holm's method, separately for composites and scores (`_correct_p_values`). A paired score
+    that is equal on every walk is not tested and keeps the verdict SAME.
+    """
     lines = []
     for c in columns:
         b, n = (c.scale.value(float(side.mean())) for side in c.finite_losses(method))
@@ -285,7 +313,7 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
 
 
 def _correct_p_values(p: Array, composite: NDArray[np.bool_]) -> Array:
-    """Corrected p-values: half of the level goes to the few composites, half to the scores."""
+    """p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores."""
     corrected = np.empty(len(p))
     for part in (composite, ~composite):
         corrected[part] = np.minimum(2.0 * holm_correct(p[part]), 1.0)
@@ -295,6 +323,18 @@ def _correct_p_values(p: Array, composite: NDArray[np.bool_]) -> Array:
 def _with_verdict(
     line: Line, scale: Scale, result: BootstrapResult, k: int, p: tuple[float, float], rules: Rules
 ) -> Line:
+    """The line of a score with its change, interval, p-value and verdict.
+
+    A significant change (p up to the level) of more than `Rules.least` is WORSE or BETTER; a claim is never BETTER.
+
+    Args:
+        line: The line without verdict.
+        scale: Scale of the score.
+        result: Test of all columns.
+        k: Number of the score's column in the result.
+        p: Corrected p-values of a change for the worse and for the better.
+        rules: Level and least change.
+    """
     mean = float(result.mean[k])
     ends = sorted(scale.change(float(end)) for end in (result.low[k], result.high[k]))
     verdict = SAME
@@ -306,7 +346,11 @@ def _with_verdict(
 
 
 def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], method: str) -> list[Line]:
-    """Estimators that no longer give scores on walks on which they did."""
+    """A line for each estimator that no longer gives scores on walks on which it did.
+
+    PAIRED compares the walks in both tables. Otherwise an estimator without failures in the baseline must not fail on
+    any current walk, and every estimator of the baseline must have a mean.
+    """
     lines = []
     for name in sorted(baseline.means):
         if method == PAIRED:
@@ -330,7 +374,11 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
 
 
 def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], rules: Rules) -> list[Line]:
-    """Lines of means, which may be worse by the tolerance and by rounding differences between machines."""
+    """Lines of means over walks, for scores that too few walks have.
+
+    A mean is WORSE if it exceeds the baseline's by the tolerance and by rounding differences between machines
+    (`Scale.slack`); a score that is gone is MISSING.
+    """
     lines = []
     for name, scores in baseline.items():
         for metric, value in scores.items():

@@ -18,7 +18,7 @@ _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 @dataclass(frozen=True, kw_only=True)
 class ScoringFailure:
-    """An estimator (or `score_table.EVERY`) that could not be scored on a walk, and the reason; the gate fails."""
+    """An estimator, or `EVERY_ESTIMATOR`, that could not be scored on a walk, and the reason; the gate fails."""
 
     walk: str
     estimator: str
@@ -35,7 +35,7 @@ def collect_failures(rows: Sequence[Mapping[str, Any]]) -> list[ScoringFailure]:
 
 
 def format_failures(failed: Sequence[ScoringFailure]) -> list[str]:
-    """One line per reason, with the first of the walks that it concerns."""
+    """One line per estimator and reason, with the first walk on which it failed and the number of the others."""
     walks: dict[tuple[str, str], list[str]] = {}
     for x in failed:
         walks.setdefault((x.estimator, x.why), []).append(x.walk)
@@ -46,7 +46,7 @@ def format_failures(failed: Sequence[ScoringFailure]) -> list[str]:
 
 
 def to_cells(line: Line) -> list[str]:
-    """A line's cells, by `HEAD`."""
+    """The text of a line's cells, one for each column of `HEAD`."""
     values = [f"{value:.4g}" if value is not None else "-" for value in (line.baseline, line.now)]
     unit = "pp" if line.in_points else "%"
     change = "-" if line.change is None else f"{line.change:+.1f} {unit}"
@@ -68,12 +68,12 @@ def to_cells(line: Line) -> list[str]:
 
 
 def find_changes(comparison: Comparison) -> list[Line]:
-    """The lines with a change, regressions first."""
+    """The lines whose verdict is not SAME, regressions first."""
     return sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
 
 
 def verdict_line(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
-    """The result of a comparison in one line."""
+    """Number of scores that are worse than the baseline, and of failures, as one line of text."""
     count, total = len(comparison.regressions), sum(line.verdict != NEW for line in comparison.lines)
     missing = " or missing" if any(line.verdict == MISSING for line in comparison.regressions) else ""
     text = (
@@ -83,7 +83,7 @@ def verdict_line(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) 
 
 
 def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
-    """The comparison as a page of Markdown: changes are visible, the rest is folded."""
+    """The comparison as a page of Markdown: failures and changes are visible, scores without a change are folded."""
     count = len(comparison.regressions)
     result = f"**{count} worse**" if count else "**nothing worse**"
     result += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
@@ -115,6 +115,7 @@ def _markdown_row(row_cells: Sequence[str]) -> str:
 
 
 def _escape(text: str) -> str:
+    """Text in which Markdown shows underscores literally."""
     return text.replace("_", "\\_")
 
 
@@ -152,13 +153,14 @@ def _add_case(suite: Any, estimator: str, name: str) -> Any:
 
 
 def _set_counts(element: Any, lines: Sequence[Line], failed: int) -> None:
+    """Sets the numbers of tests, failures, errors and skipped tests of a JUnit element."""
     regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
     counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}
     element.attrib.update({name: str(count) for name, count in counts.items()})
 
 
 def to_sentence(line: Line) -> str:
-    """A verdict in one sentence."""
+    """What has become of one score, as one sentence with both values, the change and its interval."""
     name = f"{line.estimator} {line.metric}"
     if line.verdict == MISSING:
         if line.metric == WALKS:

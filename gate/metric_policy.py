@@ -59,14 +59,18 @@ class Scale:
         return self.signed or self.kind == CLAIM
 
     def loss(self, value: float) -> float:
-        """The value on the scale of the comparison; larger is worse."""
+        """The value as a loss, which is larger if it is worse and can be averaged over walks.
+
+        Shares stay in percentage points, with the sign turned where more is better. Other scores become logarithms of
+        their absolute value, at least `slack`; of a lead time the negative one.
+        """
         if self.in_points:
             return -value if self.kind == SHARE else value
         floored = math.log(max(abs(value), self.slack, 1e-12))
         return -floored if self.kind == LEAD else floored
 
     def value(self, loss: float) -> float:
-        """A mean loss in the score's unit."""
+        """The score's value, in its own unit, from a mean loss: the inverse of `loss`, without the sign of an error."""
         if self.in_points:
             return -loss if self.kind == SHARE else loss
         return math.exp(-loss if self.kind == LEAD else loss)

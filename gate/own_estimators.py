@@ -55,7 +55,7 @@ class OwnEstimator(ABC):
 
     @abstractmethod
     def path(self, recording: Recording) -> PathEstimate:
-        """Its path on a recording."""
+        """The path of the frame that the estimator gives for a recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class TumFile(OwnEstimator):
     file: Path
 
     def path(self, recording: Recording) -> PathEstimate:
-        """The path in the file."""
+        """The path in the file, whatever the recording."""
         return PathEstimate(name=self.name, frame=self.frame, path=read_tum(self.file))
 
 
@@ -80,7 +80,7 @@ class PythonClass(OwnEstimator):
     place: str
 
     def load(self) -> type[Any]:
-        """The class.
+        """Imports the class at `place`.
 
         Raises:
             StrideTwinError: There is no such class, or it has no `update`.
@@ -97,10 +97,11 @@ class PythonClass(OwnEstimator):
         return getattr(self.load(), "frame", None) or self.frame
 
     def path(self, recording: Recording) -> PathEstimate:
-        """The path that the class estimates from a recording.
+        """The path that the class estimates from a recording: built with its rig and fed sample by sample.
 
         Raises:
-            StrideTwinError: As `load` and `estimate_path`, and for any exception of the class or a call of `sys.exit`.
+            StrideTwinError: The class cannot be loaded (`load`), reads invalid topics or gives invalid poses
+                (`estimate_path`), raises an exception, or calls `sys.exit`.
         """
         estimator_class = self.load()
         with _catch_user_errors(self.place):
@@ -122,10 +123,10 @@ class Program(OwnEstimator):
     timeout_s: float
 
     def arguments(self) -> list[str]:
-        """Program and arguments.
+        """The program and its arguments, with `{recording}` and `{output}` still in them.
 
         Raises:
-            StrideTwinError: There is no such program, or a place for recording or output is missing.
+            StrideTwinError: The program is not installed, or `{recording}` or `{output}` is missing.
         """
         try:
             arguments = shlex.split(self.command)
@@ -232,7 +233,11 @@ def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
 
 @contextmanager
 def _catch_user_errors(where: str) -> Iterator[None]:
-    """Redirects printed output to stderr, as stdout is for scores; any exit but Ctrl-C raises an error."""
+    """Runs code of the user: printed output goes to stderr, and any exit but Ctrl-C becomes a StrideTwinError.
+
+    Args:
+        where: What runs, for the beginning of the message.
+    """
     try:
         with redirect_stdout(sys.stderr):
             yield
@@ -270,9 +275,15 @@ def _error_location(error: BaseException) -> str:
 
 
 def _run_program(arguments: list[str], timeout_s: float, stderr: int, folder: Path) -> int | None:
-    """Exit code of a program; None if it was stopped, with all its child processes.
+    """Runs a program and returns its exit code; None if it took too long and was stopped with all its child processes.
 
     If this process is killed, the program ends as well and its folder is removed.
+
+    Args:
+        arguments: The program and its arguments.
+        timeout_s: Time limit, s.
+        stderr: File descriptor that receives what the program prints on stderr.
+        folder: The program's temporary folder.
     """
     process = subprocess.Popen(
         arguments, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr, start_new_session=True
@@ -290,7 +301,10 @@ def _run_program(arguments: list[str], timeout_s: float, stderr: int, folder: Pa
 
 @contextmanager
 def _watch_process(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
-    """A shell in its own session watches a program; signals to this process group do not reach it."""
+    """Starts a shell that kills a program and removes its folder as soon as this process ends for any reason.
+
+    The shell runs in a session of its own, so that signals to this process group do not reach it.
+    """
     command = ["sh", "-c", _WATCH, "sh", str(process.pid), str(folder)]
     watch = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True

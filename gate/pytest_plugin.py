@@ -75,6 +75,7 @@ def stridetwin_score() -> Callable[..., Scores]:
 
 
 def _path_of(recording: Recording, estimator: Any) -> Trajectory:
+    """The path that an estimator, a `Trajectory` or a TUM file gives for a recording."""
     from stridetwin.gate.own_estimators import estimate_path
     from stridetwin.streams.formats.tum import read_tum
     from stridetwin.streams.trajectory import Trajectory
@@ -85,6 +86,7 @@ def _path_of(recording: Recording, estimator: Any) -> Trajectory:
 
 
 def _load_scenario(source: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+    """The scenario from a name, a file, the content of a file, or a `TwinConfig`."""
     from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
     from stridetwin.sim.config import TwinConfig
 

@@ -88,7 +88,7 @@ def read_table(path: Path) -> ScoreTable:
 
 
 def check_scores(node: object, where: Where) -> dict[str, Scores]:
-    """Checks a node of a file as a mapping of estimators to scores.
+    """Checks that a node of a file maps estimators to scores by name, and returns it.
 
     Raises:
         ConfigError: It is not one; the message has the path of the field.
@@ -109,11 +109,17 @@ def is_text(value: object) -> bool:
 
 
 def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
-    """The scores of some walks, ready for JSON."""
+    """The scores of some walks as `score --json` prints them.
+
+    Args:
+        entries: Rows of the walks.
+        means: Mean scores by estimator.
+    """
     return {"recordings": list(entries), "estimators": dict(means)}
 
 
 def _check_names(value: object, where: Where, valid: str) -> dict[str, Any]:
+    """Checks that a value is a mapping whose keys are names, and returns it."""
     if not isinstance(value, dict):
         raise where.error(value, valid)
     for name in value:

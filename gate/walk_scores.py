@@ -78,6 +78,11 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
 
 
 def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob]:
+    """Jobs for the accepted walks of a campaign; warns of recordings that its manifest does not list.
+
+    Raises:
+        StrideTwinError: The manifest is invalid, lists no accepted walk, or a recording has another size than it says.
+    """
     path = folder / manifest.NAME
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -108,7 +113,11 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
 
 
 def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, Any]:
-    """One walk's row: `name`, `sha256`, `metadata`, `estimators`, and `failed` if an estimator failed.
+    """Scores one recording and returns its row.
+
+    Returns:
+        `name`, `sha256`, `metadata` (scenario, seed, physics), `estimators` (scores by output), and `failed` (reasons
+        by estimator) if an estimator failed.
 
     Raises:
         StrideTwinError: The recording cannot be read; in a strict job, any error.
@@ -152,6 +161,7 @@ def _score_installed(
 
 
 def _record_failure(job: ScoringJob, failed: dict[str, str], name: str, error: Exception) -> None:
+    """Adds an estimator's error on one line to `failed`; in a strict job raises it."""
     if job.strict:
         raise error
     text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
@@ -171,7 +181,7 @@ def _digest(path: Path) -> str:
 def score_walks(
     jobs: Sequence[ScoringJob], options: BatchOptions, progress: Progress, *, is_kept: bool = False
 ) -> list[dict[str, Any]]:
-    """Rows of `score_walk`, in the order of the jobs.
+    """Scores recordings in parallel and returns the row of each, as `score_walk` gives it, in the order of the jobs.
 
     Args:
         jobs: The recordings; the workers of a cluster must see them under the same paths.
@@ -211,6 +221,7 @@ def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
 
 
 def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
+    """Digest of everything that determines a row: recording, options, and versions of the code."""
     only = None if job.only is None else sorted(job.only)
     return content_key(job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions))
 

@@ -26,7 +26,7 @@ _SOLE_M = 0.27
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AlignedWalk:
-    """The poses of an odometry over N instants, beside the truth.
+    """The poses of an odometry over N instants, in a world of its own, beside the truth.
 
     Attributes:
         frame: Frame of the poses, such as `head/imu`.
@@ -53,15 +53,20 @@ class AlignedWalk:
     sole_m: float = _SOLE_M
 
     def place_at(self, t_ns: int) -> float | None:
-        """The true place along the route at the last pose, m; None before the first one."""
+        """The true place along the route at the last pose up to a time, m; None before the first pose."""
         i = int(np.searchsorted(self.poses.t_ns, t_ns, side="right")) - 1
         return float(self.place_m[i]) if i >= 0 else None
 
 
 def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEstimate | None:
-    """The path that supplies the poses for terrain and modes; None if there is none, or nothing to score them with.
+    """The path that supplies the poses for terrain and modes.
 
-    They need depth on the body of the odometry's IMU; scores need true footprints, terrain and path of the IMU.
+    Args:
+        recording: With depth on the body of the odometry's IMU, and true footprints, terrain and path of the IMU.
+        paths: Estimated paths.
+
+    Returns:
+        None if no odometry is among the paths, none of its poses is healthy, or the recording lacks one of these.
     """
     odometry = next((path for path in paths if path.supplies_poses), None)
     if odometry is None or FOOTPRINTS not in recording.topics or terrain_layout(recording.metadata) is None:
@@ -75,7 +80,12 @@ def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEsti
 
 
 def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
-    """The walk with the poses of `odometry_of`, where the odometry trusts them and the truth is known."""
+    """The walk with the poses of an odometry beside the truth, where the odometry trusts them and the truth is known.
+
+    Args:
+        recording: The walk, for which `odometry_of` has returned the odometry.
+        odometry: Path of the odometry.
+    """
     layout = terrain_layout(recording.metadata)
     assert layout is not None, "odometry_of has checked it"
     truth, path = true_path(recording, odometry.frame), odometry.path

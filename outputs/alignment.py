@@ -19,7 +19,7 @@ ALIGNMENTS = ("start", "yaw", "se3")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rigid:
-    """p ↦ R p + t, from the estimate's world to the truth's.
+    """A rigid transform p ↦ R p + t from the estimate's world to the truth's.
 
     Attributes:
         R: (3, 3) rotation.
@@ -45,14 +45,19 @@ class Rigid:
 
 
 def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
-    """The transform from the estimate's world to the truth's.
+    """Computes the transform from the world of an estimated path to that of the truth.
+
+    Only the four directions that inertia and gravity cannot observe are aligned, except with `se3`.
 
     Args:
         estimate: N poses.
         truth: The N true poses at the same stamps.
-        how: `start`: position and yaw agree at the first pose (they are unobservable from inertia); `yaw`: the
-            least-squares translation and rotation about the vertical; `se3`: the least-squares translation and
-            rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380, without scale).
+        how: `start`: position and yaw agree at the first pose; `yaw`: the least-squares translation and rotation about
+            the vertical; `se3`: the least-squares translation and rotation (Umeyama 1991, IEEE TPAMI 13(4):376-380,
+            without scale).
+
+    Raises:
+        ValueError: No such alignment.
     """
     if how == "start":
         R = vertical_rotation(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
@@ -70,12 +75,17 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
 
 
 def vertical_rotation(M: Array) -> Array:
-    """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3)."""
+    """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3).
+
+    The angle is atan2(M₂₁ - M₁₂, M₁₁ + M₂₂). With M = Σ t eᵀ of centred points this is the least-squares rotation about
+    the vertical from points e to points t; with a rotation matrix M it is the nearest such rotation.
+    """
     a = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
     return np.asarray(Rotation.from_rotvec(a[..., None] * np.array([0.0, 0.0, 1.0])).as_matrix())
 
 
 def _rotation(q: Array) -> Array:
+    """(3, 3) rotation matrix of a quaternion (w, x, y, z)."""
     return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
 
@@ -109,6 +119,7 @@ class YawAlignment:
 
     @staticmethod
     def _transform_points(points: Array, origin: Array, target: Array, rotation: Array) -> Array:
+        """Points (..., 2 or 3) rotated about the vertical around `origin`, which then becomes `target`, m."""
         offset = np.asarray(points, float) - origin[: np.shape(points)[-1]]
         offset[..., :2] = offset[..., :2] @ rotation.T
         return np.asarray(offset + target[: offset.shape[-1]])
@@ -128,7 +139,7 @@ class MovingAlignment:
         self._yaw = _yaw(truth.q_world_frame) - _yaw(estimate.q_world_frame)
 
     def at(self, t_ns: int) -> YawAlignment:
-        """The alignment at a time."""
+        """The alignment at the last pose up to a time, or at the first pose."""
         i = max(0, int(np.searchsorted(self._t_ns, t_ns, side="right")) - 1)
         return YawAlignment(estimated=self._estimated[i], true=self._true[i], yaw=float(self._yaw[i]))
 
@@ -138,5 +149,6 @@ class MovingAlignment:
 
 
 def _yaw(q: Array) -> Array:
+    """(N,) rotation about the vertical of (N, 4) quaternions (w, x, y, z), rad."""
     w, x, y, z = q.T
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

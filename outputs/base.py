@@ -80,12 +80,12 @@ class Evaluation(Protocol):
 
     @property
     def scores(self) -> Scores:
-        """Its scores."""
+        """Scores of the output, by name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluated(Generic[E]):
-    """An evaluation whose figures need what the kind made of the estimates.
+    """An evaluation of a kind whose figures need no more than the estimates.
 
     Attributes:
         name: Name of the output.
@@ -99,11 +99,11 @@ class Evaluated(Generic[E]):
 
 
 class Collector(ABC, Generic[E]):
-    """Keeps what is needed of one estimator while the samples of a recording are replayed."""
+    """Collects the outputs of one estimator while the samples of a recording are replayed."""
 
     @abstractmethod
     def add(self, sample: Sample, estimate: Any) -> None:
-        """Takes each sample, after the estimator, with what its `update` returned."""
+        """Takes a sample and what the estimator's `update` returned for it; called for every sample in time order."""
 
     @abstractmethod
     def outputs(self) -> list[Output[E]]:
@@ -127,12 +127,12 @@ class EveryEstimate(Collector[E]):
         self._estimates: list[Any] = []
 
     def add(self, sample: Sample, estimate: Any) -> None:
-        """Keeps an estimate."""
+        """Keeps an estimate that is not None."""
         if estimate is not None:
             self._estimates.append(estimate)
 
     def outputs(self) -> list[Output[E]]:
-        """The output."""
+        """The only output, with all estimates as `pack` turns them into what the kind keeps."""
         return [Output(name=self._name, estimates=self._pack(self._estimates))]
 
 
@@ -166,7 +166,13 @@ class FileOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Written:
-    """What was written of an output: its files, the requested one first, the rows in them, and a message for each."""
+    """What was written of an output.
+
+    Attributes:
+        files: Its files, the requested one first.
+        rows: Number of rows in them.
+        lines: One message per file, or for all.
+    """
 
     files: list[Path]
     rows: int
@@ -210,10 +216,10 @@ class OutputKind(ABC, Generic[E, V]):
 
     @abstractmethod
     def collector(self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[E]:
-        """A collector for one estimator.
+        """Makes a collector for one estimator.
 
         Args:
-            estimator: At work; some kinds read its state.
+            estimator: The running estimator; some kinds read its state.
             instance: The class and options that it was built from.
             walk: For an estimator that takes poses, these beside the truth; None where there is no truth.
         """
@@ -261,7 +267,10 @@ class OutputKind(ABC, Generic[E, V]):
 
     @abstractmethod
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
-        """Rows of one estimator in `live`; without a file only rows."""
+        """Makes what formats the estimates of one estimator as rows in `live`.
+
+        It writes a file only if one is given.
+        """
 
     def report(self, evaluations: Sequence[V], recording: Recording) -> ReportParts:
         """What a report shows of all outputs of this kind, at least one."""
@@ -288,7 +297,7 @@ class KindEvaluations:
 
 
 def scores_by_output(of_kinds: Sequence[KindEvaluations]) -> dict[str, Scores]:
-    """The scores of every output, by name."""
+    """The scores of every output of all kinds, by the output's name."""
     return {evaluation.name: evaluation.scores for of_kind in of_kinds for evaluation in of_kind.evaluations}
 
 

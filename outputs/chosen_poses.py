@@ -36,7 +36,7 @@ _TILT_RAD = math.radians(30.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChosenPoses:
-    """Poses for the map.
+    """Poses that an estimator of terrain or modes takes, upright, with the frame that they belong to.
 
     Attributes:
         path: The poses.
@@ -86,14 +86,18 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
 
 
 def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[str, str]:
-    """The poses in a recording, and the frame that they belong to.
+    """Finds the true path of the depth camera, or of a sensor on its body, in a recording.
+
+    Args:
+        recording: The recording.
+        camera: The depth camera.
 
     Returns:
-        Topic of the camera's own path, or of that of another sensor on its body; and that frame, "" for a folder of
-        depth alone.
+        Topic of the path and its frame. The only path of a folder of images is taken without being the truth, with the
+        frame "", because such poses are the depth camera's.
 
     Raises:
-        RecordingError: There are none.
+        RecordingError: There are no such poses.
     """
     rig = recording.rig
     frames: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
@@ -110,7 +114,10 @@ def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[st
 
 
 def _find_recorded_poses(recording: Recording, body: str) -> ChosenPoses | None:
-    """Poses that a device estimated and recorded, of a camera or an IMU on a body: `/head/color/odometry`."""
+    """Poses that a device estimated and recorded, of a camera or IMU on a body (`/head/color/odometry`).
+
+    None without any.
+    """
     frames: list[CameraCalibration | ImuCalibration] = [*recording.rig.cameras.values(), *recording.rig.imus.values()]
     for frame in (f for f in frames if f.mount.body == body):
         if (topic := f"{frame.topic}/odometry") in recording.topics:
@@ -120,24 +127,29 @@ def _find_recorded_poses(recording: Recording, body: str) -> ChosenPoses | None:
 
 
 def _read_path(recording: Recording, topic: str) -> Trajectory:
+    """The poses of an odometry topic."""
     block = recording.block(topic)
     p, q = block.columns["p_frame_in_world"], block.columns["q_world_frame"]
     return Trajectory(t_ns=block.t_ns, p_frame_in_world=p, q_world_frame=q)
 
 
 def _choose_upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
+    """The poses in a world whose z axis is up, with a description that names the rotation if one was needed."""
     path, angle = _set_upright(recording, path, frame)
     rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
     return ChosenPoses(path=path, frame=frame, description=description + rotation)
 
 
 def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Trajectory, float]:
-    """Poses in a world whose z axis is up, and the angle by which they were rotated, rad; 0: they were upright.
+    """Rotates poses so that their world's z axis is up, as the ground in some depth images shows it.
 
     Args:
         recording: With the depth images.
         path: Poses of `frame`.
         frame: Frame of the poses; "" is the depth camera's optical frame.
+
+    Returns:
+        The poses, and the angle of the rotation, rad; 0 where they were upright within 30° or no ground was visible.
     """
     calibration = depth_calibration(recording.rig)
     camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]

@@ -21,7 +21,14 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Pat
 
 
 def write_output_table(columns: Sequence[str], rows: Sequence[Sequence[str]], file: Path, row_name: str) -> Written:
-    """Writes a CSV file as the file of an output; `words` is what a message calls its rows."""
+    """Writes a CSV file as the file of an output, and says what was written.
+
+    Args:
+        columns: Titles of the columns.
+        rows: Cells of each row.
+        file: The file.
+        row_name: What a message calls the rows, such as `steps`.
+    """
     write_table(columns, rows, file)
     return Written(files=[file], rows=len(rows), lines=[f"{file}: {len(rows)} {row_name}"])
 
@@ -46,7 +53,7 @@ class LiveTable(LiveOutput):
         self._kept: dict[int, Sequence[str]] = {}
 
     def keep(self, number: int, cells: Sequence[str]) -> None:
-        """Keeps a row for the table, in the place of an earlier one of the same number."""
+        """Keeps a row for the table; it replaces an earlier one of the same number."""
         if self._file is not None:
             self._kept[number] = cells
 

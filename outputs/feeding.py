@@ -46,12 +46,12 @@ class Instance:
         return self.estimator_class(rig, options=self.options, parameters=self.parameters)
 
     def with_poses_of(self, frame: str) -> Instance:
-        """The same with `Options.poses_of`."""
+        """This instance for poses of a frame (`Options.poses_of`), such as `head/imu`."""
         return replace(self, options=replace(self.options, poses_of=frame))
 
 
 def with_metadata(estimator_class: EstimatorClass, options: Options | None, recording: Recording) -> Options:
-    """The options with the metadata of a recording; by default those of the estimator's first method."""
+    """The options completed by the metadata of a recording; None stands for those of the estimator's first method."""
     options = options or Options(method=estimator_class.declaration.methods[0])
     return replace(options, metadata=recording.metadata, source=str(recording.path))
 
@@ -83,7 +83,16 @@ def runnable_instances(estimator_class: EstimatorClass, recording: Recording) ->
 
 
 def runnable_on(estimator_class: EstimatorClass, defaults: Options, rig: Rig, topics: Container[str]) -> list[Instance]:
-    """The instances that some topics of a rig can feed, see `runnable_instances`.
+    """The instances of an estimator that some topics of a rig can feed.
+
+    There is one per foot for an estimator of one foot; else at most one, with the first of its mounts that the topics
+    feed.
+
+    Args:
+        estimator_class: The estimator.
+        defaults: Options of all instances, with the metadata.
+        rig: Calibration of the sensors.
+        topics: Available topics.
 
     Raises:
         ConfigError: The metadata in the options is invalid.
@@ -122,7 +131,14 @@ def check_topics(instance: Instance, recording: Recording) -> None:
 
 
 def start(instance: Instance, recording: Recording) -> tuple[Estimator, Iterator[Sample]]:
-    """An estimator, and the samples from a recording that its `update` takes, in time order."""
+    """Builds an estimator for a recording.
+
+    Returns:
+        The estimator, and the samples of its live streams in time order, which its `update` takes.
+
+    Raises:
+        RecordingError: The recording lacks a required stream.
+    """
     check_topics(instance, recording)
     topics = [s.topic for s in instance.streams if s.live and s.topic in recording.topics]
     return instance.build(rig_of(recording)), iter(recording.samples(topics))

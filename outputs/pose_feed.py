@@ -69,12 +69,13 @@ def merge_poses(
 
 
 def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
+    """The poses of a path as samples of a topic."""
     return map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, repeat(topic))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _RunningEstimator:
-    """An estimator of a replay with its collector.
+    """An estimator that runs in `replay`, with its collector.
 
     Attributes:
         kind: Of its outputs.
@@ -142,6 +143,7 @@ def replay(
 
 
 def _progress_share(poses: Trajectory, t_ns: int) -> float:
+    """Share of the poses' time that has passed at a time, 0-1."""
     first_ns, last_ns = int(poses.t_ns[0]), int(poses.t_ns[-1])
     return min(1.0, max(0.0, (t_ns - first_ns) / max(1, last_ns - first_ns)))
 
@@ -153,7 +155,7 @@ class PoseFeed:
         self._camera: Pose | None = None
 
     def samples(self, estimate: Any) -> Iterator[Odometry]:
-        """The camera's pose, if it is estimated and new, then the pose, if it is valid."""
+        """The samples in an estimate of the odometry: the camera's pose if it is new, and the pose if it is valid."""
         pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
         if camera is not None and camera is not self._camera:
             self._camera = camera
@@ -198,7 +200,13 @@ class OdometryDriven:
         return sample.topic in self._odometry_takes
 
     def update_odometry(self, sample: Sample) -> Pose | None:
-        """Passes the sample to the odometry and its pose to the estimator; call it before `update`."""
+        """Passes a sample to the odometry and its new pose to the estimator.
+
+        Call it before `update` with the same sample.
+
+        Returns:
+            The odometry's pose; None without a new one.
+        """
         estimate = self._odometry.update(sample) if self.feeds_odometry(sample) else None
         for pose in self._feed.samples(estimate):
             self.estimator.update(pose)
@@ -209,5 +217,9 @@ class OdometryDriven:
         return sample.topic in self._estimator_takes
 
     def update(self, sample: Sample) -> Any:
-        """Passes the sample to the estimator; returns its estimate, None without a new one."""
+        """Passes a sample to the estimator if it takes it.
+
+        Returns:
+            The estimate; None without a new one.
+        """
         return self.estimator.update(sample) if self.feeds_estimator(sample) else None

@@ -26,10 +26,11 @@ def kinds() -> dict[str, AnyKind]:
 
 
 def kind_of(declaration: Declaration) -> AnyKind:
-    """The kind of an estimator's outputs.
+    """The kind of output of an estimator, from its declaration.
 
     Raises:
-        StrideTwinError: As `kinds`, or no installed package offers the kind.
+        ConfigError: No installed package offers the kind; the message lists the kinds.
+        StrideTwinError: The kind cannot be imported, or is not an `OutputKind`.
     """
     points = _entry_points()
     if declaration.kind not in points:
@@ -38,10 +39,10 @@ def kind_of(declaration: Declaration) -> AnyKind:
 
 
 def estimators() -> dict[str, EstimatorClass]:
-    """All estimators by name: by the order of their kinds, then by declared order.
+    """All installed estimators by name, sorted by the order of their kinds and then by their own order.
 
     Raises:
-        StrideTwinError: As `kinds` and `estimators.registry.estimator`.
+        StrideTwinError: A kind or an estimator cannot be imported, or is invalid.
     """
     return {
         name: estimator_class
@@ -51,7 +52,7 @@ def estimators() -> dict[str, EstimatorClass]:
 
 
 def all_scores() -> dict[str, Score]:
-    """The scores of all kinds by name; where two kinds share a name, they agree on its scale."""
+    """The declared scores of all kinds by name; where two kinds share a name, they agree on its scale."""
     return _all_scores(tuple(sys.path))
 
 
@@ -81,6 +82,12 @@ def _entry_points_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
 
 @cache
 def _load(point: EntryPoint) -> AnyKind:
+    """The kind behind an entry point.
+
+    Raises:
+        StrideTwinError: Its import fails.
+        ConfigError: It is not an `OutputKind`.
+    """
     place = f"{OUTPUT_GROUP}: {point.name} = {point.value}"
     try:
         kind_class: Any = point.load()

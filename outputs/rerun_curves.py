@@ -26,7 +26,16 @@ def log_curves(
 
 
 def thin_out(t_ns: NDArray[np.int64], rate_hz: float, *columns: Array) -> tuple[Array, ...]:
-    """Times in s and columns, every n-th row so that about `rate_hz` remain; unchanged if they are slower."""
+    """Thins columns to about `rate_hz` for display: every n-th row; slower columns stay as they are.
+
+    Args:
+        t_ns: (N,) times, ns.
+        rate_hz: Rate to keep.
+        columns: Arrays of N rows.
+
+    Returns:
+        Times in s, and the columns.
+    """
     seconds = t_ns * 1e-9
     span_s = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
     step = max(1, round(len(seconds) / (span_s * rate_hz)))

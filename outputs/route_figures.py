@@ -27,7 +27,7 @@ _TRUE_STEP = "#46546a"
 
 
 def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float) -> None:
-    """The true ground along the route, down to a height, by terrain."""
+    """Draws the true ground along the route, by terrain, down to the height `floor`, m."""
     for terrain, color in GROUND.items():
         outlines = []
         for strip in profile:
@@ -39,7 +39,7 @@ def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float
 
 
 def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
-    """The true ground from above, by terrain."""
+    """Draws the true ground from above within two ranges, m, by terrain."""
     for terrain, color in GROUND.items():
         slabs = [slab for slab in (layout.slabs if layout else ()) if slab.terrain == terrain]
         corners = [
@@ -59,7 +59,7 @@ def outline(footprint: Footprint) -> Array:
 
 
 class StraightenedRoute:
-    """The true footprints and the true path of a walk along its route.
+    """A walk's true footprints and path, laid out along the straightened route for figures from above.
 
     Args:
         walk: The walk.
@@ -92,7 +92,7 @@ class StraightenedRoute:
         return list(pairwise(np.linspace(*span, count + 1).tolist()))
 
     def footprints_within(self, span: Range) -> list[int]:
-        """Numbers of the footprints whose middle lies within a span."""
+        """Numbers of the footprints whose middle lies within a span of the route, m."""
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
     def plot_row(self, title: str, number: int, rows: list[Range]) -> Plot:
@@ -105,12 +105,12 @@ class StraightenedRoute:
         )  # fmt: skip
 
     def draw_footprints(self, plot: Plot, span: Range) -> None:
-        """The true footprints within a span."""
+        """Draws the true footprints within a span of the route."""
         outlines = [self.footprints[i] for i in self.footprints_within(span)]
         plot.areas(outlines, "#ffffff", stroke=_TRUE_STEP, label="true footprint")
 
     def draw_path(self, plot: Plot, span: Range) -> None:
-        """The true path of the camera within a span."""
+        """Draws the true path of the camera within a span of the route."""
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
         heading, offset = way.heading(s), p - way.point(s)
@@ -119,14 +119,14 @@ class StraightenedRoute:
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")
 
     def draw_terrain_keys(self, plot: Plot) -> None:
-        """The colours of the terrain of the whole route, for the legend of the first row."""
+        """Adds the colours of the terrain of the whole route to the legend; for the first row."""
         present = {strip.terrain for strip in self._walk.layout.profile}
         for terrain, color in GROUND.items():
             if terrain in present:
                 plot.key(terrain, color)
 
     def draw_terrain(self, plot: Plot, span: Range) -> None:
-        """The true terrain within a span, as bands across the route."""
+        """Draws the true terrain within a span of the route, as bands across it."""
         for terrain, color in GROUND.items():
             bands = []
             for strip in self._walk.layout.profile:

@@ -55,11 +55,11 @@ class TruePath:
 
     @property
     def poses(self) -> Trajectory:
-        """The poses at the path's own stamps."""
+        """The poses at the stamps of the path."""
         return Trajectory(t_ns=self.t_ns, p_frame_in_world=self.p_frame_in_world, q_world_frame=self.q_world_frame)
 
     def since(self, t_ns: int) -> TruePath:
-        """The path from a time on; at least its last two samples stay."""
+        """The path from a time (ns) on; at least its last two samples stay."""
         i = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
         return TruePath(
             t_ns=self.t_ns[i:],
@@ -101,7 +101,7 @@ class TruePath:
 
 
 def true_path(recording: Recording, frame: str) -> TruePath:
-    """The true path of a frame: as recorded, or derived from another sensor on the same body through their mounts.
+    """The true path of a frame: recorded, or derived from another sensor on the same body by their mounts.
 
     Raises:
         RecordingError: The recording has no truth for the frame; the message lists the available frames.
@@ -125,7 +125,14 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
 
 
 def _derive_path(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
-    """The path of a frame that is rigidly mounted in the recorded one, (4, 4) m."""
+    """The path of a frame that is rigidly mounted in the recorded one.
+
+    p = p_r + R_r a and v = v_r + R_r (ω × a), with the arm a in the recorded frame.
+
+    Args:
+        recorded: True path of the recorded frame.
+        T_recorded_frame: (4, 4) pose of the frame in the recorded one, m.
+    """
     path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
     relative = np.cross(recorded.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
@@ -155,7 +162,10 @@ def true_footprints(recording: Recording) -> list[Footprint]:
 
 
 def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
-    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order."""
+    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order.
+
+    The order resolves where a route passes a place twice.
+    """
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
 
@@ -176,7 +186,7 @@ def scoring_time_ns(s: float, t_ns: Array, places: Array) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Flight:
-    """Risers with treads between them.
+    """A flight of stairs: risers with treads between them.
 
     Attributes:
         s: Arc length of its first edge, m.
@@ -194,13 +204,20 @@ class Flight:
 
 
 def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
-    """Height steps of the ground of at least `least_m`: arc length, m; height, m; and the strip that begins there."""
+    """Height steps of the ground of at least `min_m`, in order along the route.
+
+    Returns:
+        For each its place, m along the route; its height, m, down negative; and the strip that begins there.
+    """
     jumps = [(after.s0, after.z0 - before.z1, after) for before, after in pairwise(profile)]
     return [jump for jump in jumps if abs(jump[1]) >= min_m]
 
 
 def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
-    """The flights of a route, in order; risers below `least_m` are ignored."""
+    """The flights of a route, in order; height steps below `min_m` are ignored.
+
+    A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair.
+    """
     route_flights: list[Flight] = []
     s, heights = [], []
     for place, height, onto in edges(profile, min_m):

@@ -17,20 +17,31 @@ _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), (
 
 
 def read_reference(name: str) -> Any:
-    """One YAML file of the reference folder, such as `jao2020`."""
+    """The content of one YAML file of the reference folder, such as `jao2020`."""
     file = resources.files("stridetwin.reference").joinpath(f"{name}.yaml")
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
 
 def read_reference_rows(name: str) -> list[dict[str, str]]:
-    """Rows of one table of the reference folder, such as `zhao2023_table2`; lines that begin with # are skipped."""
+    """Rows of one CSV table of the reference folder, such as `zhao2023_table2`, as column to text.
+
+    Lines that begin with # are skipped.
+    """
     file = resources.files("stridetwin.reference").joinpath(f"{name}.csv")
     lines = (line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     return list(csv.DictReader(lines))
 
 
 def speed_group(speed_mps: float, leg_m: float = _LEG_M) -> str:
-    """The speed group of Schwartz et al. 2008 that a walker belongs to, by speed / sqrt(g leg)."""
+    """The speed group of Schwartz et al. 2008 that a walker belongs to.
+
+    Args:
+        speed_mps: Walking speed.
+        leg_m: Length of the leg; speeds of equal speed / sqrt(g leg) are in one group.
+
+    Returns:
+        VerySlow, Slow, Free, Fast or VeryFast.
+    """
     scaled_speed_mps = speed_mps * float(np.sqrt(_LEG_M / leg_m))
     return next(name for name, below in _GROUPS if scaled_speed_mps < below)
 

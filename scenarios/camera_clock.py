@@ -77,7 +77,7 @@ class CameraClock:
         return abs(self.unexplained_s) - self.half_s > CLOCK_OFFSET_S
 
     def row(self) -> dict[str, Any]:
-        """For JSON."""
+        """The clock as a mapping of plain values, for JSON."""
         return {**vars(self), "unexplained_s": self.unexplained_s}
 
 
@@ -92,7 +92,15 @@ def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
 
 
 def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Imu]) -> CameraClock | None:
-    """Clock and mount of one camera relative to the IMU on its body, whose samples are `gyro`.
+    """Clock and mount of one camera relative to the IMU on its body.
+
+    Segments of images are read in batches, those with the most varied rotation first, until the offset is certainly
+    above or below `CLOCK_OFFSET_S`.
+
+    Args:
+        recording: Recording with the images.
+        camera: Calibration of the camera.
+        gyro: All samples of the IMU.
 
     Returns:
         None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
@@ -112,7 +120,13 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
 
 
 def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
-    """First images of all segments, those in which the camera's rotation rate varies most first."""
+    """Numbers of the first images of all segments, by how much the camera's rotation rate varies in them, most first.
+
+    Args:
+        images: (N,) stamps of the images, ns.
+        t: (M,) stamps of the gyro, ns.
+        rate: (M, 3) rates of the gyro in the camera's axes, rad/s.
+    """
     starts = range(0, max(1, len(images) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
@@ -125,7 +139,12 @@ def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate:
 def _estimate_clock(
     camera: CameraCalibration, t_ns: NDArray[np.int64], rate: Array, rates: Sequence[Rates]
 ) -> CameraClock | None:
-    """The clock by the rates of some segments; None without a clear peak."""
+    """The clock by the rates of some segments; None without a clear peak, or with too few blocks of images.
+
+    Gyro and images are compared at every shift, first with the nominal mount. A rotated mount (`_align_mounts`) is
+    taken instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not
+    at all.
+    """
     blocks = [
         half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
     ]
@@ -162,7 +181,15 @@ def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class _ShiftFit:
-    """The shift that best aligns the rates, s, the half width of its 95 % interval, its number and its cost."""
+    """The shift that best aligns the rates.
+
+    Attributes:
+        shift_s: The shift, between the compared ones.
+        half_s: Half width of its 95 % interval.
+        at: Number of the nearest compared shift.
+        cost: Mean squared difference of the rates at the best shift, before the axes are weighted, (rad/s)².
+        correlation: Of the two rates.
+    """
 
     shift_s: float
     half_s: float
@@ -172,7 +199,17 @@ class _ShiftFit:
 
 
 def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.intp]) -> _ShiftFit | None:
-    """The best of S shifts for rates (S, N, 3) against (N, 3), with the block of each; None without a clear peak."""
+    """The best of S shifts; None if it is at the end of the range, not unique, or too uncertain.
+
+    The interval is Student's, from a jackknife over B blocks of images: var = (B - 1) var(minima without one block),
+    plus the error of the model.
+
+    Args:
+        shifts: (S,) s.
+        measured: (S, N, 3) rates of the gyro over N pairs of images at each shift, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+        block: (N,) number of the block of each pair.
+    """
     squared, at, cost = _robust_residuals(measured, visual)
     if at in (0, len(shifts) - 1):
         return None
@@ -226,7 +263,7 @@ def _student_quantile(freedom: int) -> float:
 
 
 def _parabola_minimum(shifts: Array, cost: Array) -> float:
-    """The minimum of a parabola through the least cost and its neighbours, s."""
+    """Position of the minimum of the parabola through the least of (S,) costs and its two neighbours, s."""
     best = int(np.clip(np.argmin(cost), 1, len(shifts) - 2))
     before, here, after = cost[best - 1 : best + 2]
     curvature = before - 2 * here + after
@@ -253,11 +290,12 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
 
 
 def _angle_deg(R: Array) -> float:
-    """Angle of a rotation matrix (3, 3)."""
+    """Angle of a rotation matrix (3, 3), deg: arccos((tr R - 1) / 2)."""
     return math.degrees(math.acos(float(np.clip((np.trace(R) - 1) / 2, -1, 1))))
 
 
 def _correlation(measured: Array, visual: Array) -> float:
+    """Correlation of (N, 3) rates without their medians; pairs with a large difference are left out."""
     a, b = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)
     squared = np.sum((a - b) ** 2, axis=1)
     is_inlier = squared <= _OUTLIER * np.median(squared)

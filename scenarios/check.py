@@ -29,12 +29,12 @@ _MIN_PLATEAU = 5
 
 
 def range_hits_pct(block: Block[Any], rig: Rig | None) -> float | None:
-    """Share of an IMU's saturated samples, %, with an axis at the end of its range; None for other streams.
+    """Share of an IMU's samples with an axis at the end of its range, %; None for streams of other sensors.
 
     Args:
         block: The stream.
-        rig: Names the part, whose full scale comes from the library of parts. An unknown part counts as saturated
-            where at least `_MIN_PLATEAU` samples share the largest magnitude of an axis.
+        rig: Names the part, whose full scale comes from the library of parts. An unknown part counts as saturated where
+            at least `_MIN_PLATEAU` samples share the largest magnitude of an axis.
     """
     if block.kind is not Imu or not len(block):
         return None
@@ -47,6 +47,10 @@ def range_hits_pct(block: Block[Any], rig: Rig | None) -> float | None:
 
 
 def _at_limit(magnitude: Array, limit: float | None) -> Array:
+    """(N,) whether an axis of (N, 3) magnitudes is at the limit.
+
+    Without a known limit, at a magnitude that many samples share.
+    """
     if limit is not None:
         return np.asarray((magnitude >= _SHARE_OF_RANGE * limit).any(axis=1))
     largest = magnitude.max(axis=0)
@@ -79,7 +83,7 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """Its text with its stream."""
+        """The finding as text that begins with its stream."""
         return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
 
 
@@ -102,7 +106,12 @@ class Check:
 
 
 def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
-    """Checks a recording that was opened leniently."""
+    """Checks rates, gaps, ranges, calibration, clocks and units of every stream of a recording.
+
+    Args:
+        recording: Opened leniently, so that damage becomes a finding instead of an error.
+        progress: Receives the share of the work that is done (0-1).
+    """
     _decode_images(recording)
     findings = [Finding(topic=p.topic, what=str(p)) for p in recording.problems]
     findings += [Finding(topic="", what=w, is_error=False) for w in recording.warnings]
@@ -134,7 +143,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
 
 
 def check_table(check: Check) -> list[str]:
-    """The check as lines of text."""
+    """The result of a check as lines of text: one line per topic and camera, then the findings and the verdict."""
     heads = ("topic", "kind", "samples", "Hz", "declared", "jitter ms", "gaps", "longest s", "at limit %")
     lines = [f"{_line(heads)}  remarks"]
     for topic, row in check.data["topics"].items():
@@ -161,6 +170,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _remark(row: dict[str, Any]) -> str:
+    """Mean specific force of an IMU or accelerometer as text, "" for other streams."""
     return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
 
 
@@ -195,6 +205,7 @@ def _check_clocks(
 
 
 def _clock_errors(clock: CameraClock) -> Iterator[str]:
+    """What is wrong with clock and mount of a camera, as text."""
     if clock.mount_off_deg:
         yield (
             f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "

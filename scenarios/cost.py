@@ -34,7 +34,7 @@ class Cost:
         return _START_CPU_S + self.cpu_s > _LONG_CPU_S
 
     def describe(self, workers: int = 1) -> str:
-        """In words, such as `3 walks, about 1 minute of walking, 380 MB, 0:01:20 with 1 process`."""
+        """The cost as text, such as `3 walks: about 60 s of walking, 380 MB, 0:01:20 with 1 process`."""
         size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
         time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1 if self.is_long else 0))
         walks = f"{self.walks} walk{'s' * (self.walks != 1)}"
@@ -43,7 +43,7 @@ class Cost:
 
 
 def cost_of(configs: Iterable[TwinConfig]) -> Cost:
-    """The cost of the walks of some configurations."""
+    """The estimated cost of walks: the time that the route takes at the gait's speed, times rates by sensor."""
     count, walked_s, size_mb, cpu_s = 0, 0.0, 0.0, 0.0
     for config in configs:
         way_m = lay_out(config.route).way.segments[-1].s1
@@ -56,7 +56,7 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
 
 
 def scale_cost(cost: Cost, walks: int) -> Cost:
-    """The cost of so many walks of the same kinds."""
+    """The cost of a number of walks, if each costs as much as the mean of those in `cost`."""
     share = walks / cost.walks
     return Cost(
         walks=walks, walked_s=share * cost.walked_s, size_mb=share * cost.size_mb, cpu_s=share * cost.cpu_s
@@ -64,4 +64,5 @@ def scale_cost(cost: Cost, walks: int) -> Cost:
 
 
 def _rate(by_group: dict[str, float], other_sensors: float, sensors: Collection[str]) -> float:
+    """Rate per second walked: that of the enabled cameras, by group, and of everything else."""
     return other_sensors + sum(rate for group, rate in by_group.items() if group in sensors)

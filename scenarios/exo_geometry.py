@@ -39,10 +39,14 @@ _SENSORS = {"ahrs", "encoder", "insole"}
 
 
 def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
-    """Geometry of the exoskeleton on a wearer.
+    """True geometry of the exoskeleton on a wearer, in the form that `contact_terrain` reads.
+
+    Args:
+        size: The wearer with the links of the exoskeleton.
+        rig: Mounts of AHRS and insoles.
 
     Raises:
-        StrideTwinError: There is no exoskeleton.
+        StrideTwinError: There is no exoskeleton with a D-H table.
     """
     links = size.exo
     if not isinstance(links, ExoLinks):
@@ -94,14 +98,17 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
 
 
 def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
-    """`nominal_geometry` for a recording's metadata; empty for a walk without the exoskeleton or its sensors."""
+    """The text of `nominal_geometry` for a recording's metadata.
+
+    Empty without the exoskeleton or one of its sensors.
+    """
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
     return {METADATA_KEY: to_text(nominal_geometry(size, rig, seed, faults))}
 
 
 def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> Exoskeleton:
-    """Geometry of the exoskeleton that an estimator gets, with measurement errors that the walk's seed determines.
+    """Geometry of the exoskeleton that an estimator gets: measured with errors that the walk's seed determines.
 
     The true geometry is known to the simulation alone.
 
@@ -124,7 +131,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
 
 
 def exo_from_recording(recording: Recording) -> Exoskeleton:
-    """Geometry from a recording's metadata.
+    """Nominal geometry of the exoskeleton from a recording's metadata.
 
     Raises:
         StrideTwinError: The metadata has none.
@@ -135,7 +142,10 @@ def exo_from_recording(recording: Recording) -> Exoskeleton:
 
 
 def simulate_measurement(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
-    """The exoskeleton as a laboratory would measure it: small errors in segment lengths and AHRS mounts."""
+    """The exoskeleton as a laboratory measures it.
+
+    Errors of segment lengths have the standard deviation `LINK_SD_M`, those of AHRS mounts `MOUNT_SD_RAD`.
+    """
 
     def rotate(attitude: Attitude) -> Attitude:
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()

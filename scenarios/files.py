@@ -35,7 +35,7 @@ def stage_files(folder: Path) -> Iterator[Path]:
 
 
 def _remove_unfinished(folder: Path) -> None:
-    """Removes the folders of killed processes; those of running processes are locked."""
+    """Removes the folders of killed processes; those of running processes are locked and stay."""
     for left in folder.glob(f"{_PREFIX}*"):
         try:
             with lock_folder(left):
@@ -45,6 +45,6 @@ def _remove_unfinished(folder: Path) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Checksum of a file."""
+    """SHA-256 checksum of a file as hexadecimal text."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -39,7 +39,13 @@ class Rates:
 
 
 def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, count: int) -> Rates | None:
-    """The rates in a segment of `count` images that begins with number `first`.
+    """The rates of a camera in one segment of its images.
+
+    Args:
+        recording: Recording with the images.
+        camera: Calibration of the camera.
+        first: Number of the first image.
+        count: Number of images.
 
     Returns:
         None if an image is damaged, which is a problem of its own, or no rotation is known.
@@ -67,12 +73,13 @@ def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int,
 
 
 def _depth(recording: Recording, camera: CameraCalibration, number: int | None) -> Any:
-    """A depth image, m; None without number."""
+    """(H, W) depth image by its number, m; None without a number."""
     image = None if number is None else recording.images(camera.depth_topic, [number])[0]
     return image.depth if isinstance(image, Depth) else None
 
 
 def _grey(image: Any) -> Any:
+    """A grey image of at most `_WIDTH` pixels across."""
     pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, _WIDTH / pixels.shape[1])
     return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -86,7 +93,19 @@ class _Features:
         self._tracked: Any = np.zeros((0, 1, 2), np.float32)
 
     def rotation(self, a: Any, b: Any, depth: Any) -> Array | None:
-        """Rotation vector (3,) of the camera from image a to the next one, b, in its own axes; None if not known."""
+        """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
+
+        Without motion it is 0; with depth it comes from perspective from n points; otherwise from a rotation alone if
+        that explains the features, else from the essential matrix.
+
+        Args:
+            a: First image, grey.
+            b: Next image.
+            depth: (H, W) depth of the first image, m, or None.
+
+        Returns:
+            None if too few features could be tracked, or no method finds a rotation.
+        """
         if len(self._tracked) < _REPLACED_BELOW:
             corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
             self._tracked = np.zeros((0, 1, 2), np.float32) if corners is None else corners
@@ -110,7 +129,7 @@ class _Features:
 
 
 def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
-    """The rotation between rays if rotation alone explains them (Kabsch's algorithm): then there are no epipoles."""
+    """(3, 3) rotation between (N, 2) rays by Kabsch's algorithm; None unless rotation alone explains them."""
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     U, _, Vt = np.linalg.svd(b.T @ a)
@@ -121,6 +140,7 @@ def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
 
 
 def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
+    """(3, 3) rotation from the essential matrix of (N, 2) rays (Nistér 2004) with RANSAC; None if it fails."""
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):
         return None
@@ -129,7 +149,16 @@ def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
 
 
 def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | None:
-    """The same with depth, which separates rotation from sideways motion far better (perspective from n points)."""
+    """(3, 3) rotation by perspective from n points with RANSAC; None with too few inliers.
+
+    Depth separates rotation from sideways motion far better than rays alone.
+
+    Args:
+        x: (N, 2) normalised coordinates in the first image.
+        y: (N, 2) in the second image.
+        z: (N,) depths in the first image, m; 0 where unknown.
+        pixel: Size of a pixel in normalised coordinates.
+    """
     has_depth = z > 0
     if has_depth.sum() < _MIN_TRACKS:
         return None
@@ -141,7 +170,7 @@ def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | No
 
 
 def _depth_at(depth: Any, corners: Any, scale: float) -> Array:
-    """(N,) m, depth at the features."""
+    """(N,) depths at N features, m; 0 where the camera measured none."""
     at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
     height, width = depth.shape
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)

@@ -29,7 +29,7 @@ def make_twin(scenario: Scenario, seed: int) -> Twin:
 
 
 def twin_class() -> type[Twin]:
-    """The class of the twin.
+    """Imports the class of the twin.
 
     Raises:
         StrideTwinError: The simulator is not installed.
@@ -75,6 +75,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
 
 
 def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+    """Blocks and samples of the twin in the order in which it gives them, with the progress of the walk (0-1)."""
     t_ns = 0
     for blocks in twin.blocks():
         for item in blocks:

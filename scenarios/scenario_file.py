@@ -58,7 +58,7 @@ def read_scenario(path: Path) -> Scenario:
     """Reads one scenario file.
 
     Raises:
-        ConfigError: As `load_scenario`.
+        ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read.
     """
     return scenario_of(read_yaml(path, most_values=LARGEST_FILE_VALUES), path)
@@ -72,7 +72,7 @@ def scenario_of(node: object, path: Path) -> Scenario:
         path: Origin of the data: it names the scenario, and the user's own parts are searched in its folder.
 
     Raises:
-        ConfigError: As `load_scenario`.
+        ConfigError: An invalid value; the message names file, field, value and what is valid.
     """
     file = validated(ScenarioFile, node, path, context={"folder": path.parent})
     terrain: Any = file.terrain
@@ -107,6 +107,7 @@ def _run_checks(*checks: Callable[[], None]) -> None:
 
 
 def _check_things(path: Path, route: Route) -> None:
+    """Raises ConfigError for an object that does not fit on the route."""
     from stridetwin.sim.world.obstacles import check_things  # compiled functions, so imported when it is needed
 
     try:
@@ -121,6 +122,7 @@ def _check_physics(path: Path, config: TwinConfig) -> None:
 
 
 def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
+    """Raises ConfigError if segments cannot follow each other, or the walk does not begin and end on level ground."""
     for i, segment in enumerate(segments):
         kind = type(segment).__name__.lower()
         if i in (0, len(segments) - 1) and kind != "level":
@@ -134,6 +136,7 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
 
 
 def _check_exo_groups(path: Path, config: TwinConfig, paths: dict[str, str]) -> None:
+    """Raises ConfigError for sensors of an exoskeleton that the scenario does not have."""
     for name, at in paths.items():
         if config.exo is None and name in EXO_GROUPS:
             valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + ", as the scenario has no exoskeleton"

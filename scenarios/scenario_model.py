@@ -119,13 +119,14 @@ class _Lanes(FileModel):
     ]
 
     def build(self) -> Lanes:
-        """The lanes, counted from 0."""
+        """The lanes, with the number of the walked lane counted from 0."""
         if self.walk > len(self.lanes):
             raise refused(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
         return Lanes(lanes=self.lanes, walk=self.walk - 1)
 
 
 def _mesh_as_keys(node: object) -> object:
+    """A mesh file's name as a mapping with the key `file`; mappings stay."""
     return {"file": node} if isinstance(node, str) else node
 
 
@@ -180,7 +181,7 @@ class _OwnExo(FileModel):
     drive: Annotated[str, words(DRIVES)] = "idle"
 
     def build(self) -> Exo:
-        """The exoskeleton."""
+        """Reads the user's model and rig file; refuses a mode without powered joints."""
         from stridetwin.sim.wearer.own_exo_rig import read_own_exo  # reading this field alone needs the simulator
 
         try:
@@ -191,6 +192,7 @@ class _OwnExo(FileModel):
 
 
 def _check_powered_joints(exo: Exo) -> Exo:
+    """Returns an exoskeleton if its mode can power its joints; refuses others."""
     try:
         modules(exo)
     except ConfigError as error:
@@ -213,7 +215,7 @@ _ExoInFile = Annotated[
 
 
 def _fill_pattern(node: object) -> object:
-    """A gait, with the speed and variability of its pattern unless the file sets them."""
+    """A gait as plain data, with the speed and variability of its pattern unless the file sets them."""
     if not isinstance(node, dict):
         return node
     pattern = node.get("pattern")
@@ -238,7 +240,10 @@ _Thing = OneKey(
 
 
 def _check_times(fault: Fault) -> Fault:
-    """Checks that a fault with times has either a time or a rate."""
+    """Returns a fault.
+
+    Refuses one with times that has neither or both of a time and a rate, or a rate without duration.
+    """
     if not isinstance(fault, TimedFault):
         return fault
     times = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
@@ -310,6 +315,7 @@ def _valid_parts(group: str, near: str = "") -> str:
 
 
 def _check_uncalibrated(clock: Clock) -> Clock:
+    """Returns a clock's errors; refuses a calibrated offset where no calibration can hold it."""
     if clock.calibrated:
         raise refused("calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
     return clock
@@ -320,6 +326,10 @@ def _seat(facing: Facing) -> Seat:
 
 
 def _check_direction(options: Any) -> Any:
+    """Returns the options of the head camera.
+
+    Refuses both `mount` and `pitch_down_deg`, which set the same direction.
+    """
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
         raise refused(
             round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
@@ -328,7 +338,7 @@ def _check_direction(options: Any) -> Any:
 
 
 def _group_type(group: str) -> Any:
-    """Type of a group in a file: `true`, `false`, a part, or keys."""
+    """Pydantic type of a sensor group in a file: `true`, `false`, the name of a part, or a mapping of options."""
     hints = get_type_hints(SensorConfig, include_extras=True)
     if group not in _CALIBRATED_CLOCKS:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
@@ -356,15 +366,18 @@ def _part_as_keys(node: object) -> object:
 
 
 def _sensor_config(options: BaseModel) -> SensorConfig:
+    """Options of a group from its part and the keys that the file sets."""
     values = {name: getattr(options, name) for name in options.model_fields_set}
     return replace(values.pop("part", SensorConfig()), **values)
 
 
 def _sensors_of_names(names: tuple[str, ...]) -> Sensors:
+    """The sensors of a list of enabled groups."""
     return Sensors(groups=names, paths={group: f"sensors[{i}]" for i, group in enumerate(names)})
 
 
 def _sensors_of_groups(groups: BaseModel) -> Sensors:
+    """The sensors of a mapping of groups; groups that it does not name are as in `TwinConfig`."""
     values = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
     return Sensors(
         groups=tuple(g for g in KIND if values.get(g, g in TwinConfig.sensors) is not False),

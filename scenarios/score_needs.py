@@ -22,7 +22,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 
 def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
-    """The estimators behind some names, and those that feed them.
+    """The estimators behind some names, and the odometry that feeds those that take poses.
 
     Args:
         names: Estimators (`foot_ins`), their parts (`foot_ins_l`) or scores (`foot_ins_l.end_error_m`).
@@ -60,16 +60,20 @@ def sensors_of(estimators: Iterable[str], config: TwinConfig) -> tuple[str, ...]
 
 
 def with_sensors_for(scenario: Scenario, estimators: Collection[str]) -> Scenario:
-    """The scenario with the sensors alone that some estimators read.
+    """The scenario with only those sensors that some estimators read.
 
     Raises:
-        StrideTwinError: As `sensors_of`.
+        StrideTwinError: An estimator cannot run with the walk's sensors; the message names it.
     """
     return replace(scenario, config=replace(scenario.config, sensors=sensors_of(estimators, scenario.config)))
 
 
 def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig) -> set[str]:
-    """Topics that an estimator reads."""
+    """Topics that an estimator reads from the sensors of a walk, optional ones included.
+
+    Raises:
+        StrideTwinError: The estimator cannot run with these sensors.
+    """
     from stridetwin.sim.wearer.body import fit_wearer  # imports the simulator, which `score` does without
 
     declaration = estimator_class.declaration

@@ -45,7 +45,11 @@ _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
 
 
 def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
-    """One walk, simulated in each variant.
+    """Simulates one walk in each variant of the assistance.
+
+    Args:
+        case: Seed and walk.
+        ways: Keys of `VARIANT_NAMES`.
 
     Returns:
         `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps
@@ -87,6 +91,8 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _mode_figures(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
+    """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %."""
+
     def per_step(way: str, figure: str) -> float:
         costs_of_mode = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
         return sum(o[figure] for o in costs_of_mode) / sum(o["steps"] for o in costs_of_mode)
@@ -116,7 +122,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """As lines of text."""
+    """The summary as lines of text: one per variant, with costs and changes by mode."""
     summary = result["summary"]
     rows = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:

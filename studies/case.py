@@ -29,7 +29,7 @@ class Setup:
 
 @dataclass(frozen=True, kw_only=True)
 class CaseWalk:
-    """One walk of a case.
+    """One walk of a case, with its name in files and the configuration of the twin.
 
     Attributes:
         name: Its name in files.
@@ -44,7 +44,7 @@ class CaseWalk:
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentCase:
-    """One case.
+    """One case of an experiment: everything of one seed that becomes one row.
 
     Attributes:
         seed: Seed of everything random in it.
@@ -66,20 +66,20 @@ class ExperimentCase:
 
     @property
     def name(self) -> str:
-        """Name of its files."""
+        """Name of the case in files, such as `seed_1000`."""
         return f"seed_{self.seed}"
 
     def file(self, ending: str) -> Path:
-        """A file of this case; its name ends with `ending`."""
+        """Path of a file of this case, `seed_NUMBER` followed by `ending`."""
         return self.folder / f"{self.name}{ending}"
 
     @property
     def recordings(self) -> list[Path]:
-        """Its existing recordings."""
+        """Existing recordings of the case."""
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]
 
     def walks(self) -> list[CaseWalk]:
-        """Its walks, in the order of the experiment's combinations."""
+        """Walks of the case, in the order of the experiment's combinations."""
         assert self.setup is not None
         design = self.setup.design
         walks = []
@@ -92,10 +92,10 @@ class ExperimentCase:
 
     @property
     def labels(self) -> dict[str, str | int]:
-        """The levels whose turn it is, by factor; names that are whole numbers become numbers."""
+        """The levels whose turn it is with the seed, by factor; names that are whole numbers become numbers."""
         levels = self.setup.design.levels(self.seed) if self.setup else {}
         return {name: int(level.name) if level.name.isdigit() else level.name for name, level in levels.items()}
 
     def row(self, **figures: Any) -> dict[str, Any]:
-        """Its row: `seed`, `physics`, the levels whose turn it is, and the figures."""
+        """Row of the case: `seed`, `physics`, the levels whose turn it is, and the given figures."""
         return {"seed": self.seed, "physics": self.physics, **self.labels, **figures}

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Fixed
-from stridetwin.scenarios.campaign.field_paths import FieldPath, set_value
+from stridetwin.scenarios.campaign.field_paths import FieldPath, set_values
 from stridetwin.scenarios.campaign.named_files import (
     SCENARIOS,
     Base,
@@ -91,7 +91,7 @@ class DesignFile(FileModel):
 
 @dataclass(frozen=True, kw_only=True)
 class FactorLevel:
-    """A level of a factor.
+    """A level of a factor: the values, faults or scenario that it sets in a walk.
 
     Attributes:
         name: Its name.
@@ -123,7 +123,7 @@ class Combination:
     labels: Mapping[str, str]
 
     def with_levels(self, levels: Mapping[str, FactorLevel]) -> Combination:
-        """This one with levels of other factors, which come first."""
+        """This combination with levels of further factors, which are set before its own."""
         labels = {name: level.name for name, level in levels.items()}
         return Combination(base=self.base, levels=(*levels.values(), *self.levels), labels={**labels, **self.labels})
 
@@ -154,16 +154,17 @@ class Design:
     user_files: Mapping[str, Path]
 
     def levels(self, seed: int) -> dict[str, FactorLevel]:
-        """Whose turn it is with a seed: a level of each factor that takes turns."""
+        """The level whose turn it is with a seed, for each factor that takes turns."""
         return {name: self.turns[name][1][self._level_number(name, seed)] for name in self.turns}
 
     def _level_number(self, name: str, seed: int) -> int:
+        """Number of the level whose turn it is: (walk // every + Σ numbers of the added factors) % count."""
         turn, levels = self.turns[name]
         walk = (seed - self.first) // turn.every
         return (walk + sum(self._level_number(added_factor, seed) for added_factor in turn.add)) % len(levels)
 
     def walks(self, seed: int) -> list[Combination]:
-        """Every combination, with the levels whose turn it is."""
+        """Every combination, with the levels whose turn it is with a seed."""
         levels = self.levels(seed)
         return [combination.with_levels(levels) for combination in self.combinations]
 
@@ -172,9 +173,9 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
     """The walks that the keys of a file describe.
 
     Args:
-        file: Its keys.
-        data: The same as plain data.
-        path: Of the file.
+        file: The validated keys.
+        data: The keys as plain data, as the file has them.
+        path: The file.
         cross_faults: Faults are one more factor; otherwise they are left to the caller.
 
     Raises:
@@ -233,6 +234,7 @@ def _check_turns(file: DesignFile, where: Where) -> dict[str, Turn]:
 
 
 def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str, tuple[FactorLevel, ...]]:
+    """The levels of each factor of the block `vary`."""
     factors = {}
     for name, levels in file.vary.items():
         if name in _RESERVED_COLUMNS:
@@ -243,6 +245,7 @@ def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str
 
 
 def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> FactorLevel:
+    """A level from its values; the key `scenario` among them replaces the whole scenario."""
     values = dict(values)
     scenario = values.pop(_SCENARIO, None)
     base = None
@@ -252,6 +255,7 @@ def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> Fac
 
 
 def _read_values(values: _Values, files: NamedFiles, at: Where) -> tuple[Variable, ...]:
+    """Variables with fixed values, from field paths."""
     return files.variables({path: Fixed(fixed=value) for path, value in values.items()}, at)
 
 
@@ -272,8 +276,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
-        for path in variable.paths:
-            set_value(plain, path, _fill_factors(value, combination.labels, variable.at), variable.at)
+        set_values(plain, variable.paths, _fill_factors(value, combination.labels, variable.at), variable.at)
     if physics is not None:
         plain["physics"] = physics
     places = [base.at] * len(plain.get(_FAULTS, ()))  # of each fault in the file

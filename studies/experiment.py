@@ -36,12 +36,12 @@ class Hook(FileModel):
     module: str
 
     def load(self) -> Any:
-        """The module."""
+        """Imports the module."""
         return import_module(f"stridetwin.studies.{self.module}")
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of its function."""
+        """The other keys, which are arguments of the module's function."""
         return dict(self.model_extra or {})
 
 
@@ -104,7 +104,7 @@ class Experiment:
     report: Callable[[Result], str] | None = None
 
     def result(self, rows: list[Result]) -> Result:
-        """`experiment`, `description`, `summary`, `paper` and `cases`, as JSON holds them."""
+        """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
         return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
 
 
@@ -112,7 +112,7 @@ _LOADED: dict[str, Experiment] = {}
 
 
 def experiment(name: str) -> Experiment:
-    """An experiment of the catalogue, with its modules imported.
+    """The experiment of a name in the catalogue, with its modules imported.
 
     Raises:
         StrideTwinError: The name is not one of `experiments`; the message lists the valid ones.
@@ -125,7 +125,7 @@ def experiment(name: str) -> Experiment:
 
 
 def read_experiment(path: Path) -> Experiment:
-    """An experiment from its file, with its modules imported.
+    """Reads an experiment's file and imports its modules.
 
     Raises:
         ConfigError: The message names the file, the field, the value and what is valid.
@@ -153,7 +153,7 @@ def read_experiment(path: Path) -> Experiment:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Plain data of an experiment's file; `like: NAME` adds the keys of another one beside it."""
+    """Plain data of an experiment's file; the key `like: NAME` adds the keys of another experiment."""
     data: dict[str, Any] = read_yaml(path)
     parent = data.pop("like", None)
     if parent is None:

@@ -36,6 +36,11 @@ def fault_plans(
 def summarize_by_fault(
     results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]
 ) -> dict[str, Any]:
-    """`summary` and `paper` of a study: the figures of each fault over the rows of all cases; no paper has faults."""
+    """Summary of a fault study by fault, and an empty `paper`, because no paper has faults.
+
+    Args:
+        results: Rows of all cases, each with `faults`: label to a result.
+        figures: From the results of one fault in all cases to its figures.
+    """
     labels = results[0]["faults"]
     return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

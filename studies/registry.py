@@ -46,7 +46,7 @@ class ExperimentOptions(BatchOptions):
     estimators: tuple[str, ...] = ()
 
     def cases(self, study: Experiment) -> list[ExperimentCase]:
-        """The cases of an experiment."""
+        """The cases of an experiment with these options: one per seed."""
         first = study.seeds[0] if self.first is None else self.first
         count = self.subset or len(study.seeds)
         return [
@@ -67,7 +67,7 @@ def run_experiment(name: str, options: ExperimentOptions, progress: Progress) ->
     """Runs the cases of an experiment.
 
     Returns:
-        As `Experiment.result`.
+        The result of `Experiment.result`.
 
     Raises:
         StrideTwinError: The name, or that of an estimator, is invalid (the message lists the valid ones); another
@@ -110,7 +110,7 @@ def _check_estimators(study: Experiment, chosen: Sequence[str]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _CaseTask:
-    """A case to run.
+    """A case to run on a worker.
 
     Attributes:
         case: The case.
@@ -133,6 +133,7 @@ def _job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
 
 
 def _version(module: str, estimators: bool) -> str:
+    """Digest of the sources behind a module's results, with or without the estimators."""
     return code_versions(module, estimators=estimators)["sources"]
 
 
@@ -147,18 +148,18 @@ def _plugins(estimators: Sequence[str]) -> dict[str, str]:
 
 
 def key_of(name: str, case: ExperimentCase) -> str:
-    """Key of a case's row when this version of the code makes it."""
+    """Key that this version of the code gives the row of a case."""
     return _job(experiment(name), case).key
 
 
 def read_row(file: Path) -> Row:
-    """A case's row from its file."""
+    """Reads the row of a case from its file."""
     row: Row = json.loads(file.read_text(encoding="utf-8"))
     return row
 
 
 def _run_case(task: _CaseTask) -> Row:
-    """Runs a case; returns its row."""
+    """Runs a case and returns its row; recordings of another version are deleted first."""
     mark = task.case.file(".key")
     if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
         for recording in task.case.recordings:

@@ -10,6 +10,7 @@ from stridetwin.streams.fields import FileModel, refused, whole
 
 
 def _check_unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
+    """Returns seeds that are all different; refuses others."""
     if len(set(seeds)) < len(seeds):
         raise refused(list(seeds), "every seed once")
     return seeds
@@ -27,7 +28,7 @@ class _SeedRange(FileModel):
     count: Annotated[int, whole(1, 10_000)]
 
     def build(self) -> tuple[int, ...]:
-        """The seeds."""
+        """The consecutive seeds."""
         return tuple(range(self.first, self.first + self.count))
 
 

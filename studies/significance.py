@@ -55,7 +55,10 @@ class PairDifference(Difference):
 
 
 def intervals(values: Array) -> list[Interval]:
-    """Means of (W, C) columns over walks."""
+    """Means of the C columns of (W, C) values over W walks, with 95 % intervals.
+
+    Without one where a value is missing.
+    """
     result = [Interval(mean=float(np.mean(column))) for column in values.T]
     complete = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
     if len(values) > 1 and complete:
@@ -65,7 +68,7 @@ def intervals(values: Array) -> list[Interval]:
 
 
 def _test_means(values: Array) -> BootstrapResult:
-    """Tests of the means of (W, C) columns."""
+    """Tests of the means of (W, C) columns: by bootstrap-t, or Student's with fewer than 8 walks."""
     count = len(values)
     if count >= _MIN_WALKS_OF_BOOTSTRAP:
         return compare_pairs(values)
@@ -79,14 +82,21 @@ def _test_means(values: Array) -> BootstrapResult:
 
 
 def _interval_bounds(result: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:
-    """Intervals of C means over so many walks."""
+    """Bounds of the intervals of C means over a number of walks; None with fewer than three walks."""
     if walks < _MIN_WALKS_OF_INTERVAL:
         return [(None, None)] * len(result.mean)
     return list(zip(result.low.tolist(), result.high.tolist()))
 
 
 def compare_places(losses: Array) -> list[PairDifference]:
-    """Every pair of (P, W) losses of places on walks, lower is better; only places with a loss on every walk."""
+    """Compares every pair of places with a loss on every walk.
+
+    Args:
+        losses: (P, W) of P places on W walks, lower is better.
+
+    Returns:
+        The difference of each pair, corrected for their number; empty with fewer than two walks.
+    """
     complete = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()
     pairs = list(combinations(complete, 2))
     if losses.shape[1] < 2 or not pairs:
@@ -96,7 +106,11 @@ def compare_places(losses: Array) -> list[PairDifference]:
 
 
 def differences(changes: Array) -> list[Difference]:
-    """Tests of the means of (W, C) differences, W of two or more, corrected for their number C."""
+    """Tests of the means of differences, corrected for their number (Holm).
+
+    Args:
+        changes: (W, C) differences on W walks, two or more.
+    """
     result = _test_means(changes)
     corrected = holm_correct(np.minimum(1.0, 2.0 * np.minimum(result.p_above, result.p_below))).tolist()
     enough = len(changes) >= MIN_SEEDS
@@ -124,7 +138,13 @@ def interval_text(interval: Mapping[str, float | None] | None) -> str:
 
 
 def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks: int) -> list[str]:
-    """The comparison of the places as text, the best one first, from `compare_places` over that many walks."""
+    """The comparison of places as sentences, those of the best place first.
+
+    Args:
+        pairs: Result of `compare_places`.
+        names: Names of the places, best first.
+        walks: Number of walks.
+    """
     if why := untested_reason(walks):
         return [why]
     sentences = []
@@ -144,7 +164,10 @@ def _join_names(names: Sequence[str]) -> str:
 
 
 def pareto_front(losses: Array) -> list[int]:
-    """Numbers of the Pareto-optimal rows of (P, S) losses."""
+    """Numbers of the Pareto-optimal rows of (P, S) losses.
+
+    No other row is at least as good in every column and better in one.
+    """
     optimal = []
     for i in np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist():
         as_good = np.all(losses <= losses[i], axis=1)

@@ -48,6 +48,7 @@ def rows_table(
 
 
 def _line(columns: Sequence[Column], figures: Mapping[str, Any]) -> str:
+    """The cells of one row as text; a row with `error` says how often the estimator refused."""
     if "error" in figures:
         return f"{figures['refused']} of {figures['of']} refused: {figures['error']}"
     return "".join(f"{_CELL.vformat(cell, (), figures):>{wide}}" for _, wide, cell in columns).rstrip()

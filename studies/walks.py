@@ -31,7 +31,7 @@ SONARS = ("/foot_l/sonar", "/foot_r/sonar")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedWalk:
-    """Two recordings of one walk.
+    """Two recordings of one walk of the shoes, which share their images.
 
     Attributes:
         shoes: All sensors of both shoes.
@@ -56,7 +56,7 @@ class RecordedWalk:
 
     @property
     def fell_at_s(self) -> float | None:
-        """When the walker fell, s."""
+        """When the walker fell, s; None without a fall."""
         return fell_at_s(self.shoes)
 
     def truth(self) -> dict[str, TruePath]:
@@ -65,14 +65,17 @@ class RecordedWalk:
 
 
 def fell_at_s(recording: Recording) -> float | None:
-    """When the walker of a recording fell, s."""
+    """When the walker of a recording fell, s; None without a fall."""
     text = recording.metadata.get("fell_at_s")
     return None if text is None else float(text)
 
 
 @contextmanager
 def record_walk(walk: CaseWalk, case: ExperimentCase) -> Iterator[Recording]:
-    """A walk, recorded into the case's folder; the file is deleted afterwards unless kept."""
+    """Records a walk into the case's folder, or opens the file of an earlier run.
+
+    The file is deleted at the end of the context unless recordings are kept.
+    """
     file = case.file(f"_{walk.name}.mcap")
     if not (case.resume and file.exists()):
         record(Twin(walk.config, case.seed), file)
@@ -83,7 +86,10 @@ def record_walk(walk: CaseWalk, case: ExperimentCase) -> Iterator[Recording]:
 
 @contextmanager
 def record_shoes(case: ExperimentCase) -> Iterator[RecordedWalk]:
-    """The only walk of a case, recorded twice into its folder, where the files stay only if kept."""
+    """Records the only walk of a case twice into its folder, or opens the files of an earlier run.
+
+    The files are deleted at the end of the context unless recordings are kept.
+    """
     files = case.file(".mcap"), case.file("_wide.mcap")
     if not (case.resume and all(file.exists() for file in files)):
         twin = Twin(case.walks()[0].config, case.seed)

@@ -43,7 +43,7 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
 
 
 def _break_at_wraps(phase_pct: Array) -> Array:
-    """The curve with a gap where a new cycle begins."""
+    """The curve with NaN where a new cycle begins, so that no line is drawn from 100 to 0 %."""
     curve = phase_pct.copy()
     curve[1:][np.diff(phase_pct) < -50.0] = np.nan
     return curve

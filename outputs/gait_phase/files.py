@@ -14,7 +14,7 @@ COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
 
 
 def phase_rows(series: PhaseSeries) -> list[list[str]]:
-    """One row of `COLUMNS` per sample."""
+    """The cells of `COLUMNS` for each of the N samples."""
     columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
     return list(starmap(_cells, zip(*(column.tolist() for column in columns))))
 
@@ -26,10 +26,10 @@ def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool,
 
 
 class LivePhases(LiveTable):
-    """One row per sample in `live`, and the same rows as a table."""
+    """Gait phases in `live`: one row per sample, and a table of all rows at the end."""
 
     def add(self, estimate: Any) -> str | None:
-        """The row of an estimate."""
+        """The row of an estimate as text; None for anything else."""
         if not isinstance(estimate, PhaseEstimate):
             return None
         e = estimate

@@ -45,12 +45,12 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def collector(
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PhaseSeries]:
-        """Keeps every phase."""
+        """Collects every phase of the instance's foot."""
         foot = instance.options.foot
         return EveryEstimate(f"{instance.declaration.name}_{foot}", partial(to_phase_series, foot=foot))
 
     def has_truth(self, recording: Recording) -> bool:
-        """Whether there are true footprints."""
+        """Whether the recording has true footprints."""
         return FOOTPRINTS in recording.topics
 
     def evaluate(
@@ -68,25 +68,25 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
         return evaluations
 
     def write(self, output: Output[PhaseSeries], file: Path, options: FileOptions) -> Written:
-        """Writes a table, one row per sample."""
+        """Writes a table of `COLUMNS`, one row per sample."""
         return write_output_table(COLUMNS, phase_rows(output.estimates), file, "phases")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
-        """One row per sample."""
+        """Rows of `COLUMNS`, one per sample."""
         return LivePhases(COLUMNS, file)
 
     def report(self, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> ReportParts:
-        """Phase over time, error over the cycle, and scores of every leg."""
+        """Section with phase over time, error over the cycle, and scores of every leg."""
         from stridetwin.outputs.gait_phase.figures import phase_section
 
         return ReportParts(figures=phase_section(evaluations))
 
     def rerun_views(self, evaluations: Sequence[EvaluatedPhases]) -> dict[str, tuple[str, str]]:
-        """The phases over time."""
+        """A view of the phases over time."""
         return {"phase": ("series", "gait phase")}
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> None:
-        """The phase of each leg over time, `phase/NAME`."""
+        """Logs the phase of each leg over time as `phase/NAME`."""
         for evaluation in evaluations:
             series = evaluation.estimates
             log_curves(rerun, stream, f"phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))

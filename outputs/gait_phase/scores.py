@@ -54,7 +54,7 @@ SCORES = (
 
 @dataclass(frozen=True, kw_only=True)
 class Stride:
-    """One true stride of a foot.
+    """One true stride of a foot, from one touch-down to the next.
 
     Attributes:
         begin_ns: Touch-down that begins it, ns.
@@ -152,7 +152,7 @@ def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
 
 
 def true_phase(t_ns: ArrayLike, stride: Stride) -> Array:
-    """(N,) phase at times (N,) ns within a stride, 0 to 1."""
+    """(N,) true phase at times (N,) ns within a stride, 0 to 1: (t - begin) / (end - begin)."""
     return (np.asarray(t_ns, dtype=np.int64) - stride.begin_ns) / (stride.end_ns - stride.begin_ns)
 
 
@@ -167,7 +167,16 @@ def find_touch_downs(series: PhaseSeries) -> NDArray[np.int64]:
 
 
 def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: float = 0.25) -> list[tuple[int, int]]:
-    """Pairs of indices of detected and true touch-downs, nearest pairs first, each used once, within the tolerance."""
+    """Matches detected with true touch-downs, nearest pairs first, each used once.
+
+    Args:
+        detected_ns: (M,) detected times, ns.
+        true_ns: (N,) true times, ns.
+        tolerance_s: Largest difference of a pair, s.
+
+    Returns:
+        Pairs of indices of detected and true touch-downs, sorted.
+    """
     detected, true = np.asarray(detected_ns, dtype=float), np.asarray(true_ns, dtype=float)
     distance = np.abs(detected[:, None] - true[None, :])
     nearest = np.argsort(distance, axis=None, kind="stable")
@@ -183,7 +192,7 @@ def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: f
 
 
 def phase_errors(series: PhaseSeries, stride: Stride) -> tuple[Array, Array]:
-    """Circular errors of a stride's samples, shares of the cycle, and their standard deviations.
+    """Circular errors of a stride's samples and their reported standard deviations, both as shares of the cycle.
 
     A sample without a claimed phase counts as estimated at 0, with the deviation that it reports.
     """
@@ -229,6 +238,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
 
 
 def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]) -> dict[str, float]:
+    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones, see `phase_scores`."""
     true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
     pairs = match_touch_downs(detected_ns, true_ns)
     errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])

@@ -39,7 +39,15 @@ def score_approaches(
     alignment: MovingAlignment,
     layout: Layout,
 ) -> list[ScoredChange]:
-    """Every terrain change that a foot landed beyond, with its estimate; `places` (F,) are m along the route."""
+    """Scores the prediction of every terrain change that a foot landed beyond, `SCORED_AHEAD_S` before it landed.
+
+    Args:
+        landed: True footprints after the two initial ones, in order.
+        places: (F,) their places along the route, m.
+        estimates: Estimates in time order.
+        alignment: From the odometry's world to the true one.
+        layout: The true terrain.
+    """
     t_ns = np.array([e.t_ns for e in estimates])
     landed_ns = np.array([f.t_ns for f in landed])
     scored = []
@@ -55,7 +63,11 @@ def score_approaches(
 def _score_change(
     change: TerrainChange, estimate: ModeEstimate, alignment: MovingAlignment, layout: Layout
 ) -> ScoredChange:
-    """The change is found if the next predicted one has its mode and lies within 0.4 m."""
+    """Errors of the next terrain change that an estimate predicts.
+
+    The true change is found if the predicted one has its mode and lies within 0.4 m along the route; otherwise all
+    errors are NaN. Sizes count where the true change has them.
+    """
     predicted = estimate.change
     if predicted is None or predicted.mode != change.mode:
         return ScoredChange(mode=change.mode, found=False)

@@ -35,7 +35,10 @@ _NOTE = (
 
 
 def ellipse(middle: Array, covariance: Array) -> Array:
-    """(25, 2) the ellipse that contains 95 % of a normal density in the plane."""
+    """(25, 2) points of the ellipse that contains 95 % of a normal density in the plane.
+
+    They are m + 2.448 E diag(√λ) (cos φ, sin φ), with eigenvalues λ and eigenvectors E of the covariance (2, 2).
+    """
     variances, axes = np.linalg.eigh(covariance)
     half = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
     return np.asarray(middle[:2] + (np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) * half) @ axes.T)
@@ -59,7 +62,10 @@ _Predicted = tuple[Array, Array, str]
 def _straighten_predictions(
     straight: StraightenedRoute, estimates: list[ModeEstimate], walk: AlignedWalk
 ) -> list[_Predicted | None]:
-    """Each true footprint as predicted when the previous foot had landed; None if it was not predicted then."""
+    """Each true footprint as predicted when the previous foot had landed, along the straightened route.
+
+    None for a footprint without such a prediction.
+    """
     straightened: list[_Predicted | None] = [None] * len(walk.footprints)
     for i, first_prediction in enumerate(first_steps(walk.footprints, estimates), 2):
         if first_prediction is None:
@@ -77,6 +83,7 @@ def _draw_row(
     straight: StraightenedRoute, predicted: list[_Predicted | None], scores: ModeScores, title: str,
     rows: list[tuple[float, float]], number: int,
 ) -> Markup:  # fmt: skip
+    """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes."""
     span = rows[number]
     plot = straight.plot_row(title, number, rows)
     if number == 0:
@@ -101,13 +108,13 @@ def _draw_row(
 
 
 def _draw_crosses(plot: Plot, at: Array) -> None:
-    """(N, 2) marks for errors."""
+    """Marks errors at (N, 2) places."""
     if len(at):
         plot.dots(at[:, 0], at[:, 1], ERROR, size=10, symbol="x", label="wrong")
 
 
 def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk) -> str:
-    """Over time: the true mode of each step, the prediction of the next one with its probability, and the errors."""
+    """Figure over time: the true mode of each step, the predicted next mode with its probability, and the errors."""
     steps = scores.steps
     estimates = [e for e in estimates if e.steps]
     if not steps or not estimates:
@@ -156,7 +163,7 @@ def prediction_runs(
 
 
 def lead_times(scores: ModeScores) -> str:
-    """How long before each touch-down its mode was finally predicted right."""
+    """Figure of how long before each touch-down its mode was finally predicted right, s."""
     steps = scores.steps
     if not steps:
         return ""

@@ -37,7 +37,10 @@ class PredictedStep:
 
 
 class CompletedSteps:
-    """Collects, from consecutive estimates, the last prediction of each completed step."""
+    """Collects, from consecutive estimates, the last prediction of each completed step.
+
+    After a jump of the poses, where the number of steps falls, it starts again.
+    """
 
     def __init__(self) -> None:
         self._since: dict[int, tuple[str, int]] = {}
@@ -70,7 +73,7 @@ def find_completed_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedSte
 
 
 def mode_cells(row: PredictedStep) -> list[str]:
-    """A step as a row of `MODE_COLUMNS`."""
+    """The cells of `MODE_COLUMNS` for a predicted step; unknown values are empty."""
     step, change = row.step, row.estimate.change
     heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
     variance = float(heading @ step.covariance @ heading)
@@ -103,7 +106,7 @@ class LiveModes(LiveTable):
         self._steps = CompletedSteps()
 
     def add(self, estimate: Any) -> str | None:
-        """The row of the next step."""
+        """The row of the next step in an estimate, and keeps the last prediction of a step that it completes."""
         if estimate is None:
             return None
         if (completed := self._steps.add(estimate)) is not None:

@@ -31,7 +31,12 @@ from stridetwin.streams.recording.reader import Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeRun:
-    """All predictions of one estimator in time order, and the walk beside the truth; None without a truth."""
+    """The result of a predictor of modes on a recording.
+
+    Attributes:
+        estimates: All predictions in time order.
+        walk: The walk beside the truth; None without a truth.
+    """
 
     estimates: list[ModeEstimate]
     walk: AlignedWalk | None = None
@@ -61,7 +66,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def collector(
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[ModeRun]:
-        """Keeps every prediction."""
+        """Collects every prediction, with the walk beside the truth."""
 
         def pack(estimates: list[ModeEstimate]) -> ModeRun:
             return ModeRun(estimates=estimates, walk=walk)
@@ -71,7 +76,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def evaluate(
         self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedModes]:
-        """The predictions beside the true footprints and terrain."""
+        """Scores the predictions against the true footprints and terrain; outputs without a truth are left out."""
         evaluations = []
         for output in outputs:
             walk, estimates = output.estimates.walk, output.estimates.estimates
@@ -84,29 +89,29 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
         return evaluations
 
     def write(self, output: Output[ModeRun], file: Path, options: FileOptions) -> Written:
-        """Writes a table with the last prediction of each step."""
+        """Writes a table of `MODE_COLUMNS` with the last prediction of each step."""
         rows = [mode_cells(step) for step in find_completed_steps(output.estimates.estimates)]
         return write_output_table(MODE_COLUMNS, rows, file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
-        """The next step, one row per prediction."""
+        """Rows of `MODE_COLUMNS` with the next step, one per prediction."""
         return LiveModes(file)
 
     def report(self, evaluations: Sequence[EvaluatedModes], recording: Recording) -> ReportParts:
-        """The steps of the first estimator from above, modes over time, lead times, and its scores."""
+        """Section with the steps of the first estimator from above, modes over time, lead times, and its scores."""
         from stridetwin.outputs.modes.figures import mode_section
 
         first = evaluations[0]
         return ReportParts(figures=mode_section(first.estimates, first.modes, first.walk, first.scores))
 
     def rerun_views(self, evaluations: Sequence[EvaluatedModes]) -> dict[str, tuple[str, str]]:
-        """The prediction in words, and the probabilities of the next step."""
+        """Views of the prediction as text and of the probabilities of the next step; none without estimates."""
         if not any(evaluation.estimates for evaluation in evaluations):
             return {}
         return {"modes/predicted": ("text", "prediction"), "modes/probability": ("series", "next step")}
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedModes], recording: Recording) -> None:
-        """The true and the predicted footprints, and the modes, of the first estimator."""
+        """Logs the true and the predicted footprints, and the modes, of the first estimator."""
         from stridetwin.outputs.modes.rerun import log_modes
 
         log_modes(rerun, stream, evaluations[0].estimates, evaluations[0].walk)

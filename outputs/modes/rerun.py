@@ -41,6 +41,7 @@ def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> Non
 
 
 def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
+    """Logs the predicted steps and their 95 % ellipses in the true world, at `_STEPS_HZ`."""
     for estimate in _thin_out(estimates):
         alignment = walk.alignment.at(estimate.t_ns)
         predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
@@ -58,6 +59,7 @@ def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Ali
 
 
 def _log_probabilities(rerun: Any, stream: Any, estimates: list[ModeEstimate]) -> None:
+    """Logs the probability of each mode of the next step, and the prediction as text where it changes."""
     if not estimates:
         return
     t_ns = np.array([e.t_ns for e in estimates])
@@ -92,7 +94,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
 
 
 def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
-    """Some of the estimates, and every one at which the next step changes."""
+    """Estimates at about `_STEPS_HZ`, and every one at which the number of steps changes."""
     due_ns, step = -(2**62), -1
     for estimate in estimates:
         if estimate.t_ns >= due_ns or estimate.step != step:
@@ -101,7 +103,10 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
 
 
 def _predicted_sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
-    """(5, 3) m, the sole of a coming step in the true world; ground of unknown height is the odometry's floor."""
+    """(5, 3) m, closed outline of the sole of a predicted step in the true world.
+
+    Ground of unknown height is drawn at the odometry's floor.
+    """
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(
@@ -119,4 +124,5 @@ def _flat_ellipse(sole: Array, covariance: Array) -> Array:
 
 
 def _close_outline(corners: Array) -> Array:
+    """(N + 1, 3) corners of an outline (N, 3) with the first one repeated at the end."""
     return np.vstack([corners, corners[:1]])

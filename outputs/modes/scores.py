@@ -112,12 +112,12 @@ class ScoredMode:
 
     @property
     def is_correct(self) -> bool:
-        """Whether the predicted mode counts as right."""
+        """Whether the predicted mode is one of the allowed ones."""
         return self.predicted in self.allowed
 
     @property
     def is_strictly_correct(self) -> bool:
-        """Whether it is the true mode."""
+        """Whether the predicted mode is the true one, even where another one may count."""
         return self.predicted == self.mode
 
     @property
@@ -140,7 +140,7 @@ class ModeScores:
 
     @classmethod
     def of(cls, rows: Mapping[str, Any]) -> ModeScores:
-        """From the result of `rows`, after JSON."""
+        """Restores the scores from the result of `rows`, which JSON may have stored."""
         steps = [_from_json(row) for row in rows["steps"]]
         for row in steps:
             row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
@@ -150,15 +150,17 @@ class ModeScores:
         )
 
     def rows(self) -> dict[str, list[dict[str, Any]]]:
-        """`steps` and `approaches` for JSON; NaN is null."""
+        """The scores as rows of `steps` and `approaches` for JSON; NaN becomes null."""
         return {"steps": [_to_json(s) for s in self.steps], "approaches": [_to_json(a) for a in self.approaches]}
 
 
 def _to_json(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
+    """A scored step or change as plain values; NaN becomes None."""
     return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
 
 
 def _from_json(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a row; None becomes NaN."""
     return {k: math.nan if v is None else v for k, v in row.items()}
 
 
@@ -219,7 +221,13 @@ def score_modes(
 def _footprint_error(
     print_: Footprint, prediction: tuple[ModeEstimate, int] | None, alignment: MovingAlignment
 ) -> tuple[float, float]:
-    """Error of the footprint when it was first predicted as the next one, forward and left, m."""
+    """Predicted minus true footprint, forward and to the left of the true foot, m; NaN without a prediction.
+
+    Args:
+        print_: The true footprint.
+        prediction: The first estimate that predicts it as the next one, and the step's index in it.
+        alignment: From the odometry's world to the true one.
+    """
     if prediction is None:
         return math.nan, math.nan
     estimate, k = prediction
@@ -279,11 +287,13 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
 
 
 def _lead_times(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+    """Median and 5th percentile of the lead times, s."""
     lead_s = [step.lead_s for step in steps]
     return {"median": _quantile(lead_s, 50), "p5": _quantile(lead_s, 5)}
 
 
 def _footprint_rmse(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+    """RMS errors of the footprints, forward and sideways, m."""
     return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
 
@@ -302,6 +312,7 @@ def _steady_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
 
 
 def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
+    """Figures of the predicted terrain changes, see `mode_figures`."""
     kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
     median = {
         kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
@@ -333,7 +344,16 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
 
 
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
-    """For one size: the share of the changes where it was observed, the errors of those, and of all estimates."""
+    """Figures of one size over some changes.
+
+    Args:
+        name: Attribute of the size's error, such as `riser_m`.
+        factor: To the unit of the figures.
+        approaches: Scored changes that have the size.
+
+    Returns:
+        `seen_pct`, share of the changes where the size was observed, not guessed; `rmse` of those; `all_rmse` of all.
+    """
     sd = name.replace("_", "_sd_")
     errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
@@ -344,12 +364,19 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
 
 
 def inside_pct(errors: Iterable[tuple[float, float]]) -> float | None:
-    """Share of errors within the reported 95 % interval, %, from pairs of error and standard deviation."""
+    """Share of errors within the reported 95 % interval (1.96 standard deviations), %; None without any.
+
+    Args:
+        errors: Pairs of error and standard deviation; pairs with NaN are left out.
+    """
     return _percent(abs(e) < 1.96 * sd for e, sd in errors if math.isfinite(e) and math.isfinite(sd))
 
 
 def _calibration_error(steps: Sequence[ScoredMode]) -> float | None:
-    """Expected calibration error of the predicted modes' probabilities, 0-1."""
+    """Expected calibration error of the predicted modes' probabilities, 0-1; None without steps.
+
+    It is Σ n |p - share of right steps| / Σ n over the bins of `reliability`.
+    """
     bins = reliability(steps)
     if not bins:
         return None
@@ -357,9 +384,12 @@ def _calibration_error(steps: Sequence[ScoredMode]) -> float | None:
 
 
 def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
-    """By tenths of the predicted mode's probability: its mean, the share of steps that were right, and their number.
+    """Calibration of the probability of the predicted mode, by tenths.
 
     Steps that may count as either of two modes are left out: no one outcome belongs to their probability.
+
+    Returns:
+        For each tenth with steps: mean probability, share of steps that were right, and their number.
     """
     predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities and not s.is_straddling]
     p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
@@ -370,6 +400,7 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
 
 
 def _percent(values: Iterable[bool]) -> float | None:
+    """Share of true values, %; None without values."""
     answers = list(values)
     return 100.0 * sum(map(bool, answers)) / len(answers) if answers else None
 
@@ -379,7 +410,7 @@ def _quantile(values: Sequence[float], percent: float) -> float | None:
 
 
 def rms(values: Sequence[float], factor: float = 1.0) -> float | None:
-    """Root mean square of the known values times a factor to another unit; None without any."""
+    """Root mean square of the finite values times a factor to another unit; None without any."""
     finite = [v for v in values if math.isfinite(v)]
     return float(np.sqrt(np.mean(np.square(finite)))) * factor if finite else None
 

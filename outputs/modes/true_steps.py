@@ -37,7 +37,15 @@ def first_steps(
 def first_predictions(
     landed: Sequence[Footprint], by_step: Sequence[Sequence[tuple[ModeEstimate, int]]]
 ) -> list[tuple[ModeEstimate, int] | None]:
-    """For each step the first estimate that predicts it as the next one."""
+    """For each step the first estimate after the previous foot had landed that predicts it as the next one.
+
+    Args:
+        landed: The steps' true footprints, in order.
+        by_step: Predictions of each step, see `predictions_by_step`.
+
+    Returns:
+        Estimate and index of the step in it; None for the first step and for steps without such an estimate.
+    """
     first: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
     for i in range(1, len(landed)):
         candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
@@ -48,7 +56,7 @@ def first_predictions(
 def predictions_by_step(
     landed: Sequence[Footprint], estimates: Sequence[ModeEstimate]
 ) -> list[list[tuple[ModeEstimate, int]]]:
-    """For each step the estimates before its touch-down that predict it, and its index in each.
+    """For each step the estimates before its touch-down that predict it, with the step's index in each.
 
     An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
     touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
@@ -71,10 +79,16 @@ def predictions_by_step(
 
 
 def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
-    """Other modes that a step between two arc lengths, m, may count as.
+    """Modes other than the true one that a step between two places may count as.
 
     Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
     for everyone to call it a stair.
+
+    Args:
+        mode: True mode.
+        from_to: Places of the previous footprint and of this one along the route, m.
+        layout: The true terrain.
+        sole_m: Length of the soles.
     """
     behind, s = from_to
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M

@@ -23,7 +23,13 @@ _MAX_NORM_ERROR = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """An estimated path, aligned with the truth and scored."""
+    """An estimated path, aligned with the truth and scored.
+
+    Attributes:
+        estimate: The path in the estimator's own world.
+        comparison: The path and the truth in the truth's world.
+        scores: Scores by name.
+    """
 
     estimate: PathEstimate
     comparison: PathComparison
@@ -38,9 +44,16 @@ class Result:
 def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment: str = "start") -> list[Result]:
     """Scores estimates against the truth of the recording.
 
+    Estimates that name a common `world` share the alignment of the first of them.
+
+    Args:
+        recording: With the truth.
+        estimates: Paths, one per frame.
+        alignment: `start`, `yaw` or `se3`, see `alignment.align`.
+
     Raises:
         ConfigError: An invalid pose or score; the message names the estimator and the time.
-        RecordingError: Truth is missing or too short, see `true_path` and `compare`.
+        RecordingError: The truth is missing or too short, see `true_path` and `compare`.
     """
     results = []
     worlds: dict[str, Rigid] = {}
@@ -59,6 +72,7 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
 
 
 def _check_poses(estimate: PathEstimate) -> None:
+    """Raises ConfigError for a pose that is not finite, far away, or whose quaternion is not of norm 1."""
     path = estimate.path
     with np.errstate(over="ignore"):
         norm_error = np.abs(np.linalg.norm(path.q_world_frame, axis=1) - 1.0)

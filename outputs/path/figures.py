@@ -96,7 +96,13 @@ def _part_name(results: Sequence[Result]) -> str:
 
 
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:
-    """Paths (2, 2, N): the true one, once for each part, and the estimate; horizontal and vertical coordinate."""
+    """Draws the true path of each part once, and every estimate.
+
+    Args:
+        plot: The figure.
+        results: The estimates.
+        paths: For each, horizontal and vertical coordinate of truth and estimate, (2, 2, N) m.
+    """
     colors = _colors(results)
     for part_results in by_part(results).values():
         truth = paths[results.index(part_results[0])][:, 0]
@@ -106,7 +112,7 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
 
 
 def _colors(results: Sequence[Result]) -> dict[str, str]:
-    """The colour of each estimate, the same in every figure."""
+    """The colour of each estimate by name: that of its part, and further colours for further estimators."""
     return {
         result.estimate.name: color
         for part, part_results in by_part(results).items()
@@ -135,6 +141,7 @@ def _along_route(layout: Layout | None, result: Result) -> Array:
 
 
 def _bound_mm(result: Result) -> Array | None:
+    """(N,) radius of the sphere around an estimate with 95 % probability in its worst direction, mm: √(χ² λ_max)."""
     covariance = result.comparison.estimate.covariance
     if covariance is None:
         return None

@@ -36,7 +36,7 @@ COLUMNS = (
 
 
 def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
-    """(N,) whether a pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
+    """(N,) whether each pose is trusted and at most `DEAD_RECKONING_S` after a tracked one."""
     t_ns = estimate.path.t_ns
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
     if estimate.status is not None:
@@ -51,7 +51,8 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     Args:
         estimate: The path.
         file: The file.
-        dead_reckoning: Whether poses that are not `is_reliable` are written too.
+        dead_reckoning: Whether unreliable poses (`is_reliable`) are written too; they are in any case if no pose is
+            reliable.
 
     Returns:
         The number of poses, and a message about them.
@@ -67,7 +68,7 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
 
 
 def _describe_unreliable(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
-    """What a message says of poses that are not reliable."""
+    """The part of a message about poses that are not reliable; "" if all are."""
     if keep.all():
         return ""
     handling = "included" if written else "left out, --dead-reckoning includes them"
@@ -117,7 +118,7 @@ class LivePaths(LiveOutput):
         return f"{part} {row}".lstrip()
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Moves the files to their places."""
+        """Moves the written files to their places; returns the number of poses in each."""
         for part, file in self._files.items():
             self._out[part].close()
             os.replace(partial_path(file), file)

@@ -28,19 +28,19 @@ class Paths(OutputKind[PathEstimate, Result]):
     def collector(
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PathEstimate]:
-        """Keeps the poses, by frame."""
+        """Collects the poses, one path per frame."""
         return PathCollector(instance, instance.options.source)
 
     def run(
         self, instance: Instance, recording: Recording, progress: Progress | None = None
     ) -> list[Output[PathEstimate]]:
-        """The paths of an instance, by `follow` where the estimator has it."""
+        """Runs an instance on a recording, by `follow` where the estimator has it."""
         return run_paths(instance, recording, progress)
 
     def evaluate(
         self, outputs: Sequence[Output[PathEstimate]], recording: Recording, alignment: str = "start"
     ) -> list[Result]:
-        """The paths aligned with the true ones, with `SCORES`."""
+        """Aligns the paths with the true ones and scores them with `SCORES`."""
         return evaluate(recording, [output.estimates for output in outputs], alignment)
 
     def write(self, output: Output[PathEstimate], file: Path, options: FileOptions) -> Written:
@@ -53,7 +53,7 @@ class Paths(OutputKind[PathEstimate, Result]):
         return LivePaths(declaration, file)
 
     def report(self, evaluations: Sequence[Result], recording: Recording) -> ReportParts:
-        """Figures in short, plan and side views, errors over time, and all scores."""
+        """Figures in short, plan and side views, errors over time, and all scores of every path."""
         from stridetwin.outputs.path.report import describe_distance, path_figures, score_cards, scores_section
 
         return ReportParts(
@@ -64,11 +64,11 @@ class Paths(OutputKind[PathEstimate, Result]):
         )
 
     def rerun_views(self, evaluations: Sequence[Result]) -> dict[str, tuple[str, str]]:
-        """The position errors over time."""
+        """A view of the position errors over time."""
         return {"error_mm": ("series", "position error, mm")}
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[Result], recording: Recording) -> None:
-        """The true and the estimated paths as lines, and the errors over time."""
+        """Logs the true and the estimated paths as lines, and the errors over time."""
         from stridetwin.outputs.path.rerun import log_paths
 
         log_paths(rerun, stream, evaluations)

@@ -48,7 +48,7 @@ def describe_distance(results: Sequence[Result]) -> str:
 
 
 def score_cards(results: Sequence[Result]) -> str:
-    """The main scores of every path, large."""
+    """The main scores of every path as cards with large numbers; "" without any."""
     cards = []
     for key, title, unit, scale, digits, note in _CARDS:
         values = [
@@ -68,7 +68,7 @@ def score_cards(results: Sequence[Result]) -> str:
 
 
 def path_figures(results: Sequence[Result], recording: Recording) -> str:
-    """Plan view, side views, and errors over time."""
+    """Section with plan view, and side view and error over time of each part."""
     footprints = recording.block(FOOTPRINTS) if FOOTPRINTS in recording.topics else None
     layout = terrain_layout(recording.metadata)
     parts = by_part(results).values()
@@ -92,6 +92,7 @@ def scores_section(results: Sequence[Result]) -> str:
 
 
 def _paper_figures() -> Markup:
+    """Table of the end errors of zero-velocity updates alone in Jao et al. 2020."""
     jao = read_reference("jao2020")
     rows = []
     for key, title, length in _PUBLISHED_WALKS:

@@ -35,19 +35,24 @@ def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
 
 
 class PathCollector(Collector[PathEstimate]):
-    """The poses of an estimator, one path per frame."""
+    """Collects the poses of an estimator, one path per frame.
+
+    Args:
+        instance: The estimator's class and options.
+        source: Recording, for errors.
+    """
 
     def __init__(self, instance: Instance, source: str) -> None:
         self._instance, self._source = instance, source
         self._poses: dict[str, list[Pose]] = {}
 
     def add(self, sample: Sample, estimate: Any) -> None:
-        """Keeps the pose of an estimate."""
+        """Keeps the pose of an estimate, if it has one."""
         if (pose := pose_of(estimate, self._instance.estimator_class.__name__)) is not None:
             self._poses.setdefault(pose.frame, []).append(pose)
 
     def outputs(self) -> list[Output[PathEstimate]]:
-        """One output per frame.
+        """The path of each frame, ready from the first valid pose on.
 
         Raises:
             StrideTwinError: There is no pose.
@@ -79,9 +84,10 @@ def path_output(path: PathEstimate, instance: Instance) -> Output[PathEstimate]:
 
 
 def run_paths(instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[PathEstimate]]:
-    """The paths that one instance gives for a recording; by `follow`, where the estimator has it, which is faster.
+    """Runs one estimator of paths on a whole recording.
 
-    `follow` takes no parameters: an instance with parameters is fed sample by sample.
+    The estimator's `follow` is used where it has one and the instance has no parameters, because it is faster;
+    otherwise samples are fed one by one.
 
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.

@@ -187,7 +187,7 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
 
 
 def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last index of every stretch of a path of `span_m`; stretches start each 0.1 m."""
+    """First and last index of every stretch of `span_m` of a path; a stretch starts each 0.1 m travelled."""
     s = distance_m
     starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
     ends = np.searchsorted(s, s[starts] + span_m)
@@ -229,23 +229,32 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OdometryPath:
-    """The output of an odometry: N poses of the IMU in a world of its own, and whether it reports each as healthy."""
+    """The path of an odometry.
+
+    Attributes:
+        path: N poses of the IMU in a world of the odometry's own.
+        healthy: (N,) whether the odometry reports each pose as healthy.
+    """
 
     path: Trajectory
     healthy: NDArray[np.bool_]
 
 
 def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
-    """The figures of one walk, ready for JSON, from the first healthy pose on; the truth is that of the same frame.
+    """Drift and failure of an odometry on one walk, from its first healthy pose on, ready for JSON.
+
+    Args:
+        odometry: The estimated path.
+        truth: True path of the same frame.
 
     Returns:
         `failure`: "" or what went wrong: `silent` (no two healthy poses), `not finite`, `lost` (declared) or `off`
         (more than 2 m away with start or path aligned). `unhealthy_s`: how long it reported itself lost after its first
         healthy pose, and `recovered` whether it was healthy at the end. Except after the first two failures also
         `loop_drift_m` and `loop_drift_xyz_m` (error at the end with the start aligned), `ape_rmse_m` (path aligned),
-        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m`
-        (`climb_errors_m`, the largest; None without climbs), `coverage_pct` of the walk, and with a covariance
-        `nees_mean` and `nees_within_95_pct` of the position.
+        `rpe_5m_pct` (None if the walk is shorter), `height_rmse_m` (start aligned), `climb_error_m` (`climb_errors_m`,
+        the largest; None without climbs), `coverage_pct` of the walk, and with a covariance `nees_mean` and
+        `nees_within_95_pct` of the position.
     """
     first = int(odometry.healthy.argmax()) if odometry.healthy.any() else len(odometry.healthy)
     path, healthy = odometry.path[first:], odometry.healthy[first:]
@@ -289,6 +298,7 @@ def climb_errors_m(comparison: PathComparison) -> Array:
 
 
 def _consistency(comparison: PathComparison) -> dict[str, float]:
+    """Mean NEES of the position, 3 if consistent, and share within the 95 % bound, %; empty without a covariance."""
     if comparison.estimate.covariance is None:
         return {}
     nees = nees_position(comparison)

@@ -24,7 +24,7 @@ _PLANE, _NORMAL = PALETTE[2], PALETTE[1]
 def steps_from_aside(
     layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
 ) -> Markup:
-    """Side view: the true ground along the route, and the estimated plane and normal of each footprint of one walk."""
+    """Side view of one walk: the true ground along the route, and the estimated plane and normal of each footprint."""
     true, estimated, slopes = _step_positions(steps)
     s = true[:, 0] if layout is None else project_on_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)

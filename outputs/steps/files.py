@@ -14,7 +14,7 @@ STEP_COLUMNS = (
 
 
 def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
-    """A step as a row of `STEP_COLUMNS`."""
+    """The cells of `STEP_COLUMNS` for a step."""
     e = estimate
     return (
         f"{e.t_ns * 1e-9:.3f}", str(e.step), e.foot, e.mode, f"{e.probability:.3f}", f"{e.slope:.5f}",
@@ -26,7 +26,7 @@ class LiveSteps(LiveTable):
     """One row per estimate in `live`, and a table with the last estimate of each step."""
 
     def add(self, estimate: Any) -> str | None:
-        """The row of an estimate; none of step 0, at which the person stands."""
+        """The row of an estimate as text; None for step 0, at which the person stands."""
         if estimate is None or estimate.step <= 0:
             return None
         row = step_cells(estimate)

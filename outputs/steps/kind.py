@@ -31,19 +31,19 @@ from stridetwin.streams.samples import Sample
 
 
 class StepCollector(Collector[list[StepEstimate]]):
-    """The last estimate of each step; step 0, at which the person stands, is left out."""
+    """Collects the last estimate of each step; step 0, at which the person stands, is left out."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._last: dict[int, StepEstimate] = {}
 
     def add(self, sample: Sample, estimate: Any) -> None:
-        """Replaces the earlier estimate of a step."""
+        """Keeps the estimate of a step in the place of an earlier one."""
         if estimate is not None and estimate.step > 0:
             self._last[estimate.step] = estimate
 
     def outputs(self) -> list[Output[list[StepEstimate]]]:
-        """The steps, in order."""
+        """The only output: the last estimate of each step, in order."""
         return [Output(name=self._name, estimates=[self._last[step] for step in sorted(self._last)])]
 
 
@@ -61,11 +61,11 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
     def collector(
         self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[list[StepEstimate]]:
-        """Keeps the last estimate of each step."""
+        """Collects the last estimate of each step."""
         return StepCollector(instance.declaration.name)
 
     def has_truth(self, recording: Recording) -> bool:
-        """Whether there are true footprints."""
+        """Whether the recording has true footprints."""
         return FOOTPRINTS in recording.topics
 
     def evaluate(
@@ -87,15 +87,15 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
         return evaluations
 
     def write(self, output: Output[list[StepEstimate]], file: Path, options: FileOptions) -> Written:
-        """Writes a table, one row per step."""
+        """Writes a table of `STEP_COLUMNS`, one row per step."""
         return write_output_table(STEP_COLUMNS, [step_cells(step) for step in output.estimates], file, "steps")
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
-        """One row per estimate."""
+        """Rows of `STEP_COLUMNS`, one per estimate."""
         return LiveSteps(STEP_COLUMNS, file)
 
     def report(self, evaluations: Sequence[EvaluatedSteps], recording: Recording) -> ReportParts:
-        """Planes under the feet from the side, and the path from above, of the first estimator."""
+        """Section with the planes under the feet from the side and the path from above, of the first estimator."""
         from stridetwin.outputs.steps.figures import step_section
 
         return ReportParts(figures=step_section(evaluations[0].estimates, evaluations[0].scores, recording))

@@ -66,21 +66,21 @@ class ScoredStep:
 
     @property
     def is_matched(self) -> bool:
-        """Whether there is an estimate."""
+        """Whether an estimate belongs to the step."""
         return bool(self.estimated_place)
 
     @property
     def slope_error(self) -> float:
-        """Rad."""
+        """Estimated minus true slope, rad."""
         return self.estimated_slope - self.slope
 
     @property
     def elevation_error(self) -> float:
-        """M."""
+        """Estimated minus true elevation, m."""
         return self.estimated_elevation - self.elevation
 
     def row(self) -> dict[str, Any]:
-        """For JSON; `ScoredStep(**row)` restores it."""
+        """The step as a mapping for JSON; `ScoredStep(**row)` restores it."""
         return asdict(self)
 
 
@@ -105,7 +105,11 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
     """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
 
-    A footprint that the truth lacks between two of the other foot may have an estimate. Arguments as in `score_steps`.
+    A footprint that the truth lacks between two of the other foot may have an estimate.
+
+    Args:
+        footprints: True footprints, in order; the two initial ones come first.
+        estimates: One per estimated step, in order.
     """
     estimate_list, matched = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
@@ -119,7 +123,10 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 
 
 def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[StepEstimate]) -> list[StepEstimate]:
-    """The estimates of a footprint's foot from shortly before it until the foot's next one."""
+    """The estimates that may belong to the i-th footprint.
+
+    They are of its foot, from `_EARLY_NS` before its touch-down until the foot's next one.
+    """
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS
     until = next((p.t_ns for p in footprints[i + 1 :] if p.foot == foot), np.inf)
@@ -127,6 +134,13 @@ def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[S
 
 
 def _score_step(print_: Footprint, before: Footprint, estimate: StepEstimate | None) -> ScoredStep:
+    """A true step with its estimate.
+
+    Args:
+        print_: Footprint of the step.
+        before: Previous footprint of the other foot.
+        estimate: The step's estimate; None for a missed step.
+    """
     w, x, y, z = print_.q_world_foot
     true: dict[str, Any] = {
         "mode": print_.mode,
@@ -182,7 +196,7 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
 
 
 def align_yaw(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
-    """The steps of a walk; estimated positions are rotated about the vertical to fit the true ones best.
+    """The steps of a walk with estimated positions rotated about the vertical, so that they fit the true ones best.
 
     Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
     """
@@ -221,7 +235,17 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
 
 
 def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, float, float]]) -> dict[str, float]:
-    """RMS and mean errors of the steps with estimates, classes of all steps, and RMS of any `displacement_errors`."""
+    """RMS and mean errors of the steps with estimates, and the classes of all steps.
+
+    Args:
+        steps: Steps of one or several walks.
+        places: Errors of `displacement_errors`, m; empty to leave them out.
+
+    Returns:
+        `slope_rmse_deg`, `slope_mean_deg`, `elevation_rmse_mm`, `elevation_mean_mm`, `classification_accuracy_pct`,
+        `steps`, `steps_missed`; with standard deviations `slope_in_95_pct` and `elevation_in_95_pct`; with places
+        `d_rmse_mm`, `h_rmse_mm` and `y_rmse_mm`, along the walk, up and sideways.
+    """
     matched = [s for s in steps if s.is_matched]
     slope = np.degrees([s.slope_error for s in matched])
     elevation = 1e3 * np.array([s.elevation_error for s in matched])
@@ -251,6 +275,7 @@ def _inside_95(matched: Sequence[ScoredStep]) -> dict[str, float]:
 
 
 def _rms(values: Any) -> float:
+    """Root mean square; 0 without values."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 

@@ -31,7 +31,9 @@ class TerrainChange:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredChange:
-    """Errors of an estimated terrain change (estimated minus true), and the reported standard deviations; or NaN.
+    """Errors of an estimated terrain change (estimated minus true) with the reported standard deviations.
+
+    NaN where unknown.
 
     Attributes:
         mode: True mode of the steps beyond it.

@@ -48,6 +48,7 @@ def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float, float]], number: int) -> Markup:
+    """One row of the figure: mapped ground by class, mapped edges, the true path and footprints."""
     span = rows[number]
     plot = straight.plot_row("The ground from above", number, rows)
     for ground_class in np.unique(route.classes[np.isfinite(route.height)]).tolist() if number == 0 else ():
@@ -100,7 +101,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Errors of the mapped heights, and of the edges' positions, along the route."""
+    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
     s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
     jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])
@@ -124,7 +125,12 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def _profile_of_map(route: MappedRoute) -> tuple[Array, Array, NDArray[np.uint8]]:
-    """Position along the route, m; mapped height of its middle, m; and the most frequent class there."""
+    """The mapped ground along the middle of the route.
+
+    Returns:
+        (S,) places along the route, m; (S,) median height near the middle, m, NaN where too little is mapped; and (S,)
+        number of the most frequent class.
+    """
     across = np.abs(route.left) < _LINE_M
     height, classes = route.height[:, across], route.classes[:, across]
     is_known = np.isfinite(height)

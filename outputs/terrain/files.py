@@ -60,7 +60,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
 
 
 def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
-    """Content of the mesh files.
+    """Contents of the mesh files, by path.
 
     Raises:
         StrideTwinError: trimesh is not installed.
@@ -104,6 +104,7 @@ def _terrain_name(terrain: Terrain | None) -> str:
 
 
 def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
+    """A plane as plain values for the JSON file."""
     return {
         "id": plane.id,
         "terrain": _terrain_name(terrain),
@@ -118,6 +119,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
 
 
 def _terrain(terrain: Terrain) -> dict[str, Any]:
+    """Stairs, a ramp or level ground as plain values for the JSON file."""
     if isinstance(terrain, Stairs):
         sd = np.sqrt(np.diag(terrain.covariance))
         return {
@@ -144,7 +146,7 @@ def _to_list(values: Any) -> list[float | None]:
 
 
 def _write_ply(points: Any, kinds: list[str], plane: Any, file: Path) -> None:
-    """Binary PLY: x, y, z, colour, and the plane's id."""
+    """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id."""
     columns = [
         ("x", "<f4"),
         ("y", "<f4"),
@@ -175,11 +177,11 @@ class LiveTerrain(LiveOutput):
         self._file = file
 
     def add(self, estimate: Any) -> str | None:
-        """The map as JSON."""
+        """A new map as one line of JSON; None without one."""
         return None if estimate is None else json.dumps(terrain_document(estimate), allow_nan=False)
 
     def finish(self, estimator: Estimator) -> dict[Path, int]:
-        """Writes the files; rows are planes."""
+        """Writes the files of the last map; returns the number of planes for each."""
         if self._file is None:
             return {}
         terrain_map: Any = estimator

@@ -43,7 +43,7 @@ class GroundGrid:
 
     @classmethod
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
-        """The current ground of a map."""
+        """The current ground of a map, with the surface point of each column."""
         p = terrain_map.parameters
         c, s = math.cos(GRID_ROTATION_RAD), math.sin(GRID_ROTATION_RAD)
         rotation = np.array([[c, -s], [s, c]])
@@ -86,7 +86,10 @@ def ground_class_of(estimate: TerrainEstimate, plane: int, heading: float) -> st
 
 
 def ground_classes_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float) -> NDArray[np.uint8]:
-    """Indices (...) into `GROUND_CLASSES` for plane ids (...)."""
+    """Numbers (...) of `GROUND_CLASSES` for plane ids (...), for a walker who heads `heading` rad from x.
+
+    -1 is no plane.
+    """
     ids, where = np.unique(plane, return_inverse=True)
     known = [ground_class_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
     return np.array([GROUND_CLASSES.index(kind) for kind in known], np.uint8)[where].reshape(np.shape(plane))

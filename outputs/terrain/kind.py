@@ -40,13 +40,13 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     suffix: ClassVar[str] = ".json"
 
     def collector(self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[MapRun]:
-        """Keeps the map, and samples it where the truth is known."""
+        """Collects the map at the end, and samples of it where the truth is known."""
         return MapCollector(instance.declaration.name, cast("TerrainMap", estimator), walk)
 
     def evaluate(
         self, outputs: Sequence[Output[MapRun]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedMap]:
-        """The scores of the maps that were sampled against the truth."""
+        """The scores of the maps that were sampled beside the truth."""
         return [
             Evaluated(name=output.name, estimates=sampled, scores=map_figures(sampled.scores))
             for output in outputs
@@ -64,21 +64,21 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
         return Written(files=files, rows=planes, lines=[f"{files[0]}: {planes} planes; {counts}"])
 
     def is_empty(self, output: Output[MapRun]) -> bool:
-        """Whether no depth image had a pose."""
+        """Whether the map is empty because no depth image had a pose."""
         return output.estimates.terrain_map.estimate is None
 
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
-        """Each map as one line of JSON."""
+        """Lines of JSON, one per new map."""
         return LiveTerrain(file)
 
     def report(self, evaluations: Sequence[EvaluatedMap], recording: Recording) -> ReportParts:
-        """The ground of the first map from above and from the side, its errors, and its scores."""
+        """Section with the ground of the first map from above and from the side, its errors, and its scores."""
         from stridetwin.outputs.terrain.figures import terrain_section
 
         return ReportParts(figures=terrain_section(evaluations[0].estimates, evaluations[0].scores))
 
     def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedMap], recording: Recording) -> None:
-        """The ground of the first map, its planes and edges, over time."""
+        """Logs the ground of the first map, its planes and edges, over time."""
         from stridetwin.outputs.terrain.rerun import log_ground
 
         log_ground(rerun, stream, evaluations[0].estimates.snapshots)

@@ -44,7 +44,13 @@ class MappedRoute:
 
 
 class RouteMapper:
-    """Fills a `MappedRoute` during the walk, between two places along the route, m."""
+    """Fills a `MappedRoute` during the walk.
+
+    Args:
+        layout: The true terrain.
+        s0: Begin of the stored ground along the route, m.
+        s1: End of the stored ground, m.
+    """
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
@@ -55,7 +61,14 @@ class RouteMapper:
         self._edges: list[tuple[float, float, float]] = []
 
     def add(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, place_m: float) -> None:
-        """Replaces the stored ground near the walker by the current estimate."""
+        """Replaces the stored ground and edges near the walker by the current estimate.
+
+        Args:
+            grid: Ground of the map.
+            estimate: Planes and terrains of the map.
+            alignment: From the map's world to the true one, now.
+            place_m: Place of the walker along the route, m.
+        """
         nearby = np.flatnonzero((self._s > place_m - _BEHIND_M) & (self._s < place_m + _AHEAD_M))
         s, left = np.meshgrid(self._s[nearby], self._left, indexing="ij")
         height, plane = grid.at(alignment.to_estimated(self._way.point(s, left)))
@@ -70,7 +83,16 @@ class RouteMapper:
                 self._keep_edge(alignment.to_true(a), alignment.to_true(b), place_m)
 
     def _keep_edge(self, a: Array, b: Array, place_m: float) -> None:
-        """Stores an edge ahead of the walker and replaces its earlier estimate."""
+        """Stores an edge ahead of the walker; it replaces earlier ones within `_SAME_EDGE_M`.
+
+        An edge counts if its line crosses the route within `_MAX_EDGE_AHEAD_M`, it lies across the route, and not
+        beside it.
+
+        Args:
+            a: (3,) m, one end in the true world.
+            b: (3,) m, the other end.
+            place_m: Place of the walker along the route, m.
+        """
         places = np.arange(place_m, place_m + _MAX_EDGE_AHEAD_M, 0.02)
         way, heading = self._way.point(places), self._way.heading(places)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
@@ -91,13 +113,13 @@ class RouteMapper:
         self._edges.append((s, low, high))
 
     def result(self) -> MappedRoute:
-        """The stored ground."""
+        """The stored ground and edges of the whole walk."""
         edges = np.array(sorted(self._edges), float).reshape(-1, 3)
         return MappedRoute(s=self._s, left=self._left, height=self._height, classes=self._classes, edges=edges)
 
 
 def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
-    """(N,) m, distances of (N, 2) points from the line through a and b, in the horizontal plane."""
+    """(N,) signed distances of (N, 2) points from the line through a and b, in the horizontal plane, m."""
     along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
     offset = points - a[:2]
     return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])

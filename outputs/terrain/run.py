@@ -36,7 +36,12 @@ class SampledMap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapRun:
-    """A map at the end of a recording, and what was sampled of it on the way; None without a truth."""
+    """The result of a map on a recording.
+
+    Attributes:
+        terrain_map: The map at the end.
+        sampled: What was sampled of it on the way; None without a truth.
+    """
 
     terrain_map: TerrainMap
     sampled: SampledMap | None = None
@@ -61,12 +66,14 @@ class MapCollector(Collector[MapRun]):
             self._sampler.sample(sample.t_ns)
 
     def outputs(self) -> list[Output[MapRun]]:
-        """The map."""
+        """The only output: the map at the end, with its samples."""
         sampled = None if self._sampler is None else self._sampler.result()
         return [Output(name=self._name, estimates=MapRun(terrain_map=self._map, sampled=sampled))]
 
 
 class _MapSampler:
+    """Samples a map along a walk with known truth: scores, the ground along the route, and snapshots."""
+
     def __init__(self, terrain_map: TerrainMap, walk: AlignedWalk) -> None:
         self._map, self._walk = terrain_map, walk
         path = np.column_stack([[f.t_ns for f in walk.footprints], walk.foot_places_m])
@@ -89,7 +96,7 @@ class _MapSampler:
         self._snapshots.append(take_snapshot(grid, estimate, alignment, heading))
 
     def result(self) -> SampledMap:
-        """All samples."""
+        """All samples so far."""
         return SampledMap(
             walk=self._walk, scores=self._scorer.scores(), route=self._route.result(), snapshots=self._snapshots
         )

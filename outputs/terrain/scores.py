@@ -113,7 +113,10 @@ def distance_to(triangles: Array, points: Array) -> Array:
 
 
 def _from_triangle(triangle: Array, points: Array) -> Array:
-    """(N,) m, distances of (N, 3) points from one triangle: from its plane if above or below it, else from a side."""
+    """(N,) m, distances of (N, 3) points from one triangle.
+
+    The distance is that from the plane for points above or below the triangle, else that from the nearest side.
+    """
     a, b, c = triangle
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
@@ -128,7 +131,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
 
 
 def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
-    """Stairs and ramps of a route, in order."""
+    """Stairs and ramps of a route as terrain changes, in order along it."""
     changes = [
         TerrainChange(
             s=flight.s,
@@ -148,7 +151,12 @@ def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
 
 
 class MapScorer:
-    """Samples a map while it is built, and computes its scores; `path` (F, 2): times, ns, and places, m, of feet."""
+    """Scores a map while it is built.
+
+    Args:
+        layout: The true terrain.
+        path: (F, 2) touch-downs of the walk: time, ns, and place along the route, m.
+    """
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
@@ -160,7 +168,7 @@ class MapScorer:
         self._tick_ns = 0
 
     def sample(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, place_m: float) -> bool:
-        """Samples a map after a depth image, where the camera is `place_m`, m along the route.
+        """Samples a map after a depth image, where the camera is at `place_m` along the route.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.
@@ -183,7 +191,7 @@ class MapScorer:
         return True
 
     def scores(self) -> MapScores:
-        """The scores of all samples."""
+        """The scores over all samples so far."""
         points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
         far = distance_to(mesh_of(self._layout.slabs), points)
         return MapScores(
@@ -228,7 +236,7 @@ def _rms(values: Array | Sequence[float]) -> float:
 
 
 def _profile_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Profile:
-    """The map's profile straight ahead on the route, corrected for drift."""
+    """The map's profile straight ahead of a place on the route, corrected for drift."""
     heading = float(layout.way.heading(place_m))
     return mapper.profile(alignment.to_estimated(layout.way.point(place_m)), heading - alignment.yaw)
 
@@ -236,6 +244,18 @@ def _profile_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, 
 def _score_change(
     change: TerrainChange, mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout
 ) -> ScoredChange:
+    """Errors of the estimate of one terrain change.
+
+    A ramp is found if the map has a slope of more than 5° shortly beyond its edge; stairs if a flight of two or more
+    steps in the same direction begins within `_MATCH_M`.
+
+    Args:
+        change: The true change.
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
     estimate = mapper.estimate
     heading = float(layout.way.heading(change.s)) - alignment.yaw
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -273,7 +293,7 @@ def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, l
 
 
 def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place (m) on the route, within 0.5 m."""
+    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place on the route, and within 0.5 m of it."""
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(place_m), axis=1) < FAR_M]
     s = _places_ahead(place_m, layout)
     if not len(s) or not len(near):
@@ -300,7 +320,7 @@ def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
 
 
 def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> float:
-    """Share of the ground ahead whose height the map knows."""
+    """Share of the ground ahead whose mapped height is within `_COMPLETE_M` of the true one; NaN at the route's end."""
     s, aside = cells_ahead(place_m, layout)
     if not len(s):
         return math.nan

@@ -37,7 +37,7 @@ _WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 def _check_shares(shares: dict[str, float]) -> dict[str, float]:
-    """Checks that the shares add up to 1, and that the names of the parts are plain words."""
+    """Returns shares that add up to 1 and whose parts have plain names; refuses others."""
     for name in shares:
         if not _WORD.fullmatch(name):
             raise refused(name, "names of lower-case letters, digits and _")
@@ -93,16 +93,20 @@ class Group:
     at: Where = _NOWHERE
 
     def with_position(self, node: dict[str, Any], at: Where) -> Group:
-        """The group with its place, and its keys in the order of the file, which is that of the draws."""
+        """The group with its position, and its keys in the order of the file, which is that of the draws."""
         return replace(self, body={key: self.body[key] for key in node if key in self.body}, at=at)
 
     @property
     def varying_keys(self) -> tuple[str, ...]:
-        """Keys that vary."""
+        """Keys of a person that vary between the members."""
         return tuple(key for key, distribution in self.body.items() if not isinstance(distribution, Fixed))
 
     def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
-        """A member, in the form of a scenario file's person, from the quantile of each key that varies."""
+        """A member of the group, in the form of a scenario file's person.
+
+        Args:
+            quantiles: Number from 0 to 1 for each key that varies.
+        """
         body = {key: distribution.at(quantiles.get(key, 0.0)) for key, distribution in self.body.items()}
         if "bmi" in body:
             mass = float(f"{body.pop('bmi') * body.get('height_m', Person.height_m) ** 2:.6g}")
@@ -120,7 +124,7 @@ class _Named(FileModel):
     named: Annotated[tuple[Annotated[str, words(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(unique)]
 
     def build(self) -> Group:
-        """The group."""
+        """The group of these predefined people."""
         return Group(count=len(self.named), body={}, names=self.named)
 
 
@@ -144,7 +148,10 @@ class _Drawn(FileModel):
     shoe_mm: DistributionInFile = None
 
     def build(self) -> Group:
-        """The group."""
+        """The group with the distributions that the file sets.
+
+        Refuses `bmi` beside `mass_kg` and values out of range.
+        """
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
             raise refused(body["bmi"].description, "either bmi or mass_kg", "bmi")
@@ -244,10 +251,10 @@ def find_campaign(name: str) -> Path | None:
 
 
 def read_campaign(path: Path) -> Campaign:
-    """Reads one campaign file.
+    """Reads one campaign file and the files that it names.
 
     Raises:
-        ConfigError: An invalid value.
+        ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: A file cannot be read.
     """
     where = Where(source=str(path))
@@ -276,7 +283,8 @@ def load_campaign(name: str) -> Campaign:
     """Reads a campaign by its name in the catalogue, or from a YAML file.
 
     Raises:
-        StrideTwinError: As `read_campaign`, or the name is unknown; the message lists the known ones.
+        ConfigError: An invalid value in the file.
+        StrideTwinError: The name is unknown, and the message lists the known ones; or a file cannot be read.
     """
     path = find_campaign(name)
     if path is None:

@@ -27,6 +27,7 @@ _Whole = Annotated[int, whole(-int(_MAX_SIZE), int(_MAX_SIZE))]
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
+    """Returns two numbers if the first is lower; refuses others."""
     if not span[0] < span[1]:
         raise refused(list(span), "two numbers, the lower first")
     return span
@@ -37,7 +38,7 @@ class Distribution(FileModel, ABC):
 
     @abstractmethod
     def at(self, u: float) -> Any:
-        """The value at a quantile, 0 <= u < 1."""
+        """The value whose cumulative probability is `u`, 0 <= u < 1 (inverse transform sampling)."""
 
     @property
     def ends(self) -> tuple[Any, ...]:
@@ -48,7 +49,7 @@ class Distribution(FileModel, ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """Description for the manifest."""
+        """The distribution as text for the manifest, such as `uniform 1 to 2`."""
 
 
 class Fixed(Distribution):
@@ -61,17 +62,17 @@ class Fixed(Distribution):
     fixed: Any
 
     def at(self, u: float) -> Any:
-        """The value."""
+        """The fixed value, whatever the quantile."""
         return self.fixed
 
     @property
     def ends(self) -> tuple[Any, ...]:
-        """The value."""
+        """The fixed value alone."""
         return (self.fixed,)
 
     @property
     def description(self) -> str:
-        """Such as `2.4`."""
+        """The value as text, such as `2.4`."""
         return str(self.fixed)
 
 
@@ -87,7 +88,7 @@ class Uniform(Distribution):
     step: _Above0 | None = None
 
     def at(self, u: float) -> float:
-        """The number at a quantile."""
+        """The number at a quantile: low + u (high - low), or one of equally likely steps."""
         low, high = self.uniform
         if self.step is None:
             return _round_and_clamp(low + u * (high - low), self.uniform)
@@ -96,7 +97,7 @@ class Uniform(Distribution):
 
     @property
     def description(self) -> str:
-        """Such as `uniform 1 to 2`."""
+        """The range as text, such as `uniform 1 to 2`."""
         return f"uniform {_span_text(self.uniform)}" + (f" in steps of {self.step:g}" if self.step else "")
 
 
@@ -110,13 +111,13 @@ class LogUniform(Distribution):
     log_uniform: Annotated[tuple[_Above0, _Above0], AfterValidator(_check_order)]
 
     def at(self, u: float) -> float:
-        """The number at a quantile."""
+        """The number at a quantile: low (high / low)^u."""
         low, high = self.log_uniform
         return _round_and_clamp(low * (high / low) ** u, self.log_uniform)
 
     @property
     def description(self) -> str:
-        """Such as `log-uniform 1 to 2`."""
+        """The range as text, such as `log-uniform 1 to 2`."""
         return f"log-uniform {_span_text(self.log_uniform)}"
 
 
@@ -141,7 +142,7 @@ class Normal(Distribution):
         return self
 
     def at(self, u: float) -> float:
-        """The number at a quantile."""
+        """The number at a quantile of the truncated distribution: mean + sd Φ⁻¹(Φ(low) + u (Φ(high) - Φ(low)))."""
         from scipy.special import ndtr, ndtri  # takes long to import, and only a draw needs it
 
         (mean, sd), (low, high) = self.normal, self.within
@@ -150,12 +151,12 @@ class Normal(Distribution):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lowest and highest."""
+        """Lowest and highest value of the truncated distribution."""
         return self.within
 
     @property
     def description(self) -> str:
-        """Such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
+        """The distribution as text, such as `normal 1 ± 0.1 within 0.8 to 1.2`."""
         return f"normal {self.normal[0]:g} ± {self.normal[1]:g} within {_span_text(self.within)}"
 
 
@@ -169,13 +170,13 @@ class Integer(Distribution):
     integer: Annotated[tuple[_Whole, _Whole], AfterValidator(_check_order)]
 
     def at(self, u: float) -> int:
-        """The number at a quantile."""
+        """The whole number at a quantile; each from low to high is equally likely."""
         low, high = self.integer
         return low + min(int(u * (high - low + 1)), high - low)
 
     @property
     def description(self) -> str:
-        """Such as `whole number 1 to 4`."""
+        """The range as text, such as `whole number 1 to 4`."""
         return f"whole number {self.integer[0]} to {self.integer[1]}"
 
 
@@ -197,7 +198,7 @@ class Choice(Distribution):
         return self
 
     def at(self, u: float) -> Any:
-        """The value at a quantile."""
+        """The value at a quantile, with probabilities proportional to the weights."""
         return self.choice[index_at_quantile(self._weights, u)]
 
     @property
@@ -206,12 +207,12 @@ class Choice(Distribution):
 
     @property
     def description(self) -> str:
-        """Such as `one of male (1), female (2)`."""
+        """The values with their weights as text, such as `one of male (1), female (2)`."""
         return "one of " + ", ".join(f"{value} ({weight:g})" for value, weight in zip(self.choice, self._weights))
 
 
 def index_at_quantile(weights: Sequence[float], u: float) -> int:
-    """Index of the item at a quantile, where each item has a relative probability."""
+    """Index of the item at a quantile `u` (0-1), where each item has a probability proportional to its weight."""
     sums = list(itertools.accumulate(weights))
     return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
 

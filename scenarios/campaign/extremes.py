@@ -61,10 +61,10 @@ def valid_scenarios(campaign: Campaign, walks: Iterable[PlannedWalk]) -> list[Sc
 
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:
-    """Tries the ends of every range.
+    """Tries the ends of every range on each scenario, while the other values are at their median.
 
     Raises:
-        ConfigError: The message names file, field, value and what is valid.
+        ConfigError: A scenario or a value is invalid; the message names file, field, value and what is valid.
     """
     with _temporary_folder(campaign) as folder:
         for group in campaign.people:
@@ -86,7 +86,11 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
 
 
 def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
-    """The scenario as its file has it."""
+    """Parses a scenario as its file has it, without any value of the campaign.
+
+    Raises:
+        StrideTwinError: The scenario is invalid; the error is in the campaign's file, or in a file of the user.
+    """
     try:
         return parse_scenario(folder, base.scenario)
     except StrideTwinError as error:
@@ -95,7 +99,7 @@ def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
 
 
 def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
-    """The unchanged scenario, then with the values that are set in all of its walks."""
+    """Checks a scenario as it is, then with the values that are set in all of its walks."""
     _parse_unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
@@ -114,7 +118,7 @@ def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle:
 
 
 def _try_people(folder: Path, group: Group) -> None:
-    """The extremes of a group, on a walk of a few steps."""
+    """Checks the ends of each distribution of a group on a walk of a few steps."""
     for key, distribution in group.body.items():
         for end in distribution.ends if key != "bmi" else ():
             try:
@@ -131,6 +135,7 @@ def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwi
 
 
 def _is_about(error: ConfigError, variable: Variable) -> bool:
+    """Whether an error of a scenario is in a field that a variable sets, or in a group of fields around it."""
     return any(error.field.startswith(path.text) or path.text.startswith(error.field) for path in variable.paths)
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +25,7 @@ class FieldPath:
 
 
 def field_path(text: str, where: Where) -> FieldPath:
-    """Parses a path.
+    """Parses the path of a field, such as `terrain[1].stairs.riser_mm`.
 
     Raises:
         ConfigError: The text is not a path.
@@ -38,9 +40,9 @@ def field_path(text: str, where: Where) -> FieldPath:
 
 
 def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
-    """Sets a value in a scenario and creates missing keys on the way.
+    """Sets a value in a scenario's plain data and creates missing keys on the way.
 
-    Below `sensors`, a list of groups and the short forms of a group become keys first.
+    A list of sensor groups, and the short forms of a group, become mappings first.
 
     Raises:
         ConfigError: A node on the way has no such place.
@@ -57,8 +59,24 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Wher
     node[path.keys[-1]] = value
 
 
+def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: Where) -> None:
+    """Sets a value at several fields of a scenario, each with a copy of its own.
+
+    Args:
+        scenario: Plain data of the scenario, which is changed.
+        paths: The fields.
+        value: Plain data.
+        where: Position of the value in the user's file, for errors.
+
+    Raises:
+        ConfigError: The scenario has no place for a field.
+    """
+    for path in paths:
+        set_value(scenario, path, deepcopy(value), where)
+
+
 def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:
-    """Whether a node has a place for the key at this depth."""
+    """Raises ConfigError if a node has no place for the key of a path at this depth."""
     key, node_text = path.keys[depth], _text(path.keys[:depth])
     if not isinstance(node, list if isinstance(key, int) else dict):
         raise where.error(path.text, f"a field of the scenario, where {node_text} is {_short(node)}")
@@ -67,7 +85,7 @@ def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:
 
 
 def _expand_short_form(node: Any, *, of_group: bool) -> Any:
-    """`sensors` with groups as keys, and a group with options as keys, if they have a short form."""
+    """The list of sensor groups as a mapping from groups, or a group's part name as a mapping of options."""
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
     if isinstance(node, list):

@@ -69,7 +69,7 @@ class CampaignResult:
 
     @property
     def verdicts(self) -> Counter[str]:
-        """Number of walks by status."""
+        """Number of walks by status: accepted, rejected or failed."""
         return Counter(walk["status"] for walk in self.manifest["walks"])
 
     @property
@@ -154,9 +154,11 @@ def generate(
 
 
 def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
-    """The row by the current quality limits, with the recording moved to the folder of its verdict.
+    """A stored row with its verdict by the current quality limits.
 
-    None if the recording is missing or incomplete.
+    The recording is moved to the folder of that verdict.
+
+    None if the recording is missing or incomplete, so that the walk is generated again.
     """
     if "recording" not in row:
         return row
@@ -224,7 +226,7 @@ def bind_folder(folder: Path, request: Mapping[str, Any], walk_names: Iterable[s
 
 
 def _differences(request: Mapping[str, Any], previous: Mapping[str, Any]) -> str:
-    """The values that differ, as text; "" for the same request."""
+    """What differs between two requests, as text; "" for equal ones."""
     keys = differing_keys(request, previous)
     if keys == ["digest"]:
         return "its campaign file, or a file that it names, has changed since"

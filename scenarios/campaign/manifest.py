@@ -47,7 +47,11 @@ for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["
 
 
 def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
-    """Assigns each person and each terrain of all walks to a part: by `person` and `terrain`, name to part."""
+    """Assigns each person and each terrain of all walks to a part of its split.
+
+    Returns:
+        By `person` and `terrain`: name to part.
+    """
     return {
         by: _assign_parts(
             list(dict.fromkeys(k for row in rows if (k := group_of(row, by, splits)))), splits.shares, seed, by
@@ -57,12 +61,13 @@ def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) 
 
 
 def group_of(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
-    """The person or the terrain of a walk; None where its scenario is invalid."""
+    """Name of the person or the terrain (`by`) of a walk; None where its scenario is invalid."""
     key = "scenario" if (by, splits.terrain_by) == ("terrain", "scenario") else by
     return row.get(key) if "person" in row else None
 
 
 def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
+    """Part of each name: of the i-th one by the fractional part of start + i (√5 - 1) / 2; a seed gives the start."""
     start = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEYS[by],))).random()
     parts, ends = list(shares), np.cumsum(list(shares.values()))
     start *= ends[0]  # the first one is in the first part
@@ -79,7 +84,14 @@ NAME, CARD_NAME = "manifest.json", "dataset_card.md"
 def manifest(
     campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], file_digests: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The manifest as JSON: of all rows, in order, with the code's versions and the checksums of the user's files."""
+    """The manifest of a campaign as JSON: its request, versions, people, splits and the rows of its walks, in order.
+
+    Args:
+        campaign: The campaign.
+        rows: Rows of all walks.
+        versions: Versions of the code that generated them.
+        file_digests: Checksums of the user's files.
+    """
     parts = assign_splits(rows, campaign.splits, campaign.seed)
     walks, bodies = [], {}
     for row in rows:
@@ -122,7 +134,7 @@ def varying_values(campaign: Campaign) -> dict[str, str]:
 
 
 def card_text(manifest: Mapping[str, Any]) -> str:
-    """The card, from the campaign's manifest alone."""
+    """The card of a data set as Markdown, from the campaign's manifest alone."""
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]
     hours = sum(w["duration_s"] for w in accepted) / 3600
@@ -167,6 +179,7 @@ def _file_lines(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _value_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Lines of the table of distributions: each varying value with the values of the accepted walks."""
     yield "| value | distribution | walks | drawn |\n|---|---|---|---|"
     yield _row("scenario", ", ".join(manifest["scenarios"]), [w["scenario"] for w in accepted])
     for name, text in manifest["ranges"].items():
@@ -194,6 +207,7 @@ def _row(name: str, text: str, values: Sequence[Any]) -> str:
 
 
 def _distribution_text(values: Sequence[Any]) -> str:
+    """Lowest, mean and highest of numbers with a histogram, or the counts of other values."""
     if not values:
         return ""
     if all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
@@ -212,6 +226,7 @@ def _histogram(values: Sequence[float], low: float, high: float) -> str:
 
 
 def _split_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Lines of the table of splits: people, terrains and accepted walks in each part."""
     parts = list(manifest["shares"])
     yield f"| split | | {' | '.join(parts)} |\n|---|---|{'---|' * len(parts)}"
     yield f"| requested | share | {' | '.join(f'{share:g}' for share in manifest['shares'].values())} |"
@@ -225,6 +240,7 @@ def _split_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, An
 
 
 def _reject_lines(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """The criteria, and the table of the walks that were not accepted with the reasons."""
     quality = manifest["quality"]
     yield (
         f"Infeasible walks; walks with more external force at the root than {quality['help_pct']:g} % of the body "
@@ -245,5 +261,5 @@ def _cells(counts: Iterable[int]) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text escaped for a table cell."""
+    """Text with characters that have a meaning in a Markdown table replaced."""
     return " ".join(text.replace("|", "\\|").replace("<", "&lt;").split())

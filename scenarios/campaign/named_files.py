@@ -102,7 +102,7 @@ class _Weighed(NamedBase):
 
 
 def short_base(node: object) -> object:
-    """A scenario by its name alone, as keys."""
+    """A scenario's name as a mapping with the key `scenario`; mappings stay."""
     return {"scenario": node} if isinstance(node, str) else node
 
 
@@ -111,7 +111,7 @@ WeighedBase = Annotated[_Weighed, BeforeValidator(short_base, json_schema_input_
 
 
 class NamedFiles:
-    """Files that a file names.
+    """Collects the files that a campaign, placement or study names, and checks that they are in its folder.
 
     Args:
         path: The file, such as a campaign's.
@@ -127,14 +127,29 @@ class NamedFiles:
         self.user_files: dict[str, Path] = {}
 
     def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
-        """The list `scenarios`, with the settings of each."""
+        """The scenarios of a list, each with its own variables.
+
+        Args:
+            items: The validated items of the list.
+            nodes: The items as the file has them.
+            where: Position of the list.
+        """
         return tuple(
             self.base(item, where.item(i), short=isinstance(node, str))
             for i, (item, node) in enumerate(zip(items, nodes))
         )
 
     def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
-        """A scenario and its own variables."""
+        """A scenario by its name in the catalogue or the path of its file, with its own variables.
+
+        Args:
+            item: Name and values.
+            where: Position in the file.
+            short: The file gives the name alone, so that errors are located at the item itself.
+
+        Raises:
+            ConfigError: There is no such scenario, or the file is outside of the folder.
+        """
         name, built_in = item.scenario, catalogue()
         at = where if short else where.key("scenario")
         if name in built_in:
@@ -161,7 +176,15 @@ class NamedFiles:
         return unique_name
 
     def variables(self, values: Mapping[str, Distribution], where: Where) -> tuple[Variable, ...]:
-        """The block `set`."""
+        """The variables of a block `set`.
+
+        Args:
+            values: Field paths, several separated by commas, each with a distribution.
+            where: Position of the block.
+
+        Raises:
+            ConfigError: An invalid path, a field set twice, or a file outside of the folder.
+        """
         variables: list[Variable] = []
         for name, value in values.items():
             at = where.key(name)
@@ -174,7 +197,7 @@ class NamedFiles:
         return tuple(variables)
 
     def _with_output_names(self, values: Distribution, at: Where) -> Distribution:
-        """The same distribution with the names that files get in the output folder."""
+        """A distribution whose file names are replaced by those that the files get in the output folder."""
         if isinstance(values, Fixed):
             return Fixed(fixed=self.with_output_names(values.fixed, at))
         if isinstance(values, Choice):
@@ -182,12 +205,17 @@ class NamedFiles:
         return values
 
     def with_output_names(self, node: Any, where: Where, home: Path | None = None) -> Any:
-        """The block of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
+        """Plain data of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
+
+        The files, and those that they name in turn, are added to `user_files`.
 
         Args:
             node: Plain data.
             where: Its position.
-            home: Folder of relative paths; None for that of the file.
+            home: Folder of relative paths; None for that of the naming file.
+
+        Raises:
+            ConfigError: A file does not exist, or is outside of the folder.
         """
         home = home or self._home
         if isinstance(node, dict):
@@ -199,7 +227,7 @@ class NamedFiles:
         return f"../{FILES}/{self._add_file(home, node, where)}"
 
     def _add_file(self, home: Path, name: str, where: Where) -> str:
-        """Adds a file and the files that it names; returns its name in the output folder."""
+        """Adds a file and the files that it names to `user_files`; returns its name in the output folder."""
         path = self._find_file(home, name, where)
         output_name = path.relative_to(self._home).as_posix()
         if output_name not in self.user_files:
@@ -209,7 +237,11 @@ class NamedFiles:
         return output_name
 
     def _find_file(self, home: Path, name: str, where: Where) -> Path:
-        """A file of the folder or below it."""
+        """Path of a file that must exist in the naming file's folder or below it.
+
+        Raises:
+            ConfigError: The file does not exist there.
+        """
         path = (home / name).resolve()
         if not path.is_relative_to(self._home):
             raise where.error(name, f"a file in {self._folder}, {self._home}, or below it")
@@ -235,6 +267,7 @@ def _find_named_files(path: Path) -> Iterable[str]:
 
 
 def _find_part_files(node: Any) -> Iterator[str]:
+    """Names of the sensor parts in the plain data of a rig file."""
     for key, value in node.items() if isinstance(node, dict) else ():
         if key == "part" and isinstance(value, str) and value.lower().endswith(_SUFFIXES):
             yield value

@@ -15,7 +15,7 @@ import numpy as np
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.distributions import index_at_quantile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_value
+from stridetwin.scenarios.campaign.field_paths import field_path, set_value, set_values
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
 
@@ -89,8 +89,8 @@ class Extra:
 def draw_people(campaign: Campaign) -> list[Any]:
     """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
-    The members of a group are sorted by their first value, so that walks that cover the people evenly cover that value
-    evenly, too.
+    The members of a group are sorted by their first varying value, so that walks that cover the people evenly cover
+    that value evenly, too.
     """
     members: list[Any] = []
     for i, group in enumerate(campaign.people):
@@ -141,7 +141,7 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
 
 
 def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
-    """Variables that are set in a scenario's walks, in order, without those that later lines replace entirely."""
+    """The variables that are set in a scenario's walks, in order, without those that later ones replace entirely."""
     variables: list[Variable] = []
     later = list(extra.places)
     for variable in reversed((*campaign.variables, *base.variables)):
@@ -152,9 +152,16 @@ def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Va
 
 
 def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
-    """Plain data of one walk's scenario, with the drawn values, the person (None: the scenario's) and the overrides.
+    """Plain data of one walk's scenario.
 
-    The campaign's variables are set first, then the scenario's own.
+    The campaign's variables are set first, then those of the base, then person and overrides.
+
+    Args:
+        campaign: The campaign.
+        base: Scenario that the walk starts from.
+        person: The walker as in a scenario file; None leaves that of the base.
+        drawn: Value of each varying variable by name.
+        extra: Overrides for every walk.
 
     Raises:
         ConfigError: This scenario lacks the field of a variable.
@@ -162,8 +169,7 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     scenario: dict[str, Any] = deepcopy(base.scenario)
     for variable in effective_variables(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
-        for path in variable.paths:
-            set_value(scenario, path, deepcopy(value), variable.at)
+        set_values(scenario, variable.paths, value, variable.at)
     if person is not None:
         scenario["person"] = deepcopy(person)
     if extra.physics is not None:

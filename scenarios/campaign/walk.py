@@ -43,7 +43,7 @@ class WalkTask:
     quality: Quality
 
     def path(self, folder: str, suffix: str) -> Path:
-        """A file of this walk."""
+        """The file of this walk in a folder of the campaign."""
         return self.folder / folder / f"{self.walk.name}{suffix}"
 
 
@@ -74,7 +74,7 @@ def generate_walk(task: WalkTask) -> Row | Failure:
 
 
 def row_of_failure(task: WalkTask, reason: str) -> Row:
-    """The row of a walk with an unexpected error; it is not kept, so that the next run tries again.
+    """The row of a walk with an unexpected error; it is not stored, so that the next run tries the walk again.
 
     It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
     """
@@ -123,7 +123,7 @@ def with_verdict(row: Row, quality: Quality) -> Row:
 
 
 def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> Row:
-    """The row of an infeasible walk."""
+    """Removes recordings of other versions and returns the row of a walk that cannot be simulated."""
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
     text = _one_line(task, str(error).replace(str(path), path.stem))
@@ -138,7 +138,7 @@ def _one_line(task: WalkTask, text: str) -> str:
 
 
 def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> Row:
-    """A walk's entry of the manifest."""
+    """Entry of a walk in the manifest, without figures of its recording."""
     return {
         "walk": task.walk.name,
         "seed": task.walk.seed,
@@ -152,7 +152,7 @@ def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None 
 
 
 def _person_and_terrain(config: TwinConfig) -> Row:
-    """Person and terrain; equal bodies and equal routes have equal names."""
+    """Person, body, terrain and physics of a walk; equal bodies and equal routes have equal names."""
     body = plain_person(config.person)
     return {
         "person": f"person_{_short_digest(json.dumps(body, sort_keys=True))}",
@@ -203,5 +203,5 @@ def _root_help_pct(recording: Recording, person: Person) -> float:
 
 
 def _round(value: float) -> float:
-    """Three decimals; -0 becomes 0."""
+    """The number with three decimals; -0 becomes 0."""
     return round(value, 3) + 0.0

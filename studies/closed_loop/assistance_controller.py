@@ -77,13 +77,13 @@ class AssistanceObserver(Streams):
         self._loaded = dict.fromkeys(SIDES, True)
 
     def reset(self) -> None:
-        """As `Observer`."""
+        """Starts a walk: both feet count as loaded, and the recognition begins anew."""
         super().reset()
         self._recognition = self._make_recognition()
         self._loaded = dict.fromkeys(SIDES, True)
 
     def update(self, samples: Iterable[Sample]) -> None:
-        """As `Observer`."""
+        """Takes the samples that arrived, in time order, for streams, loads and modes."""
         sample_list = list(samples)
         super().update(sample_list)
         for sample in sample_list:
@@ -92,7 +92,7 @@ class AssistanceObserver(Streams):
                 self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
 
     def observation(self) -> dict[str, Array]:
-        """As `Observer`."""
+        """The streams, `loaded` and `mode`, as the class describes them."""
         recognition = self._recognition
         modes = [recognition.current[foot] if self._loaded[foot] else recognition.upcoming[foot] for foot in SIDES]
         return {
@@ -115,14 +115,27 @@ class AssistanceController:
         self._torque = np.zeros(len(joints))
 
     def torques(self, observation: Mapping[str, Array]) -> Array:
-        """(n,) torque commands, N m, flexion positive; call it once per `PERIOD_S` with an observation."""
+        """Torque commands from an observation; call it once per `PERIOD_S`.
+
+        Each command follows its target, the share of the torque limit by mode and load, with the time constant
+        `SMOOTHING_S`.
+
+        Returns:
+            (n,) N m, flexion positive, in the order of the joints.
+        """
         target = np.array([_torque_share(joint, observation) for joint in self._joints]) * self._max_torque_nm
         self._torque += (target - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
         return self._torque.copy()
 
 
 def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
-    """Share of the torque limit, -1 to 1."""
+    """Share of the torque limit for one joint, -1 to 1.
+
+    It is the share of mode, leg and direction times min(|speed| / full speed, 1).
+
+    A leg in swing takes the mode with the larger share of both legs, because a leg that swings up from the last tread
+    has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.
+    """
     name, side = joint.split("_")
     foot, speed = SIDES.index(side), float(observation[f"exo/{joint}/actuator"][2])
     loaded = observation["loaded"][foot] > 0.0

@@ -35,14 +35,14 @@ _SENSED = ("insole", "encoder", "actuator")
 
 
 class WalkResult(NamedTuple):
-    """A simulated walk and its twin."""
+    """A simulated walk and the twin that walked it."""
 
     twin: Twin
     walk: SimulatedWalk
 
 
 def simulate_bare_walk(config: TwinConfig, seed: int) -> WalkResult:
-    """The walk without exoskeleton."""
+    """Simulates the walk without exoskeleton, sensors and faults."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
     assert isinstance(walk, SimulatedWalk)
@@ -52,11 +52,11 @@ def simulate_bare_walk(config: TwinConfig, seed: int) -> WalkResult:
 def simulate_assisted_walk(
     config: TwinConfig, seed: int, recogniser: Recogniser | None, sensors: tuple[str, ...] = ()
 ) -> WalkResult:
-    """The walk in the exoskeleton with all its modules.
+    """Simulates the walk in the exoskeleton with all its modules, driven by `AssistanceController`.
 
     Args:
-        config: Of walker and route.
-        seed: Of the walk.
+        config: Configuration of walker and route.
+        seed: Seed of the walk.
         recogniser: Makes the mode recognition; None: the motors only compensate their own inertia.
         sensors: Sensor groups besides those of the controller.
     """
@@ -81,7 +81,7 @@ def simulate_assisted_walk(
 
 
 def true_modes_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
-    """The true modes, with the share `wrong` of the steps replaced by other modes."""
+    """A recognition with the true modes of a walk, in which a share `wrong` of the steps has other modes."""
     steps = {
         side: [(round(s.t_touch * 1e9), s.mode) for s in _select_landed(twin.reference.steps[side])] for side in SIDES
     }
@@ -89,12 +89,14 @@ def true_modes_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
 
 
 def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
-    """Cost of the steps of each mode; a step lasts from a foot's touch-down to the other foot's.
+    """Cost of the steps of each mode to the wearer; a step lasts from a foot's touch-down to the other foot's.
+
+    Steps after a fall do not count.
 
     Returns:
-        By mode: `steps`; `work_j`, the wearer's positive work of hips and knees; `rest_j`, the work that
-        would remain if the motors' torque limits reduced it without loss; `cuff_n`, RMS force of thigh and
-        shank cuffs, 0 without exoskeleton.
+        By mode: `steps`; `work_j`, the wearer's positive work of hips and knees, Σ max(τ ω, 0) dt; `rest_j`, the work
+        that would remain if the motors' torque limits reduced it without loss, Σ max(τ ω - τ_max |ω|, 0) dt; `cuff_n`,
+        RMS force of thigh and shank cuffs, 0 without exoskeleton.
     """
     walk = result.walk
     torque, speed = wearer_joints(walk)
@@ -119,7 +121,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
 
 
 def _cuff_force_squared(result: WalkResult) -> Array:
-    """(N,) N², mean square of the cuffs' forces at the walk's instants."""
+    """(N,) mean square of the cuffs' forces at the walk's N instants, N²; 0 without exoskeleton."""
     t = result.walk.t
     if result.twin.config.exo is None:
         return np.zeros(len(t))
@@ -129,4 +131,5 @@ def _cuff_force_squared(result: WalkResult) -> Array:
 
 
 def _select_landed(steps: list[Footstep]) -> list[Footstep]:
+    """The steps that land during the walk, without the initial stance."""
     return [s for s in steps if np.isfinite(s.t_touch) and s.t_touch > 0.0]

@@ -83,7 +83,11 @@ class WalkPhysics(control.Physics):
 
     @property
     def live(self) -> LiveTwin:
-        """The current walk."""
+        """The current walk, which advances step by step.
+
+        Raises:
+            RuntimeError: No walk has begun.
+        """
         if self._live is None:
             raise RuntimeError("no walk has begun: call reset first")
         return self._live
@@ -106,7 +110,7 @@ class WalkPhysics(control.Physics):
         self.samples = []
 
     def after_reset(self) -> None:
-        """Does nothing."""
+        """Does nothing; `dm_control` requires the method."""
 
     def close(self) -> None:
         """Ends the walk and the processes that render its images."""
@@ -114,7 +118,7 @@ class WalkPhysics(control.Physics):
         self._live = None
 
     def set_control(self, control: Array) -> None:
-        """Sets the next torque commands, (n,) N m, in the order of `joints`."""
+        """Sets the torque commands of the next step, (n,) N m, in the order of `joints`."""
         self._torque = np.array(control, float)
 
     def step(self, n_sub_steps: int = 1) -> None:
@@ -130,13 +134,21 @@ class WalkPhysics(control.Physics):
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """(N, 4) W of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of the last `seconds`."""
+        """Power of the wearer's own hips and knees, (N, 4) W in the order of `WEARER_JOINTS`.
+
+        Args:
+            seconds: The last time steps of this duration.
+        """
         torque, speed = wearer_joints(self.live.simulation.recent(seconds))
         return torque * speed
 
 
 def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
-    """(N, 4) N m and rad/s of the wearer's own hips and knees (`WEARER_JOINTS`) in each time step of a walk."""
+    """Torques and speeds of the wearer's own hips and knees in each of the N time steps of a walk.
+
+    Returns:
+        (N, 4) N m and (N, 4) rad/s, in the order of `WEARER_JOINTS`.
+    """
     _, speed = walk.position_velocity(walk.t)
     names = walk.coordinates.names[6:]
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
@@ -149,12 +161,13 @@ def torque_limits_nm(joints: Sequence[str]) -> Array:
 
 
 def _rank(joint: str) -> tuple[int, str]:
-    """Sort key of a joint among the actions."""
+    """Sort key of a joint among the actions: hips, knees, ankles, then others; by name within each."""
     name = joint.rpartition("_")[0]
     return _ORDER.index(name) if name in _ORDER else len(_ORDER), joint
 
 
 def _no_power_error(config: TwinConfig) -> ConfigError:
+    """The error of a walk without a powered joint, with what would have one."""
     value, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
     if config.exo is not None:
         value = f"mode {config.exo.mode}"
@@ -164,7 +177,7 @@ def _no_power_error(config: TwinConfig) -> ConfigError:
 
 
 def _walk_seeds(seed: Any) -> Iterator[int]:
-    """The same seed for every walk, or one per walk; each is checked when its walk is due."""
+    """Seeds of consecutive walks from one seed for all or an iterable; each is checked when its walk is due."""
     try:
         seeds = iter(seed)
     except TypeError:
@@ -173,6 +186,7 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
 
 
 def _check_seed(value: Any) -> int:
+    """The seed as a whole number from 0 on; raises ConfigError for anything else."""
     with suppress(TypeError):
         if (seed := operator.index(value)) >= 0:
             return seed
@@ -181,10 +195,10 @@ def _check_seed(value: Any) -> int:
 
 
 class Observer(Protocol):
-    """From samples to observations; it knows the nominal rig and no truth."""
+    """Turns samples into observations of a controller; it knows the nominal rig and no truth."""
 
     def reset(self) -> None:
-        """Starts a walk."""
+        """Starts a walk; forgets the samples of the previous one."""
         ...
 
     def update(self, samples: Iterable[Sample]) -> None:
@@ -192,7 +206,7 @@ class Observer(Protocol):
         ...
 
     def observation(self) -> dict[str, Array]:
-        """Arrays by name, always of the same names and shapes."""
+        """The current observation: arrays by name, always of the same names and shapes."""
         ...
 
 
@@ -211,18 +225,18 @@ class Streams:
         Streams.reset(self)
 
     def reset(self) -> None:
-        """As `Observer`."""
+        """Starts a walk: all values are NaN."""
         self._latest = {topic: np.full(_OBSERVED[kind][0], np.nan) for topic, kind in self._kind.items()}
 
     def update(self, samples: Iterable[Sample]) -> None:
-        """As `Observer`."""
+        """Keeps the values of the samples that arrived, in time order."""
         for sample in samples:
             if sample.topic in self._kind:
                 _, names = _OBSERVED[self._kind[sample.topic]]
                 self._latest[sample.topic] = np.hstack([getattr(sample, name) for name in names]).astype(float)
 
     def observation(self) -> dict[str, Array]:
-        """As `Observer`."""
+        """The latest value of each sensor, by topic without the leading slash."""
         return {topic.lstrip("/"): value.copy() for topic, value in self._latest.items()}
 
 
@@ -238,11 +252,11 @@ class Assistance(control.Task):
         self.observer: Observer = observer or Streams(rig)
 
     def initialize_episode(self, physics: WalkPhysics) -> None:
-        """Starts a walk."""
+        """Starts a walk: resets the observer."""
         self.observer.reset()
 
     def action_spec(self, physics: WalkPhysics) -> specs.BoundedArray:
-        """(n,) N m, flexion positive, in the order of the physics' `joints`."""
+        """Bounds of an action: (n,) torques, N m, flexion positive, in the order of the physics' `joints`."""
         return specs.BoundedArray(
             physics.max_torque_nm.shape, float, -physics.max_torque_nm, physics.max_torque_nm, name="torque_nm"
         )
@@ -259,15 +273,15 @@ class Assistance(control.Task):
         self.observer.update(physics.samples)
 
     def get_observation(self, physics: WalkPhysics) -> dict[str, Array]:
-        """The observer's observation, from which the environment also derives the specification."""
+        """The observer's observation; the environment also derives its specification from it."""
         return self.observer.observation()
 
     def get_reward(self, physics: WalkPhysics) -> float:
-        """J, never above 0."""
+        """Minus the wearer's positive work of hips and knees in the last step, J: never above 0."""
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
-        """0 after a fall, 1 at the end of the route, else None."""
+        """Discount at the end of a walk: 0 after a fall, 1 at the end of the route; None while it goes on."""
         simulation = physics.live.simulation
         return None if not simulation.is_over else 0.0 if simulation.fell_at is not None else 1.0
 

@@ -20,10 +20,11 @@ MAX_BYTES = 1 << 30
 
 
 def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`reference` and `plan_control` as functions of the same arguments that look the result up first.
+    """Functions that plan motion and control of a walk, but look the plan up on disk first.
 
-    A plan is found again if every argument (model, configuration, state of the random numbers) and the version of the
-    code behind a walk are the same. Otherwise it is made, with a note on stderr.
+    They take the arguments of the twin's own planners. A plan is found if every argument (model, configuration, state
+    of the random numbers) and the version of the code behind a walk are equal. Otherwise it is made, with a note on
+    stderr.
 
     Args:
         folder: Where the plans are kept; None for the user's cache.
@@ -38,6 +39,15 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callabl
 
 
 def _cache_function(memory: Memory, version: str, function: Callable[..., Any], what: str) -> Callable[..., Any]:
+    """A function with a cache on disk, whose key are the arguments and the version of the code.
+
+    Args:
+        memory: The cache.
+        version: Version of the code behind the result.
+        function: The function.
+        what: What it plans, for the note.
+    """
+
     def plan(arguments: tuple[Any, ...], version: str) -> Any:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)

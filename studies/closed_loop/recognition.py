@@ -36,11 +36,11 @@ class Recognition:
         self.upcoming = dict.fromkeys(SIDES, LEVEL_MODE)
 
     def update(self, sample: Sample) -> None:
-        """Processes a sample; samples come in time order."""
+        """Processes a sample; samples come in time order. Without recognition it does nothing."""
 
 
 class CameraRecognition(Recognition):
-    """Camera and insoles: visual-inertial odometry, terrain map, and mode prediction of the upcoming steps.
+    """Recognition with a camera: visual-inertial odometry, terrain map, and prediction of the modes of upcoming steps.
 
     Args:
         rig: With a camera with depth and IMU on head or chest, and insoles.
@@ -52,13 +52,17 @@ class CameraRecognition(Recognition):
         self._next: tuple[int, str, str] | None = None
 
     def update(self, sample: Sample) -> None:
-        """As `Recognition`."""
+        """Passes a sample to odometry and predictor; a new prediction sets the modes."""
         self._predictor.update_odometry(sample)
         estimate = self._predictor.update(sample)
         if isinstance(estimate, ModeEstimate):
             self._update_modes(estimate)
 
     def _update_modes(self, estimate: ModeEstimate) -> None:
+        """Sets the upcoming modes by a prediction.
+
+        The current mode of a foot is what was predicted for the step it has taken.
+        """
         if self._next is not None and estimate.step >= self._next[0]:
             _, foot, mode = self._next
             self.current[foot] = mode
@@ -70,10 +74,12 @@ class CameraRecognition(Recognition):
 
 
 class LegRecognition(Recognition):
-    """The legs: a step is known once its foot is flat; its mode is assumed for all steps until the next is known.
+    """Recognition with the exoskeleton's own sensors (`ContactTerrain`).
+
+    A step is known once its foot is flat; its mode is assumed for all steps until the next one is known.
 
     Args:
-        exoskeleton: Its nominal geometry.
+        exoskeleton: Nominal geometry.
     """
 
     def __init__(self, exoskeleton: Exoskeleton) -> None:
@@ -81,14 +87,14 @@ class LegRecognition(Recognition):
         self._legs = ContactTerrain(Rig(), exoskeleton=exoskeleton)
 
     def update(self, sample: Sample) -> None:
-        """As `Recognition`."""
+        """Passes a sample to the estimator; a new step with a known mode sets all modes."""
         step = self._legs.update(sample)
         if step is not None and step.step > 0 and step.mode != UNKNOWN:
             self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
 class TrueModes(Recognition):
-    """The truth.
+    """Recognition that knows the truth, for comparison; a share of the steps may be wrong.
 
     Args:
         steps: By foot: touch-down of each step, ns, and its mode, in order.
@@ -108,12 +114,13 @@ class TrueModes(Recognition):
         }
 
     def update(self, sample: Sample) -> None:
-        """As `Recognition`."""
+        """Sets the modes at the time of a sample; a step up to 0.1 s late is still upcoming."""
         for foot, times in self._times.items():
             self.current[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
             self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 
 
 def _corrupt_mode(mode: str, wrong_share: float, rng: np.random.Generator) -> str:
+    """The mode, or with the probability `wrong_share` another one."""
     wrong_modes = [m for m in MODES if m != mode]
     return str(rng.choice(wrong_modes)) if rng.random() < wrong_share else mode

@@ -35,7 +35,10 @@ class _UncertaintyLog(FootToFoot):
         self.apart_sd: list[float] = []
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
-        """As `FootToFoot.update`."""
+        """Updates the filter; records the standard deviation of the relative position after each IMU sample.
+
+        For the feet's horizontal covariance blocks it is √tr(P_ll + P_rr - P_lr - P_rl).
+        """
         estimate = super().update(sample)
         if estimate is not None and isinstance(sample, Imu):
             P = estimate.covariance.reshape(2, len(estimate.covariance) // 2, 2, -1)[:, :2, :, :2]
@@ -45,7 +48,7 @@ class _UncertaintyLog(FootToFoot):
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """One walk, with each fault.
+    """Runs the filter on one recorded walk with each fault.
 
     Returns:
         The case's row with `faults`: label to `_run_with_fault`.
@@ -56,10 +59,11 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
-    """Figures of one fault, or `error`, the message with which the filter refuses.
+    """Runs the filter on one walk with one fault.
 
-    `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot), `apart_sd_{mean,max}_m` (of the feet to each
-    other).
+    Returns:
+        `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot) and `apart_sd_{mean,max}_m` (of the feet to each
+        other); or only `error`, the message with which the filter refuses.
     """
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
@@ -75,11 +79,15 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By fault, means over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
+    """Means by fault over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
     return summarize_by_fault(results, _mean_figures)
 
 
 def _mean_figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Means of a fault's figures over walks, largest standard deviations.
+
+    Or the first error and the number of refusals.
+    """
     errors = [f["error"] for f in rows if "error" in f]
     if errors:
         return {"error": errors[0], "refused": len(errors), "of": len(rows)}

@@ -65,19 +65,27 @@ UNEQUAL = (2.9687 * _PER_METRE, -1.2354 * _PER_METRE)
 
 @dataclass(frozen=True)
 class SteadyWalk:
-    """Motion of both feet over this number of strides each."""
+    """Motion of both feet in closed form: straight north with identical strides.
+
+    Attributes:
+        strides: Number of strides of each foot.
+    """
 
     strides: int = STRIDES
 
     @property
     def duration_s(self) -> float:
-        """From the first instant to the last."""
+        """Time from the first instant to the last, s."""
         return 2 * _STAND_S + (self.strides + 0.5) * STRIDE_S
 
     def foot(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
-        """Track of a foot's frame (on the sole under the heel) at N instants; the foot is `l` or `r`.
+        """Track of a foot's frame, on the sole under the heel, at N instants.
 
         The right foot starts half a stride ahead, and half a stride's duration later.
+
+        Args:
+            foot: `l` or `r`.
+            t_ns: (N,) times, ns.
         """
         half = 0.5 * (foot == "r")
         strides = (t_ns * 1e-9 - _STAND_S) / STRIDE_S - half
@@ -102,7 +110,11 @@ class SteadyWalk:
 
 
 def ideal_imu(sensor: Track) -> tuple[Array, Array]:
-    """(N - 1, 3) mean rates (rad/s) and specific forces (m/s²) between N instants of an IMU, with Earth rotation."""
+    """What an ideal IMU measures between N instants of its track, with Earth rotation and Coriolis acceleration.
+
+    Returns:
+        (N - 1, 3) mean rates, rad/s, and (N - 1, 3) mean specific forces, m/s², in the sensor's axes.
+    """
     dt, rate, force = compute_increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
     to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
     velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
@@ -111,7 +123,11 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
 
 
 def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
-    """From 0 to 1 and back over u in start..end, smooth to the second derivative, and the derivative."""
+    """A bump from 0 to 1 and back between `start` and `end`, smooth to the second derivative: (4 x (1 - x))³.
+
+    Returns:
+        (N,) values at u (N,), and (N,) derivatives by u.
+    """
     x = np.clip((u - start) / (end - start), 0.0, 1.0)
     hill = 4.0 * x * (1.0 - x)
     return hill**3, 12.0 * hill**2 * (1.0 - 2.0 * x) / (end - start)
@@ -134,7 +150,11 @@ def _paper_rig() -> Rig:
 
 
 class JaoSimulation:
-    """Truth of a walk, computed once, and any number of noisy runs of it."""
+    """The simulation of Jao et al. 2020: the truth of a walk, computed once, and any number of noisy runs of it.
+
+    Args:
+        walk: Motion of both feet.
+    """
 
     def __init__(self, walk: SteadyWalk) -> None:
         self.walk, self.rig = walk, _paper_rig()
@@ -150,7 +170,7 @@ class JaoSimulation:
         self._echoes = t_sonar, np.linalg.norm(left - right, axis=1)
 
     def start(self) -> dict[str, StartPose]:
-        """The true poses at the start."""
+        """The true pose of each foot's IMU at the first instant."""
         return {
             f: StartPose(p_imu_in_world=t.p_body_in_world[0], q_world_imu=t.q_world_body[0])
             for f, t in self.imus.items()
@@ -159,7 +179,15 @@ class JaoSimulation:
     def inertial(
         self, rng: np.random.Generator, g_sensitivity: tuple[float, float] = OPPOSITE
     ) -> tuple[dict[str, Block[Imu]], dict[str, Array]]:
-        """Samples of one run by foot, and the (N, 3) white noise of the rates in them, rad/s."""
+        """Samples of both IMUs in one run.
+
+        Args:
+            rng: Draws the noise.
+            g_sensitivity: Of the left and the right gyro, rad/s per m/s².
+
+        Returns:
+            Samples by foot, and the (N, 3) white noise of the rates in them, rad/s.
+        """
         blocks, noises = {}, {}
         for foot, k in zip(FEET, g_sensitivity):
             imu = self.rig.imu(f"/foot_{foot}/imu")
@@ -172,7 +200,7 @@ class JaoSimulation:
         return blocks, noises
 
     def aiding_measurements(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
-        """Measurements of cameras and sonars in one run."""
+        """Measurements of cameras and sonars in one run: relative positions, points of the boards, and ranges."""
         sd = _RELATIVE_POSITION_SD_M
         aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
@@ -195,11 +223,18 @@ class JaoSimulation:
         return aiding_measurements
 
     def end_error(self, foot: str, p_imu_in_world: Array) -> Array:
-        """(3,) north, west, up, m."""
+        """(3,) estimated minus true position of a foot's IMU at the end: north, west, up, m."""
         return p_imu_in_world - self.imus[foot].p_body_in_world[-1]
 
     def noise_floor_m(self, noises: dict[str, Array]) -> tuple[Array, float]:
-        """End error to the west, m, from the gyros' noise: (2,) for each foot alone, and for both coupled."""
+        """End error to the west that the gyros' white noise causes: Σ heading error × step to the north.
+
+        Args:
+            noises: (N, 3) noise of the rates by foot, rad/s.
+
+        Returns:
+            (2,) m for each foot alone, and m for both coupled, whose heading errors are averaged.
+        """
         dt = np.diff(self.t_ns)[:, None] * 1e-9
         walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
         headings = [np.cumsum(self.imus[f].rotation[1:].apply(noises[f] * dt)[:, 2]) for f in FEET]
@@ -214,6 +249,7 @@ class JaoSimulation:
         return one, one / math.sqrt(2.0)
 
     def _imu(self, foot: str, t_ns: NDArray[np.int64]) -> Track:
+        """Track of a foot's IMU at (N,) times."""
         return self.walk.foot(foot, t_ns).to_sensor(self.rig.imu(f"/foot_{foot}/imu").mount.T_body_sensor)
 
     def _view(self, foot: str, t_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array, Array, Array, Array]:
@@ -249,7 +285,7 @@ _simulation = cache(JaoSimulation)
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """The paper's set-up, and under `unequal` the same noise with g-sensitivities that cause a common drift."""
+    """Runs the paper's set-up with one seed, and again under g-sensitivities that cause a common drift (`unequal`)."""
     return run_seed(case.seed) | {"unequal": run_seed(case.seed, UNEQUAL)["methods"]}
 
 
@@ -284,7 +320,7 @@ def run_seed(
 
 
 def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """`summary` and `paper` of `run_case`s; errors in m, left and right."""
+    """Summary of all runs, with the paper's figures; errors in m, left and right."""
     methods = results[0]["methods"]
     one, two = _simulation(SteadyWalk()).analytic_floor()
     drawn = np.abs([r["floor_m"] for r in results])
@@ -304,7 +340,12 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """By method: horizontal mean of the end errors (left, right), components, SDs in the order of the paper."""
+    """Figures of the end errors by method over runs.
+
+    Returns:
+        `mean_end_error_m` (horizontal; left, right), `end_position_sd_m` (left west, left north, right west, right
+        north), `mean_west_error_m`, `mean_abs_north_error_m` and `mean_abs_up_error_m` (left, right).
+    """
     summary: dict[str, Any] = {}
     for method in runs[0]:
         errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
@@ -331,7 +372,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Our figures and the paper's, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's, as lines of text; pairs are left and right."""
     summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
     rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED_METHODS]
     floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]

@@ -50,7 +50,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def touch_down_times_ns(walk: RecordedWalk) -> Array:
-    """(N,) times of touch-downs."""
+    """(N,) times of the touch-downs of both feet, ns, in order."""
     return np.sort(walk.shoes.block(FOOTPRINTS).t_ns)
 
 
@@ -62,7 +62,10 @@ def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iter
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Figures by method: for gyros without saturation, then for the other cases; pairs are left and right."""
+    """Figures by method for gyros without saturation, then with a suffix for the other cases.
+
+    Pairs are left and right.
+    """
     summary: dict[str, Any] = {}
     for case in CASES:
         suffix = "" if case == "unclipped" else f"_{case}"
@@ -75,6 +78,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Means and standard deviations over walks, by figure and method, of the walks' rows by method."""
     ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
 
     def mean(name: str) -> dict[str, Any]:
@@ -107,7 +111,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Our figures and the paper's, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's, case by case, as lines of text; pairs are left and right."""
     summary, paper_errors = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
     for case, description in CASES.items():

@@ -49,7 +49,7 @@ class MeasurementRecorder(FootToFoot):
         self._rig = rig
 
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
-        """As `FootToFoot.update`."""
+        """Updates the filter with a sample and records the relative position that each board observation gives."""
         estimate = super().update(sample)
         for observation in estimate.observations if estimate else ():
             assert estimate is not None
@@ -86,13 +86,16 @@ def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
 def run_every_method(
     rig: Rig, imus: Mapping[str, Block[Imu]], samples: Iterable[Sample], start: Mapping[str, StartPose]
 ) -> tuple[dict[str, FootPaths], int]:
-    """Paths of both feet by each of `METHODS`, and the number of board observations.
+    """Estimates the paths of both feet by each of `METHODS`.
 
     Args:
         rig: The nominal rig.
         imus: All samples of each foot, by `l` and `r`.
-        samples: The same with images and sonar ranges, in time order.
+        samples: Samples of the IMUs with images and sonar ranges, in time order.
         start: Pose of each foot's IMU at its first sample.
+
+    Returns:
+        Paths by method and foot, and the number of board observations.
     """
     recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
     proposed = follow(recorder, _record_echoes(samples, echoes))

@@ -129,7 +129,10 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
 
 
 def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
-    """Name and mount of sensors on the left side or in the middle, and whether it is a board; the right is alike."""
+    """Name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
+
+    The right side mirrors the left one, so its sensors are left out.
+    """
     rig = sensor_rig(config).rig
     inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
     mounts = {topic: sensor.mount for kind in (rig.imus, rig.cameras, rig.others) for topic, sensor in kind.items()}
@@ -144,7 +147,15 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
 def _draw_panel(
     config: TwinConfig, body: str, dots: list[_Dot], view_deg: tuple[float, float], span: tuple[float, float]
 ) -> Rgb:
-    """A view (`_VIEWS`) of the dots on one opaque body; the best and the worst loss of all dots span the colours."""
+    """A view of the wearer with the dots on one opaque body; the best and the worst loss of all dots span the colours.
+
+    Args:
+        config: The wearer and the sensors of the best place.
+        body: The body with the dots.
+        dots: Dots on this body, worst first.
+        view_deg: Azimuth relative to the side of the dots, and elevation.
+        span: Lowest and highest loss of all dots.
+    """
     model, data = _pose_standing(config, body)
     T = data.body(body)
     rotation = T.xmat.reshape(3, 3)
@@ -231,7 +242,7 @@ def _draw_mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> No
 
 
 def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
-    """The colour bar with its values."""
+    """(H, W, 3) the colour bar with its values, best on top, and the score's name."""
     image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18
     image[top:bottom, left : left + 24] = np.array(_viridis(np.linspace(1.0, 0.0, bottom - top)))[:, None]

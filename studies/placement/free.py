@@ -28,14 +28,14 @@ _OUTSIDE_M = 0.6
 
 
 def point_on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
-    """A point on a surface, or off it.
+    """A point on the surface of shoe, head or chest, or at a distance outward of it.
 
     Args:
-        surface: Of `SURFACES`; all are as wide to the left as to the right.
+        surface: Name in `SURFACES`; all are as wide to the left as to the right.
         person: The wearer.
         around_rad: Direction from the body's axis, from forward aside.
         up_m: Height in the body's frame.
-        off_m: How far outward of the surface.
+        off_m: Distance outward of the surface.
 
     Returns:
         (3,) m in the body's frame: forward, aside, up.
@@ -53,6 +53,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
 
 @cache
 def _shapes(surface: str, person: Person) -> list[LimbShape]:
+    """Shapes of the body of a surface, for one wearer."""
     import mujoco  # a placement's file is read without, to be listed
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -72,7 +73,7 @@ _Any = Annotated[float, number(-1e6, 1e6)]
 
 @dataclass(frozen=True, kw_only=True)
 class Knob:
-    """One scalar to choose.
+    """One scalar that a placement chooses: a number between bounds, or one of several values.
 
     Attributes:
         name: In tables.
@@ -106,7 +107,7 @@ class Knob:
         return [self._round(self.low + i * self.step) for i in range(count)]
 
     def at_share(self, u: float) -> float:
-        """The number at the fraction u (0-1) from low to high."""
+        """The number at the fraction u (0-1) from low to high, on the nearest step if there are steps."""
         value = self.low + u * (self.high - self.low)
         if self.step is not None:
             value = self.low + self.step * round((value - self.low) / self.step)
@@ -123,18 +124,18 @@ class Knob:
 
     @property
     def middle(self) -> Any:
-        """The value at which the others are validated."""
+        """The value of this knob while the others are validated: the middle of the range, or the first value."""
         return self.values[0] if self.values else self.at_share(0.5)
 
 
 def grid_size(knobs: list[Knob]) -> int:
-    """Number of places of a sweep."""
+    """Number of places of a sweep: the product of the numbers of values of all knobs."""
     return math.prod(len(knob.grid) for knob in knobs)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FreeField:
-    """A free field.
+    """A field of the scenario, or several with one value, that a placement chooses.
 
     Attributes:
         paths: Its fields in the scenario, one or several.
@@ -151,7 +152,14 @@ class FreeField:
     at: Where
 
     def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
-        """The value for the scenario of a person, from the value of each knob by name.
+        """The value of the field in the scenario of a person.
+
+        Args:
+            chosen: Value of each knob by name.
+            person: The wearer, on whose surface a position lies.
+
+        Returns:
+            The chosen value, or for a surface the position, [forward, aside, up] mm.
 
         Raises:
             ConfigError: There is no such point on the surface.
@@ -217,7 +225,7 @@ class Over(FileModel):
     off_mm: _Coordinate = 0.0
 
     def check_free(self) -> Over:
-        """Itself; refused if no coordinate is free."""
+        """Returns the point if at least one coordinate is free; refuses others."""
         if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
             raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
         return self
@@ -242,7 +250,13 @@ FreeInFile = Annotated[
 
 
 def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: Where) -> FreeField:
-    """A free field from what a file says of it."""
+    """A free field from its form in a file.
+
+    Args:
+        paths: Fields of the scenario.
+        spec: A range, a choice, or a point on a surface.
+        at: Position in the file.
+    """
     name = ", ".join(path.text for path in paths).replace("sensors.", "")
     if isinstance(spec, Among):
         return FreeField(paths=paths, knobs=(Knob(name=name, values=spec.choice, at=at),), at=at)
@@ -256,4 +270,5 @@ def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: W
 
 
 def _number(name: str, spec: Between, at: Where) -> Knob:
+    """A knob for a number between bounds."""
     return Knob(name=name, low=spec.between[0], high=spec.between[1], step=spec.step, at=at)

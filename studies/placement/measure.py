@@ -44,7 +44,12 @@ _MANY_RECORDED, _MANY_POSED = 500, 50_000  # walks that are announced beforehand
 
 
 def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
-    """The forecast of a placement, of which so many walks are measured; warns of a long one."""
+    """The forecast of the time that a placement still takes; warns of a long one.
+
+    Args:
+        problem: The placement.
+        measured: Number of walks with a row.
+    """
     places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
     walks = len(problem.bases) * len(problem.seeds)
     missing = max(places * walks - measured, 0)
@@ -57,7 +62,7 @@ def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Visit:
-    """One place on one walk.
+    """One place on one walk, which is simulated and scored together.
 
     Attributes:
         at: Numbers of the place and of the walk.
@@ -75,14 +80,15 @@ class Visit:
 
     @property
     def label(self) -> str:
-        """Its walk as text."""
+        """Name of the walk: the scenario and the seed."""
         return f"{self.scenario.config.name}, seed {self.seed}"
 
 
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
-    """A row: `walk`, `estimators`, and `failed` with a reason if the walk or an estimator failed.
+    """Simulates a visit's walk with the needed sensors, and scores the recording, which is deleted then.
 
-    The recording lies in the placement's folder until it is scored.
+    Returns:
+        `walk`, `estimators` (scores by output), and `failed` with a reason if the walk or an estimator failed.
 
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
@@ -107,9 +113,16 @@ def _one_line(error: StrideTwinError, folder: Path) -> str:
 
 
 def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
-    """A row: `walk`, `scores` of these names, and `failed` with a reason if the place or the walk is infeasible.
+    """Computes the geometric scores of a visit.
 
-    `run` identifies the run of the placement, whose walks are kept in memory.
+    Args:
+        names: Scores of `GEOMETRIC_SCORES`.
+        seeing: When a board counts as seen.
+        run: Identifies the run of the placement, whose walks are kept in memory.
+        visit: Place and walk.
+
+    Returns:
+        `walk`, `scores` by name, and `failed` with a reason if the place or the walk is infeasible.
     """
     row: Row = {"walk": visit.label, "scores": {}}
     try:
@@ -125,10 +138,10 @@ _posed_walks: dict[tuple[str, str], PosedWalk | str] = {}
 
 
 def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
-    """The walk, planned once in each process for all places that share it.
+    """The walk of a visit, planned once in each process for all places that share it.
 
     Raises:
-        StrideTwinError: It is infeasible.
+        StrideTwinError: The walk is infeasible.
     """
     key = run, visit.walk
     if key not in _posed_walks:
@@ -170,12 +183,12 @@ class MeasuredPlaces:
 
     @cached_property
     def losses(self) -> Array:
-        """(P,) weighted sums over all walks."""
+        """(P,) weighted sums of the scores, means over all walks; infinite where one is missing."""
         return mean_losses(self.losses_of_walks)
 
     @property
     def best_first(self) -> list[int]:
-        """Numbers of the places."""
+        """Numbers of the places by their loss, the best first."""
         return np.argsort(self.losses, kind="stable").tolist()
 
     @cached_property
@@ -184,7 +197,7 @@ class MeasuredPlaces:
         return np.asarray(self.values.mean(axis=1))
 
     def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
-        """Some of the places, in this order."""
+        """The places of some numbers, in this order."""
         failed = {k: self.failed[i] for k, i in enumerate(numbers) if i in self.failed}
         places, values = [self.places[i] for i in numbers], self.values[numbers]
         return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
@@ -222,7 +235,17 @@ class Measure:
         self.keys: list[str] = []
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> MeasuredPlaces:
-        """Scores of places on the walks of all scenarios with these seeds."""
+        """Scores places on the walks of all scenarios with some seeds.
+
+        Args:
+            places: The places.
+            seeds: Seeds of the walks of each scenario.
+            stage: What is measured, for progress.
+
+        Raises:
+            ConfigError: No walk has a score of the problem.
+            StrideTwinError: An error that affects all walks.
+        """
         scores = self._problem.scores
         walks = [f"{base.name}, seed {seed}" for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
@@ -244,7 +267,13 @@ class Measure:
     def _visits(
         self, places: Iterable[tuple[int, Place]], seeds: Sequence[int], failed: dict[int, str]
     ) -> Iterator[Visit]:
-        """All visits of numbered places; adds to `failed` why a scenario cannot have a place."""
+        """All visits of some places.
+
+        Args:
+            places: Places with their numbers.
+            seeds: Seeds of the walks of each scenario.
+            failed: Gets the reason, by the place's number, why a scenario cannot have a place.
+        """
         for (i, place), (b, base) in product(places, enumerate(self._problem.bases)):
             plain = plain_of(self._problem, base, place)
             try:
@@ -259,7 +288,13 @@ class Measure:
                 yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
 
     def _rows_of(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
-        """The row of each visit, with the scores of both kinds; each place has so many walks."""
+        """The row of each visit, with the geometric scores and those of estimators.
+
+        Args:
+            visits: The visits.
+            walks: Number of walks of each place.
+            progress: Receives the share of the work that is done (0-1).
+        """
         none: list[Row] = [{}] * len(visits)
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
@@ -299,7 +334,7 @@ class Measure:
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
 
     def _check_scores(self, rows: Sequence[Row]) -> None:
-        """Refuses a score that its estimator, which reports others, reports on no walk."""
+        """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
             reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):
@@ -308,6 +343,7 @@ class Measure:
 
 
 def _feeds(scenario: Scenario, estimator: str) -> bool:
+    """Whether a scenario has the sensors that an estimator reads."""
     try:
         return bool(sensors_of([estimator], scenario.config))
     except StrideTwinError:

@@ -51,6 +51,7 @@ def placement_page(
 
 
 def _table(problem: PlacementProblem, result: Mapping[str, Any]) -> str:
+    """The table of places with their values and scores."""
     knobs = [knob.name for knob in problem.knobs]
     head = ("place", *knobs, *(s.name for s in problem.scores))
     rows = [
@@ -65,16 +66,17 @@ def _table(problem: PlacementProblem, result: Mapping[str, Any]) -> str:
 
 
 def value_text(values: Mapping[str, Any], name: str) -> str:
-    """The value of a knob in a table."""
+    """The value of a knob as text; `as it is` for the unchanged scenario."""
     return format_value(values[name]) if values else AS_IT_IS
 
 
 def _find_scored(searched: MeasuredPlaces) -> list[int]:
-    """Numbers of the places with a score, without the unchanged one; best first."""
+    """Numbers of the changed places with a finite loss, best first."""
     return [i for i in searched.best_first if searched.places[i].values and np.isfinite(searched.losses[i])]
 
 
 def _first_weighted(problem: PlacementProblem) -> int:
+    """Number of the first score that has a weight."""
     return next(i for i, score in enumerate(problem.scores) if score.weight)
 
 
@@ -106,6 +108,7 @@ def _profiles(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
 
 
 def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
+    """The k-th score of the best place with each value of a choice, with intervals."""
     best: dict[int, int] = {}
     for i in numbers:
         best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
@@ -121,6 +124,7 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
 
 
 def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
+    """The k-th score over a number: one dot per place, and the score of the unchanged scenario as a line."""
     shown = numbers[:_MOST_DOTS]
     x, means = [searched.places[i].values[knob.name] for i in shown], searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)

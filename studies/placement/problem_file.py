@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_value
+from stridetwin.scenarios.campaign.field_paths import field_path, set_values
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -99,7 +99,7 @@ class PlacementProblem:
 
     @property
     def knobs(self) -> list[Knob]:
-        """Every value to choose."""
+        """Knobs of all free fields."""
         return [knob for free in self.free for knob in free.knobs]
 
 
@@ -191,10 +191,10 @@ def read_problem(path: Path) -> PlacementProblem:
 
 
 def check_budget(problem: PlacementProblem, at: Where) -> None:
-    """Whether a search comes to every start, and to every combination of choices.
+    """Checks that the budget of a search suffices for every start and every combination of choices.
 
     Raises:
-        ConfigError: Its budget is too small; with the smallest one that is valid.
+        ConfigError: The budget is too small; the message has the smallest valid one.
     """
     if problem.search is None:
         return
@@ -206,7 +206,7 @@ def check_budget(problem: PlacementProblem, at: Where) -> None:
 
 
 def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where) -> FreeField:
-    """A free field, with the names that files get in the output folder."""
+    """A free field of the block `free`, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(spec, Among) and names_files(paths):
         spec = Among(choice=tuple(files.with_output_names(list(spec.choice), at)))
@@ -215,18 +215,18 @@ def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where)
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Values of all knobs by their names; none for the unchanged scenario."""
+    """A place: the values of all knobs by their names; none for the unchanged scenario."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
-        """A text that is equal for equal places."""
+        """Text that is equal for equal places."""
         return json.dumps(self.values, sort_keys=True)
 
     @property
     def label(self) -> str:
-        """Its name in tables and figures."""
+        """Name of the place in tables and figures: its values, or `as it is`."""
         return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
 
 
@@ -246,24 +246,21 @@ def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, A
     """
     plain = copy.deepcopy(base.scenario)
     for variable in (*problem.variables, *base.variables):
-        for path in variable.paths:
-            set_value(plain, path, copy.deepcopy(variable.distribution.at(0.0)), variable.at)
+        set_values(plain, variable.paths, variable.distribution.at(0.0), variable.at)
     if place.values:
         person = _person(plain, problem.free, base)
         for free in problem.free:
-            value = free.value(place.values, person)
-            for path in free.paths:
-                set_value(plain, path, copy.deepcopy(value), free.at)
+            set_values(plain, free.paths, free.value(place.values, person), free.at)
     return plain
 
 
 def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Path) -> Scenario:
-    """A place's scenario; the folder contains the user's parts."""
+    """The scenario of a place; `folder` is the output folder with the user's files."""
     return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
 def _person(plain: dict[str, Any], free: Sequence[FreeField], base: Base) -> Person:
-    """The walker; the default person where no field is on a surface."""
+    """The walker of a scenario's plain data; the default person where no free field is on a surface."""
     if all(f.surface is None for f in free):
         return Person()
     steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
@@ -288,7 +285,13 @@ def check_ends(problem: PlacementProblem, folder: Path) -> None:
 
 
 def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:
-    """The error of a scenario that is invalid as it is, or with a knob at one of its ends."""
+    """The error of a scenario at the place in the placement's file that causes it.
+
+    Args:
+        base: The scenario.
+        changed: Knob and value that were set last; None for the unchanged scenario.
+        error: Error of the scenario.
+    """
     why = f"({error.field}: {error.problem})"
     if changed is None:
         return base.at.error(base.written, f"a scenario that takes what is set {why}")

@@ -45,7 +45,7 @@ class PlacementOptions(BatchOptions):
     resume: bool = False
 
     def of(self, problem: PlacementProblem) -> PlacementProblem:
-        """The problem with these seeds."""
+        """The problem with the seeds that these options set."""
         seeds = problem.seeds if self.walks is None else tuple(range(self.walks))
         if self.seed is not None:
             seeds = tuple(range(self.seed, self.seed + len(seeds)))
@@ -85,7 +85,7 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
 
 
 def _request(problem: PlacementProblem) -> dict[str, Any]:
-    """What binds a folder to a placement; another number of walks or a larger budget continues it."""
+    """What binds a folder to a placement, as JSON; another number of walks or a larger budget continues it."""
     return {
         "placement": problem.description,
         "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
@@ -108,7 +108,7 @@ def _check_folder(folder: Path, problem: PlacementProblem, resume: bool) -> None
 
 
 def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
-    """The unchanged place, then all others."""
+    """Measures the unchanged place, then all others of the sweep or all that the search tries."""
 
     def losses(places: list[Place]) -> list[float]:
         losses_of_places: list[float] = measure(places, problem.seeds, "search").losses.tolist()
@@ -145,7 +145,7 @@ def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: i
 
 
 def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
-    """Whether two changed places have the same choices and nearly the same numbers."""
+    """Whether two changed places have the same choices, and numbers within `_ALIKE` of each range."""
     if not a.values or not b.values:
         return False
     pairs = [(knob, a.values[knob.name], b.values[knob.name]) for knob in problem.knobs]
@@ -156,6 +156,7 @@ def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
 
 
 def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> dict[str, Any]:
+    """The result of `run_placement` as JSON holds it, without the files."""
     names = [score.name for score in problem.scores]
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
     table = []
@@ -198,7 +199,7 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
 def _write(
     problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place, result: dict[str, Any]
 ) -> None:
-    """Writes all files and adds their names to the result."""
+    """Writes all files of a placement and adds their names to its result."""
     texts = {
         f"{SCENARIOS}/best_{base.name}.yaml": scenario_text(plain_of(problem, base, best)) for base in problem.bases
     }
@@ -219,7 +220,7 @@ def _write(
 
 
 def _csv(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
-    """Every place, best first: its values, and the mean of each score."""
+    """All places as CSV, best first: values, mean of each score, and the reason for a missing one."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*(k.name for k in problem.knobs), *(s.name for s in problem.scores), "failed"])

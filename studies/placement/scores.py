@@ -46,7 +46,7 @@ class Seeing:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceScore:
-    """A score of a place.
+    """A score by which places are compared: geometric, or of an estimator.
 
     Attributes:
         name: Of `GEOMETRIC_SCORES`, or ESTIMATOR.METRIC.
@@ -58,28 +58,34 @@ class PlaceScore:
 
     @property
     def geometric(self) -> bool:
-        """Whether it needs no recording."""
+        """Whether the score comes from geometry alone and needs no recording."""
         return self.name in GEOMETRIC_SCORES
 
     @property
     def higher_is_better(self) -> bool:
-        """Whether more is better."""
+        """Whether a larger value of the score is better."""
         if self.geometric:
             return GEOMETRIC_SCORES[self.name][1]
         scale = scale_of(self.metric)
         return scale is not None and scale.higher_is_better
 
     def losses(self, values: Array) -> Array:
-        """Values so that less is better; errors with a sign count without."""
+        """Losses of any shape, lower is better: the values, negative if more is better.
+
+        Errors with a sign count without it.
+        """
         return -values if self.higher_is_better else np.abs(values)
 
     @property
     def metric(self) -> str:
-        """Its name without that of its estimator; empty where it has none."""
+        """Name of the score without that of its estimator; empty for a geometric one."""
         return self.name.partition(".")[2]
 
     def of(self, row: Row) -> float:
-        """The value in the row of a place on a walk: the mean of both feet where there are two, NaN if missing."""
+        """Value of the score in the row of a place on a walk.
+
+        The mean of both feet where there are two, NaN if it is missing.
+        """
         if self.geometric:
             return float(row.get("scores", {}).get(self.name, math.nan))
         values = [
@@ -88,15 +94,17 @@ class PlaceScore:
         return sum(values) / len(values) if values else math.nan
 
     def find_reported(self, row: Row) -> set[str]:
-        """The scores in a row that its estimator reports."""
+        """Names of all scores that the score's estimator reports in a row."""
         return {metric for output_scores in self._of_estimator(row) for metric in output_scores}
 
     def _of_estimator(self, row: Row) -> list[Mapping[str, float]]:
+        """Scores of each output of the score's estimator in a row: one, or one per foot."""
         name, outputs = self.name.partition(".")[0], row.get("estimators", {})
         return [outputs[key] for key in ([name] if name in outputs else [f"{name}_l", f"{name}_r"]) if key in outputs]
 
 
 def _check_score_name(name: str) -> str:
+    """Returns the name of a score; refuses names that are neither geometric nor an estimator's with a scale."""
     estimator, dot, metric = name.partition(".")
     if name in GEOMETRIC_SCORES or (dot and estimator and metric and scale_of(metric) is not None):
         return name

@@ -84,4 +84,5 @@ def optimise(
 
 
 def _numbers(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, Any]:
+    """Values of the knobs at a point of the unit cube, by name."""
     return {knob.name: knob.at_share(float(u)) for knob, u in zip(knobs, point)}

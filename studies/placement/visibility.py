@@ -40,7 +40,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PosedWalk:
-    """A walk.
+    """The motion of a walk, on which any placement of the sensors can be scored.
 
     Attributes:
         bodies: Tracks of the bodies with sensors at N instants, by name; for a foot, of the shoe's upper.
@@ -59,7 +59,7 @@ class PosedWalk:
 
 
 def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
-    """The walk of a scenario, independent of its sensors.
+    """Plans the walk of a scenario, independent of its sensors.
 
     Raises:
         StrideTwinError: The walk is infeasible, or the simulator is not installed.
@@ -113,7 +113,18 @@ class BoardVisibility:
 def see_board(
     walk: PosedWalk, camera: CameraCalibration, board: Board, exposure_s: float, seeing: Seeing
 ) -> BoardVisibility:
-    """What a camera on one body, with this exposure, sees of a board on another one."""
+    """What a camera on one body sees of a board on another one over a walk.
+
+    A square's edge is focal length × square / depth in pixels. Blur is the speed of the board's centre in the image
+    times the exposure, with v = d/dt (x / z, y / z) = ((vx z - x vz) / z², (vy z - y vz) / z²).
+
+    Args:
+        walk: The walk.
+        camera: Calibration and mount of the camera.
+        board: The board.
+        exposure_s: Exposure of an image.
+        seeing: When a board counts as seen.
+    """
     carrier, board_body = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
     T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
     T_world_board = board_body.poses() @ board.mount.T_body_sensor
@@ -150,7 +161,7 @@ def see_board(
 
 
 def _angular_rate(body: Track) -> Array:
-    """(N, 3) rad/s, world axes."""
+    """(N, 3) angular rates of a body in world axes, rad/s."""
     return np.asarray(np.einsum("nij,nj->ni", body.rotation.as_matrix(), body.w_body))
 
 
@@ -191,9 +202,13 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
 def geometric_scores(
     sensor_rig: SensorRig, walk: PosedWalk | None, names: Collection[str], seeing: Seeing
 ) -> dict[str, float]:
-    """Scores of a place, by name of `GEOMETRIC_SCORES`; undefined scores (no board ever in view) are left out.
+    """Geometric scores of a place on a walk, by name; undefined scores (no board ever in view) are left out.
 
-    The walk is None where only weights are needed.
+    Args:
+        sensor_rig: Sensors at the place.
+        walk: The walk; None where only weights are needed.
+        names: Scores of `GEOMETRIC_SCORES`.
+        seeing: When a board counts as seen.
 
     Raises:
         StrideTwinError: A sensor that a score needs is off, or a part has no weight.
@@ -215,6 +230,7 @@ def geometric_scores(
 
 
 def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
+    """Scores of shoe cameras that see the other shoe's board, %, and the mean edge of a seen square, px."""
     visibilities = []
     for topic, camera in sensor_rig.rig.cameras.items():
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
@@ -234,6 +250,7 @@ def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dic
 
 
 def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
+    """Scores of the head camera: seen share of the ground ahead, and share of the image with the own body, %."""
     topic, camera = next((topic, camera) for topic, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)

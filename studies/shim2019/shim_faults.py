@@ -44,7 +44,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By fault, over the steps of all walks: errors, coverage and classes."""
+    """Summary by fault over the steps of all walks: errors, coverage, classes, and steps that did not happen."""
     collected = summarize_by_fault(
         results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows])
     )
@@ -54,6 +54,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(steps: list[ScoredStep]) -> dict[str, float]:
+    """Figures of `step_figures` under one fault, with largest errors and shares of unknown and wrong classes."""
     matched = [s for s in steps if s.is_matched]
     return {
         **step_figures(steps, []),

@@ -25,7 +25,7 @@ _METHOD_COLORS = dict(zip(METHODS, PALETTE[2:]))
 
 
 def report(result: dict[str, Any]) -> str:
-    """The experiment as HTML text: Figures 22-24, then the tables."""
+    """The experiment as an HTML page: Figures 22 to 24 of Shim et al. 2019, then the tables."""
     cases = result["cases"]
     lead_22 = f"Planes and their normals, subject S{cases[0]['subject']}, seed {cases[0]['seed']}."
     lead_23 = "Absolute slope and elevation by terrain: mean and standard deviation over all steps."
@@ -48,7 +48,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
-    """Side views of one trial."""
+    """Figure 22: side views of the walks of one trial with the planes and normals that a method estimates."""
     figures = []
     for walk, title in SHOWN.items():
         steps = [ScoredStep(**row) for row in case["walks"][walk][method]]
@@ -58,7 +58,7 @@ def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
 
 
 def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
-    """Means and standard deviations by terrain."""
+    """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method."""
     scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
     plot = Plot(
         title=f"Figure 23, {quantity}", x=(-0.6, len(CASES) - 0.4), y_label=f"{quantity}, {unit}", x_label="terrain",
@@ -78,7 +78,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
 
 
 def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
-    """Steps in the plane of normalised slope and elevation."""
+    """Figure 24: the steps of a method in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
@@ -98,9 +98,11 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
 
 
 def _of_case(cases: Sequence[dict[str, Any]], method: str, name: str) -> list[ScoredStep]:
+    """The estimated steps of all trials that belong to one case of the table."""
     walk, mode = CASES[name]
     return [s for case in cases for s in _select_matched(case["walks"][walk][method]) if not mode or s.mode == mode]
 
 
 def _select_matched(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
+    """The steps with an estimate, from their rows."""
     return (s for s in (ScoredStep(**row) for row in rows) if s.is_matched)

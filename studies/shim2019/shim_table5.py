@@ -52,7 +52,7 @@ FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_r
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """One trial of one subject.
+    """Runs every method on one trial of one subject.
 
     Returns:
         The case's row with `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`: method to the
@@ -76,7 +76,17 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
-    """The last estimate of each step by one of `METHODS`, or of an installed estimator of steps."""
+    """Runs one of `METHODS`, or an installed estimator of steps, on the samples of a walk.
+
+    Args:
+        name: The method or the estimator.
+        rig: Nominal rig.
+        exo: Nominal geometry of the exoskeleton.
+        samples: In time order.
+
+    Returns:
+        The last estimate of each step, in order.
+    """
     if name in METHODS:
         return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo).run(iter(samples))
     estimator_class = registry.estimator(name)
@@ -90,7 +100,11 @@ def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Samp
 
 
 def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
-    """The samples of a walk in time order, and the true footprints."""
+    """Simulates a walk without writing a recording.
+
+    Returns:
+        The sensors' samples in time order, and the true footprints.
+    """
     samples: list[Sample] = []
     footprints = []
     for chunk in twin.blocks():
@@ -101,7 +115,7 @@ def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Totals by method and case, with the paper's; `by_subject` is the whole table."""
+    """Figures by method and case beside the paper's totals; `by_subject` has those of each subject."""
     summary, by_subject = {}, {}
     for method in results[0]["false_steps"]:
         trials = [
@@ -121,7 +135,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
     """Steps classified by a support vector machine, trained on every other subject (Table 7).
 
-    Also the subjects with a result: training data from the other subjects may be insufficient.
+    Returns:
+        The trials with classified steps, and the subjects with a machine: training data from the other subjects may be
+        insufficient.
     """
     machines = {}
     for who in {w for w, _ in trials}:
@@ -146,7 +162,12 @@ def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
 
 
 def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
-    """Case to figures; classes come from the subjects in `classed`, and are left out if there are none."""
+    """Figures by case of the table, and over all walks (`all`).
+
+    Args:
+        trials: Subject, and steps by walk, of each trial.
+        classed: Subjects whose classes count; without any, classes are left out.
+    """
     rows = {}
     for case, (walk, mode) in CASES.items():
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
@@ -168,7 +189,7 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
 def _figures(
     walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
 ) -> dict[str, float]:
-    """`step_figures`, but classes only from the subjects in `classed`."""
+    """Figures of `step_figures`, with classes only from the subjects in `classed`."""
     figures = step_figures([s for _, walk_steps in walks for s in walk_steps], places)
     classified_steps = [s for who, walk_steps in walks if who in classed for s in walk_steps]
     del figures[_CLASSES]
@@ -206,7 +227,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each method and the paper, as lines of text."""
+    """Each method's figures by case beside the paper's, as lines of text, with classes by mode and by subject."""
     paper_figures = result["paper"]["Shim et al. 2019"]
     lines = [
         f"{len(result['cases'])} trials, walks that ended by a fall: {sum(len(c['fell']) for c in result['cases'])}",
@@ -252,7 +273,7 @@ def _mean_errors(summary: dict[str, Any]) -> list[str]:
 
 
 def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, float]:
-    """Mean and standard deviation of the pooled errors of several cases."""
+    """Mean and standard deviation of the pooled errors of several cases: sd² = rms² - mean²."""
     name, unit = figure.split("_")
     counts = np.array([row["steps"] - row["steps_missed"] for row in rows])
     if not counts.sum():

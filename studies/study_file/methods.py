@@ -21,7 +21,7 @@ from stridetwin.streams.validation import suggest, validated
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """One of the compared methods.
+    """One of the methods that a study compares.
 
     Attributes:
         name: In the study.
@@ -73,7 +73,11 @@ def _fields(group: Any) -> list[str]:
 
 
 def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
-    """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups."""
+    """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups.
+
+    Raises:
+        ConfigError: No such parameter, or an invalid value.
+    """
     name, *below = keys
     if name not in _fields(group):
         raise at.error(name, suggest(name, _fields(group)) or "no key below a value")

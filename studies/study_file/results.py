@@ -90,7 +90,7 @@ def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
 
 
 def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
-    """A difference of losses as a change of the score, and what it means."""
+    """A difference of losses as a change of the score: in % or points, with interval, p-value and verdict."""
     ends = [scale.change(end) for end in (difference.low, difference.high) if end is not None]
     low, high = sorted(ends) if ends else (None, None)
     directions = ("higher", "lower") if scale.kind == CLAIM else ("worse", "better")
@@ -119,6 +119,7 @@ def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -
 
 
 def _describe_change(comparison: dict[str, Any]) -> str:
+    """The combination of a comparison and its change, such as `low noise (+12 %)`; large increases as a factor."""
     change = f"{comparison['change']:+.3g} {comparison['unit']}"
     if comparison["unit"] == "%" and comparison["change"] > _MAX_PCT:
         change = f"{1.0 + comparison['change'] / 100.0:.3g}-fold"
@@ -151,7 +152,7 @@ def table_rows(result: dict[str, Any]) -> list[list[str]]:
 
 
 def csv_text(study: Study, rows: Sequence[Row]) -> str:
-    """A row per walk, method and score."""
+    """All scores as CSV: one row per walk, method and score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     labels = [[walk.labels for walk in study.walks(seed)] for seed in study.seeds]

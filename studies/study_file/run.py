@@ -47,12 +47,12 @@ class StudyOptions(BatchOptions):
     resume: bool = False
 
     def of(self, study: Study) -> Study:
-        """The study with these seeds."""
+        """The study with the seeds that these options set."""
         seeds = study.seeds[: self.subset]
         return replace(study, seeds=seeds if self.first is None else tuple(range(self.first, self.first + len(seeds))))
 
     def command(self, study: Study) -> str:
-        """The command that gives the same result."""
+        """The command line that gives this result again."""
         option_values = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
         arguments = [str(word) for name, value in option_values.items() if value is not None for word in (name, value)]
         return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
@@ -62,7 +62,7 @@ def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[s
     """Runs the walks of a study and writes `STUDY_FILES` into the folder.
 
     Returns:
-        As `results.collect_result`, with `files`.
+        The result of `results.collect_result`, with `files`.
 
     Raises:
         StrideTwinError: Any usage error; the folder is used by another process, or holds rows and is not to be resumed.
@@ -112,18 +112,19 @@ def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None
 
 
 def _versions(estimators: Sequence[str]) -> dict[str, str]:
-    """Versions of the code that determine the scores, those of the estimators that feed these ones included."""
+    """Versions of the code that determine the scores of some estimators and of those that feed them."""
     return scoring_versions(walk_module.__name__, sorted(estimators_of(estimators)))
 
 
 def _make_job(name: str, walk: StudyWalk, versions: dict[str, str]) -> Job[StudyWalk]:
-    """A walk with the sensors alone that its methods read."""
+    """The job of a walk; the walk keeps only the sensors that its methods read."""
     task = replace(walk, scenario=keep_needed_sensors(walk.scenario, walk.methods))
     key = content_key(repr(task.scenario.config), walk.seed, repr(walk.methods), versions)
     return Job(name=name, key=key, task=task)
 
 
 def _write(study: Study, options: StudyOptions, rows: Sequence[Row], result: dict[str, Any]) -> None:
+    """Writes the report, the table and all values of a study."""
     text = Path(study.path).read_text(encoding="utf-8")
     texts = {
         REPORT: study_page(result, text, options.command(study)),

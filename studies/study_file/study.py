@@ -56,7 +56,7 @@ class Study(Design):
 
 
 def read_study(path: Path) -> Study:
-    """Reads one study file.
+    """Reads one study file and checks its methods and scores.
 
     Raises:
         ConfigError: The message names the file, the field, the value and what is valid.
@@ -74,6 +74,7 @@ def read_study(path: Path) -> Study:
 
 
 def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: Where) -> None:
+    """Raises ConfigError for a score that no method's kind of output has, or one that is named twice."""
     kinds = [kind_of(registry.estimator(method.estimator).declaration) for method in methods]
     valid = list(dict.fromkeys(score.name for kind in kinds for score in kind.scores))
     for i, score in enumerate(file.scores):

@@ -46,7 +46,7 @@ def missing_sensors_reason(method: Method, scenario: Scenario) -> str:
 
 
 def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenario:
-    """The scenario with the sensors alone that the methods that it feeds read; all if it feeds none."""
+    """The scenario with only those sensors that the methods read which it can feed; all sensors if it feeds none."""
     fed = [method.estimator for method in methods if not missing_sensors_reason(method, scenario)]
     return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
 

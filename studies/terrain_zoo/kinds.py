@@ -45,7 +45,7 @@ _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
 def draw_base_walk(rng: Rng) -> TwinConfig:
-    """Anyone on level ground: person, gait, camera and surroundings are drawn."""
+    """Draws a walk on level ground: person, gait, camera with its calibration errors, and surroundings."""
     height_m = float(rng.uniform(1.52, 1.93))
     mass_kg = float(np.clip(rng.uniform(*_BMI) * height_m**2, 45.0, 110.0))
     person = Person(height_m=height_m, mass_kg=mass_kg, sex=str(rng.choice(["male", "female"])))
@@ -64,25 +64,25 @@ def draw_base_walk(rng: Rng) -> TwinConfig:
 
 
 def _with_terrain(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: float = 2.5) -> TwinConfig:
-    """The walk over segments, with level ground before and after them."""
+    """The walk over other segments, with level ground of some length before and after them."""
     segments = (Level(length_m=before_m), *middle, Level(length_m=after_m))
     return replace(config, route=replace(config.route, segments=segments))
 
 
 def _with_camera(config: TwinConfig, **changes: Any) -> TwinConfig:
-    """The walk with a changed camera."""
+    """The walk with changed options of the head camera."""
     camera = replace(config.fittings["head_camera"], **changes)
     return replace(config, fittings={**config.fittings, "head_camera": camera})
 
 
 def _ramp(rng: Rng, low_deg: float, high_deg: float, length_m: float = 4.0, *, down: bool) -> Ramp:
-    """A ramp about as long as given."""
+    """Draws the slope of a ramp of about a given length, at least 60 mm high."""
     angle = math.radians(rng.uniform(low_deg, high_deg))
     return Ramp(angle_rad=angle, rise_m=max(0.06, length_m * math.tan(angle)), down=down)
 
 
 def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
-    """Up, a landing, and down."""
+    """Makes walks up a ramp, over a landing, and down another ramp, with slopes between two bounds."""
 
     def make(config: TwinConfig, rng: Rng) -> TwinConfig:
         up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
@@ -92,6 +92,7 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
 
 
 def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
+    """Draws a stair upward, with riser, tread and number of risers between bounds."""
     return Stairs(
         risers=int(rng.integers(risers[0], risers[1] + 1)), riser_m=1e-3 * float(rng.uniform(*riser_mm)),
         tread_m=1e-3 * float(rng.uniform(*tread_mm)),
@@ -99,25 +100,27 @@ def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float
 
 
 def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
+    """The walk up a stair, over a landing, and down the same stair."""
     return _with_terrain(config, stair, Level(length_m=float(rng.uniform(1.5, 2.5))), replace(stair, down=True))
 
 
 def _stairs(riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> MakeWalk:
-    """A stair up, a landing, and down."""
+    """Makes walks up a stair, over a landing, and down, with sizes between bounds."""
     return lambda config, rng: _up_and_down(config, rng, _stair(rng, riser_mm, tread_mm, risers))
 
 
 def _usual_stair(rng: Rng) -> Stairs:
+    """Draws a stair of usual size with three to five risers."""
     return _stair(rng, (140, 190), (260, 320), (3, 5))
 
 
 def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg: float = 8.0) -> TwinConfig:
-    """Up a usual stair, a landing, and down a ramp."""
+    """The walk up a usual stair, over a landing, and down a ramp."""
     return _with_terrain(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
 def _camera(**changes: Any) -> MakeWalk:
-    """A stair and a ramp, seen by a changed camera."""
+    """Makes walks over a stair and a ramp, seen by a changed camera."""
     return lambda config, rng: _stair_and_ramp(_with_camera(config, **changes), rng)
 
 
@@ -128,41 +131,41 @@ def _keep_walk(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Two ramps of one direction."""
+    """The walk over two equal ramps of one direction with a landing between them."""
     down = bool(rng.integers(2))
     first = _ramp(rng, 4.0, 8.0, 3.0, down=down)
     return _with_terrain(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
 
 
 def _camber(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Level along, tilted across."""
+    """The walk over a path that is level along and tilted across, in its middle."""
     cross = math.radians(float(rng.choice([-1, 1]) * rng.uniform(1.0, 4.0)))
     segments = (Level(length_m=3.0), Level(length_m=5.0, cross_slope_rad=cross), Level(length_m=3.0))
     return replace(config, route=replace(config.route, segments=segments))
 
 
 def _ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Without a landing between them."""
+    """The walk over a stair and a ramp without a landing between them, in either order and direction."""
     stair = replace(_usual_stair(rng), down=bool(rng.integers(2)))
     ramp = _ramp(rng, 4.0, 9.0, 3.0, down=bool(rng.integers(2)))
     return _with_terrain(config, *((ramp, stair) if rng.integers(2) else (stair, ramp)))
 
 
 def _crest(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """A crest or a dip between slopes."""
+    """The walk over a crest or a dip: a ramp up directly before or after one down."""
     up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=way) for way in (False, True))
     return _with_terrain(config, *((up, down) if rng.integers(2) else (down, up)))
 
 
 def _uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Every riser of its own height."""
+    """The walk over a stair whose risers differ by up to 20 mm from a usual height."""
     even = _usual_stair(rng)
     heights = tuple(float(h) for h in even.heights_m[0] + rng.uniform(-0.02, 0.02, even.risers))
     return _up_and_down(config, rng, replace(even, riser_m=heights))
 
 
 def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Different ground within a few metres."""
+    """The walk over a kerb, a gentle ramp, and three steps down within a few metres."""
     step = _stair(rng, (90, 140), (300, 300), (1, 1))
     steps = replace(_stair(rng, (130, 180), (280, 330), (3, 3)), down=True)
     landing = Level(length_m=float(rng.uniform(1.5, 2.2)))
@@ -170,7 +173,7 @@ def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Both feet on each tread."""
+    """The walk over a stair with both feet on each tread."""
     gait = replace(
         config.gait, stairs="step_by_step", leading_foot=str(rng.choice(["l", "r"])),
         speed_mps=float(rng.uniform(0.5, 0.9)),
@@ -179,45 +182,48 @@ def _step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _two_at_a_time(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Every second tread on the way up, by people whose legs are long enough for these stairs; each on the way down."""
+    """The walk over a stair that takes every second tread on the way up and each one on the way down.
+
+    The walker is tall, with legs that are long enough for these stairs.
+    """
     gait = replace(config.gait, stairs="two_at_a_time", speed_mps=float(rng.uniform(0.9, 1.5)))
     person = replace(config.person, height_m=float(rng.uniform(1.75, 1.95)))
     return _up_and_down(replace(config, gait=gait, person=person), rng, _stair(rng, (130, 165), (250, 290), (4, 8)))
 
 
 def _limp(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Steps of unequal length."""
+    """The walk over a stair and a ramp with steps of unequal length."""
     gait = replace(config.gait, asymmetry=float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.25)))
     return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
 def _shuffle(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Short flat steps."""
+    """The walk over a ramp and down a stair with short flat steps."""
     gait = replace(config.gait, shuffle=float(rng.uniform(0.3, 0.8)), speed_mps=float(rng.uniform(0.5, 0.9)))
     ramp = _ramp(rng, 4.0, 7.0, 3.0, down=False)
     return _with_terrain(replace(config, gait=gait), ramp, Level(length_m=1.5), replace(_usual_stair(rng), down=True))
 
 
 def _stroll(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Changing speed, and standing still anywhere."""
+    """The walk over a stair and a ramp with changing speed, and pauses anywhere."""
     gait = Gait.of_pattern("wander", gaze=config.gait.gaze)
     return _stair_and_ramp(replace(config, gait=gait), rng, 4.0, 9.0)
 
 
 def _fast(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """At 1.5 to 1.9 m/s."""
+    """The walk over a stair at 1.5 to 1.9 m/s."""
     gait = Gait.of_pattern("jog", gaze=config.gait.gaze, speed_mps=float(rng.uniform(1.5, 1.9)))
     return _up_and_down(replace(config, gait=gait), rng, _usual_stair(rng))
 
 
 def _turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """The stair comes into view late."""
+    """The walk with a turn shortly before a stair, which comes into view late."""
     turn = Turn(angle_rad=math.radians(float(rng.choice([-1, 1]) * rng.uniform(60, 100))), radius_m=1.2)
     return _with_terrain(config, turn, Level(length_m=float(rng.uniform(1.0, 2.0))), _usual_stair(rng))
 
 
 def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """The way leads over one of three."""
+    """The walk over one of three lanes side by side: a stair, a ramp, and level ground."""
     stair, ramp = _usual_stair(rng), _ramp(rng, 5.0, 10.0, 3.0, down=False)
     chains = ((stair,), (ramp,), (Level(length_m=3.0),))
     order = rng.permutation(3)
@@ -226,32 +232,32 @@ def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _mount_off(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """The camera's nominal pose is wrong by 2° (standard deviation) about each axis, and 10 mm."""
+    """The walk with a camera whose nominal pose is wrong by 2° about each axis and by 10 mm (standard deviations)."""
     wrong = _with_camera(config, calibration_sd=replace(CALIBRATED, rotation_rad=math.radians(2.0), position_m=0.01))
     return _stair_and_ramp(wrong, rng)
 
 
 def _dim(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Few points to track."""
+    """The walk over a stair between white walls in dim light, with few points to track."""
     route = replace(config.route, texture="white", scenery="room", light=float(rng.uniform(0.5, 0.7)))
     return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
 
 
 def _sunlight(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Noisy depth outdoors, with shadows."""
+    """The walk over a stair and a ramp outdoors, with noisy depth and shadows."""
     route = replace(config.route, scenery="outdoor", light=float(rng.uniform(1.1, 1.3)))
     sunlit = _with_camera(replace(config, route=route), part=load_part("D455-sunlight"), shadows=True)
     return _stair_and_ramp(sunlit, rng, 3.5, 8.0)
 
 
 def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Two to four of them."""
+    """The walk over a stair with two to four other people around."""
     route = replace(config.route, bystanders=int(rng.integers(2, 5)), width_m=2.4, scenery="outdoor")
     return _up_and_down(replace(config, route=route), rng, _usual_stair(rng))
 
 
 def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
-    """A table beside the way, a stripe and a shadow on it."""
+    """Draws places for a table beside the way, and for a stripe and a shadow on it."""
     places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
     side = float(rng.choice([-1, 1]))
     return (
@@ -262,7 +268,7 @@ def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
 
 
 def _clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """Level ground with things that resemble steps."""
+    """The walk over level ground with things that resemble steps, and a wall at its end."""
     width_m = float(rng.uniform(2.0, 2.4))
     length_m = 9.0
     things = (*_scatter_things(rng, 1.5, length_m - 1.0), Thing(kind="wall", at_m=length_m + _STOP_M))
@@ -271,7 +277,7 @@ def _clutter(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _clutter_before_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """A real stair among things that resemble one."""
+    """The walk to a real stair among things that resemble one."""
     width_m = float(rng.uniform(2.0, 2.4))
     route = replace(config.route, things=_scatter_things(rng, 1.0, 5.0), width_m=width_m, bystanders=2)
     config = replace(config, route=replace(route, scenery="outdoor"))
@@ -279,7 +285,7 @@ def _clutter_before_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
-    """A level way between furniture, over a mat that has no depth."""
+    """The walk over level ground between furniture, over a mat that has no depth."""
     width_m = float(rng.uniform(2.0, 2.4))
     places = np.arange(1.5, 8.0, 1.3) + rng.uniform(0.0, 0.5, 5)
     sides = rng.permutation([-1.0, -1.0, 1.0, 1.0, float(rng.choice([-1, 1]))])
@@ -295,11 +301,11 @@ def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 @dataclass(frozen=True)
 class WalkKind:
-    """A kind in the catalogue.
+    """A kind of walks in the catalogue.
 
     Attributes:
-        description: Description, for tables.
-        make: From a random walk to one of this kind.
+        description: What is special about it, for tables.
+        make: Makes a walk of this kind from a random one.
         tuned: Whether parameters may be tuned on walks of this kind.
     """
 
@@ -349,6 +355,6 @@ WALK_KINDS = {
 
 
 def draw_walk(name: str, seed: int) -> TwinConfig:
-    """The walk of a kind and a seed."""
+    """Draws the walk of a kind and a seed."""
     rng = np.random.default_rng([seed, sum(name.encode())])
     return replace(WALK_KINDS[name].make(draw_base_walk(rng), rng), name=name)

@@ -25,7 +25,7 @@ Row = dict[str, Any]
 
 
 def collect(results: list[Row]) -> Row:
-    """Figures over all walks, over the kinds outside the tuning set, and by kind; and of the odometry."""
+    """Figures of modes and odometry: over all walks, over the kinds outside the tuning set, and by kind."""
     groups: dict[str, Callable[[Row], bool]] = {
         _ALL: lambda row: True,
         _UNTUNED: lambda row: not WALK_KINDS[row["kind"]].tuned,
@@ -84,7 +84,12 @@ def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
 
 
 def _odometry(rows: list[Row]) -> Row:
-    """End height relative to the distance, tilt after 5 m, the share inside the 95 % bound, and the mount's error."""
+    """Figures of the odometry over walks.
+
+    Returns:
+        Median and worst end height relative to the distance, %, tilt after 5 m, deg, and error of the mount, deg; the
+        mean share of time inside the reported 95 % bound, %.
+    """
     rows_of_odometry = [row["odometry"] for row in rows]
     height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in rows_of_odometry]
     tilt = [math.degrees(o["tilt_rad"]) for o in rows_of_odometry if math.isfinite(o["tilt_rad"])]
@@ -133,7 +138,7 @@ def table(result: Row) -> list[str]:
 
 
 def overall_lines(result: Row) -> list[str]:
-    """Figures by kind; `*` marks kinds outside the tuning set."""
+    """Figures of the modes by kind, as lines of text; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
     return [
@@ -146,7 +151,7 @@ def overall_lines(result: Row) -> list[str]:
 
 
 def odometry_lines(result: Row) -> list[str]:
-    """Figures of the odometry."""
+    """Figures of the odometry by kind, as lines of text."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
         "Odometry: height at the end relative to the distance; RMS tilt after 5 m; time inside the own 95 % bound;",
@@ -162,7 +167,7 @@ def _label(name: str) -> str:
 
 
 def report(result: Row) -> str:
-    """The experiment as HTML text."""
+    """The experiment as an HTML page."""
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
     sections = [

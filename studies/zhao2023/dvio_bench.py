@@ -20,11 +20,11 @@ from stridetwin.studies.zhao2023.odometry_walks import mean, summarize_time
 
 @dataclass(frozen=True, kw_only=True)
 class Sequence:
-    """One of the ten.
+    """One of the ten walks and what it stands for.
 
     Attributes:
         like: The sequence of EuRoC of similar difficulty.
-        description: Description.
+        description: What is difficult in it, for the table.
     """
 
     like: str
@@ -47,7 +47,7 @@ SEQUENCES = {
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By method, means over the walks of each sequence and over the sequences; with the paper's EuRoC figures."""
+    """Means by method over the walks of each sequence and over the sequences, beside the paper's figures on EuRoC."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         of: dict[str, list[dict[str, Any]]] = {}
@@ -71,7 +71,7 @@ def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[st
 
 
 def read_paper_figures() -> dict[str, Any]:
-    """Table IV: EuRoC, and the mean of the ten."""
+    """Table IV of the paper: errors on EuRoC by method and sequence, and the mean of the ten."""
     figures_of_method: dict[str, Any] = {}
     for method, figures in read_reference("zhao2023")["dvio_bench"].items():
         ape = figures["ape_rmse_m"]
@@ -80,7 +80,7 @@ def read_paper_figures() -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each sequence and the one of EuRoC of similar difficulty, as lines of text."""
+    """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
     time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
@@ -105,6 +105,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def _error(figures: dict[str, Any], name: str) -> str:
+    """The error of a sequence as text, with an x if a walk failed."""
     value = figures["ape_rmse_m"].get(name)
     text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"
     return text + ("x" if figures["failures"].get(name) else " ")

@@ -29,7 +29,7 @@ NO_FAULT = "no fault"
 
 
 def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
-    """One walk, with each fault.
+    """Runs the odometry on one recorded walk with each fault.
 
     Returns:
         The case's row with `faults`: label to `odometry_walks.score_odometry`.
@@ -45,7 +45,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By fault, means over the walks; `borne` counts the walks that tolerate it."""
+    """Means by fault over the walks; `borne` counts the walks whose odometry tolerates the fault."""
     nominal = [r["faults"][NO_FAULT] for r in results]
 
     def fault_figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
@@ -60,6 +60,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _is_tolerated(walk: dict[str, Any], nominal: dict[str, Any]) -> bool:
+    """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
     if walk["failure"] == "lost":
         return bool(walk["recovered"])
     if walk["failure"] or "loop_drift_m" not in nominal:

@@ -42,7 +42,7 @@ SURE = 0.9
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """All walks, with each fault.
+    """Predicts the modes of all walks of a case, with each fault.
 
     Returns:
         The case's row with `fell`, and `faults`: label to the rows of each walk.
@@ -66,21 +66,21 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def repeat_fault(fault: Fault, times_s: Sequence[float]) -> list[Fault]:
-    """A temporary fault at each of these instants, s; any other one as it is."""
+    """A temporary fault once at each of the given times, s; any other fault as it is."""
     if isinstance(fault, TimedFault) and fault.duration_s is not None:
         return [replace(fault, at_s=t, name=f"{fault.full_name} {t:.3f}") for t in times_s]
     return [fault]
 
 
 def fault_times_s(recording: Recording) -> list[float]:
-    """When a fault begins: before each first step up or down."""
+    """Times at which a temporary fault begins, s: `FAULT_LEAD_S` before each first step up or down."""
     prints = true_footprints(recording)
     firsts = [b.t_ns * 1e-9 for a, b in pairwise(prints) if a.mode == "LG" != b.mode]
     return [t - FAULT_LEAD_S for t in firsts]
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By fault, over all walks."""
+    """Figures by fault over all walks."""
     return summarize_by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 

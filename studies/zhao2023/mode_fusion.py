@@ -32,7 +32,7 @@ _WORDS = {
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """All walks, in light and in darkness.
+    """Predicts the modes of all walks of a case, in light and in darkness.
 
     Returns:
         The case's row with `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`: true
@@ -68,16 +68,18 @@ def leg_steps(recording: Recording) -> list[StepEstimate]:
 
 
 def _first_up_ns(recording: Recording) -> int:
+    """Touch-down of the first step up, ns."""
     return next(f.t_ns for f in true_footprints(recording) if f.mode in ("SA", "RA"))
 
 
 def _darken(samples: Iterable[Sample], since_ns: int) -> Iterator[Sample]:
+    """The samples, whose depth images are empty from a time on."""
     for s in samples:
         yield replace(s, depth=np.zeros_like(s.depth)) if isinstance(s, Depth) and s.t_ns >= since_ns else s
 
 
 def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
-    """True mode of each step, that of the previous one, and the last mode estimated from the legs before touch-down."""
+    """For each true step: its mode, that of the previous step, and the last mode from the legs before touch-down."""
     t_ns = np.array([s.t_ns for s in steps])
     predictions, before = [], "LG"
     for print_ in true_footprints(recording)[2:]:
@@ -88,7 +90,7 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By light and by source, over all walks; no paper has such a table."""
+    """Figures by light and by source over all walks; no paper has such a table."""
     summary: dict[str, Any] = {
         light: {
             by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]

@@ -19,7 +19,7 @@ from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, 
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
-    """One walk per trap.
+    """Predicts the modes of one walk per trap.
 
     Returns:
         The case's row with `fell`, and `traps`: trap to method to `steps` (rows of `ScoredMode`) and `alarms_pct`, the
@@ -42,12 +42,13 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 
 
 def _alarm_share_pct(estimates: list[ModeEstimate]) -> float:
+    """Share of the estimates that predict a terrain change or a step in another mode than LG, %."""
     wrong = sum(e.change is not None or any(s.mode != "LG" for s in e.steps) for e in estimates)
     return 100.0 * wrong / max(len(estimates), 1)
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """By method and trap, over all walks; the paper has no such table."""
+    """Figures by method and trap over all walks; the paper has no such table."""
     return {
         "summary": {
             m: {trap: _figures([r["traps"][trap][m] for r in results]) for trap in results[0]["traps"]} for m in METHODS
@@ -57,6 +58,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
+    """Figures of one trap over walks, from the rows of `run_case`."""
     steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
     predicted = Counter(s.predicted for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]

@@ -91,7 +91,7 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
 
 
 def _share(walk: ModeScores, *, strict: bool = False) -> float:
-    """Share of its steps that are right, %."""
+    """Share of the steps of a walk that are right, %; `strict` counts only the true mode."""
     return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
@@ -118,7 +118,7 @@ def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, 
 
 
 def _by_condition(walks: Sequence[ScoredWalk]) -> dict[str, float]:
-    """Accuracy by row of `conditions`, if any walk has it."""
+    """Accuracy for each row of `conditions`, mean over its walks, %; rows without walks are left out."""
     shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
     return {name: float(np.mean(values)) for name, values in shares.items() if values}
 
@@ -138,7 +138,7 @@ def _cell_name(row: dict[str, Any]) -> str:
 
 @cache
 def table_2() -> dict[str, float]:
-    """Table II of the paper by cell, %."""
+    """Table II of the paper: accuracy by cell, %."""
     return {_cell_name(row): float(row["accuracy_pct"]) for row in read_reference_rows("zhao2023_table2")}
 
 
@@ -173,7 +173,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def overall_lines(result: dict[str, Any]) -> list[str]:
-    """Number of walks and steps, accuracy and lead time."""
+    """Number of walks and steps, accuracy and lead times by method, as lines of text."""
     summary, paper_accuracy = result["summary"], result["paper"]["published"]["accuracy_pct"]
     columns, time_ms = methods(result), summary["time_ms"]
     ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
@@ -205,7 +205,7 @@ def overall_lines(result: dict[str, Any]) -> list[str]:
 
 
 def ahead_lines(result: dict[str, Any]) -> list[str]:
-    """Our estimates of terrain changes 1.5 s before a foot landed beyond them, and of the next footprint."""
+    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text."""
     ours = result["summary"][methods(result)[0]]
     return [
         f"1.5 s before: {ours['changes']} changes",
@@ -222,6 +222,7 @@ def ahead_lines(result: dict[str, Any]) -> list[str]:
 
 
 def _figure_at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
+    """The figure at nested keys times a factor; None if it is undefined."""
     for key in keys:
         figures = figures[key]
     return None if figures is None else factor * float(figures)
@@ -233,20 +234,20 @@ def conditions_title(result: dict[str, Any]) -> str:
 
 
 def condition_lines(result: dict[str, Any]) -> list[str]:
-    """Accuracy by condition, %."""
+    """Accuracy by condition and method beside the paper's, %, as lines of text."""
     summary, paper_figures = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
     names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
     return _rows(result, "accuracy_by_condition_pct", names, paper_figures)
 
 
 def cell_lines(result: dict[str, Any]) -> list[str]:
-    """Accuracy by cell, %."""
+    """Accuracy by cell and method beside the paper's, %, as lines of text."""
     cells = result["summary"][methods(result)[0]]["cells_pct"]
     return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
 
 
 def spread_lines(result: dict[str, Any]) -> list[str]:
-    """Figure 4: camera pitch (down positive) and speed of the walks."""
+    """Figure 4 as lines of text: camera pitch (down positive) and speed of the walks beside the paper's."""
     walk_spread, paper_spread = result["summary"]["spread"], result["paper"].get("spread", {})
     return [
         f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
@@ -269,7 +270,7 @@ def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
 
 
 def methods(result: dict[str, Any]) -> list[str]:
-    """Methods of a result; ours first."""
+    """Names of the methods of a result; the proposed one first."""
     return list(result["cases"][0]["methods"])
 
 
@@ -290,7 +291,7 @@ def _cell(value: float | None, width: int = 12) -> str:
 
 
 def report(result: dict[str, Any]) -> str:
-    """The experiment as HTML text."""
+    """The experiment as an HTML page."""
     cases, ours = result["cases"], methods(result)[0]
     steps = {m: [s for c in cases for s in ModeScores.of(c["methods"][m]).steps] for m in methods(result)}
     lead_lead = "Time from the final correct prediction to touch-down; 0 where the prediction was wrong."
@@ -334,7 +335,7 @@ def _number(value: float | None) -> str:
 
 
 def _conditions(result: dict[str, Any]) -> str:
-    """Table III."""
+    """Section with Table III: accuracy by condition; "" without any."""
     key, columns = "accuracy_by_condition_pct", methods(result)
     paper_figures = result["paper"]["published"][key]
     ours = result["summary"][columns[0]][key]
@@ -352,7 +353,7 @@ def _conditions(result: dict[str, Any]) -> str:
 
 
 def _table_2(result: dict[str, Any]) -> str:
-    """Table II, in the paper's layout."""
+    """Section with Table II in the paper's layout: accuracy by cell; "" without any."""
     ours, paper_cells = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
     if not ours:
         return ""

@@ -69,7 +69,7 @@ def pitch_down(q_world_camera: Array) -> Array:
 
 
 def compute_spread(values: Array, edges: Array) -> Spread:
-    """The spread of (N,) values, N > 0."""
+    """The spread of (N,) values, N > 0, with counts between (B,) edges."""
     bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
     return {
         "count": len(values), "mean": float(np.mean(values)), "sd": float(np.std(values)),
@@ -78,7 +78,10 @@ def compute_spread(values: Array, edges: Array) -> Spread:
 
 
 def combine_spreads(parts: Sequence[Spread]) -> Spread:
-    """The combined spread of the parts, at least one."""
+    """The spread of all values behind the spreads of several parts, at least one.
+
+    With counts n and means m of the parts, sd² = Σ n (sd² + (m - mean)²) / Σ n.
+    """
     counts = np.array([p["count"] for p in parts], float)
     means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
     mean = float(counts @ means / counts.sum())
@@ -133,7 +136,7 @@ class SharedMap(TerrainMap):
     _shared: TerrainEstimate | None = None
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
-        """As `TerrainMap.update`; a repeated sample returns the same result."""
+        """Updates the map with a sample; a repeated sample returns the first result."""
         if sample is not self._last:
             self._shared, self._last = super().update(sample), sample
         return self._shared
@@ -143,7 +146,10 @@ class ForgetfulMap(TerrainMap):
     """A map that is cleared before every image, with the planes of that image alone."""
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
-        """As `TerrainMap.update`, of this sample alone."""
+        """Updates the map with a sample.
+
+        It is cleared before a depth image that is due, and other depth images are skipped.
+        """
         if isinstance(sample, Depth):
             if not self.due(sample.t_ns):
                 return None
@@ -153,7 +159,7 @@ class ForgetfulMap(TerrainMap):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Predictions:
-    """Predictions of a walk.
+    """Predictions of all methods on one walk.
 
     Attributes:
         estimates: By method, in order.
@@ -171,9 +177,12 @@ class Predictions:
 def predict(
     samples: Iterable[Sample | StepEstimate], recording: Recording, methods: Sequence[str] = METHODS
 ) -> Predictions:
-    """Runs predictors on a walk's poses, depth and insoles, and on step estimates from the legs, in time order.
+    """Runs predictors on the samples of a walk.
 
-    Methods are the predictor's own, `FORGETFUL`, or names of installed estimators of modes.
+    Args:
+        samples: Poses, depth, insoles and step estimates from the legs, in time order.
+        recording: Source of rig and frame of the poses.
+        methods: The predictor's own methods, `FORGETFUL`, or names of installed estimators of modes.
     """
     rig = recording.rig
     options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
@@ -210,7 +219,13 @@ def predict(
 
 
 def score_predictions(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, ModeScores]:
-    """Scores of the predictions, by method; `sole_m` is the length of the walker's soles."""
+    """Scores of the predictions of each method.
+
+    Args:
+        predictions: Predictions on a walk.
+        recording: The walk, with the truth.
+        sole_m: Length of the walker's soles, m.
+    """
     truth = TruePath.of(recording.block(find_pose_topic(recording, depth_calibration(recording.rig))[0]))
     in_truth = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[in_truth]
@@ -220,7 +235,7 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
 
 
 def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, dict[str, Any]]:
-    """`score_predictions` as rows, with the time per depth image: `time_ms: {mean, p95}`."""
+    """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`."""
     return {
         method: scores.rows() | {"time_ms": _time(predictions.frame_ms[method])}
         for method, scores in score_predictions(predictions, recording, sole_m).items()
@@ -258,7 +273,7 @@ def samples_with_poses(
 
 
 def trajectory(path: list[Odometry]) -> Trajectory:
-    """The path of samples in time order."""
+    """The poses of odometry samples in time order as a trajectory."""
     return Trajectory(
         t_ns=np.array([o.t_ns for o in path], np.int64),
         p_frame_in_world=np.array([o.p_frame_in_world for o in path]),

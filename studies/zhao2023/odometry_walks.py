@@ -32,7 +32,7 @@ FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_e
 
 
 class Odometer(Protocol):
-    """A running odometry."""
+    """An odometry that runs."""
 
     def update(self, sample: Any) -> Any:
         """Takes a sample, in time order; returns a `Pose` of the IMU, an object with one, or None."""
@@ -43,7 +43,13 @@ Maker = Callable[[str, Rig, str], Odometer]
 
 
 def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
-    """One of `METHODS`, or an installed estimator of paths."""
+    """Builds one of `METHODS`, or an installed estimator of paths.
+
+    Args:
+        name: The method or the estimator.
+        rig: Nominal rig.
+        mount: Mount of the camera: head or chest.
+    """
     if name in METHODS:
         return Dvio(rig, options=Options(method=name, mount=mount))
     estimator_class = registry.estimator(name)
@@ -64,7 +70,11 @@ class OdometryRun:
 
 
 def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
-    """Runs an odometry on samples in time order."""
+    """Runs an odometry on samples in time order; of several poses of one instant the last one is kept.
+
+    Returns:
+        The path, and the processing time from each image to the next, ms.
+    """
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
     spent = 0.0
@@ -85,24 +95,24 @@ def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
 
 
 def odometry_samples(recording: Recording, mount: str) -> Iterator[Sample]:
-    """IMU, images and depth, in time order."""
+    """Samples of IMU, colour images and depth of the camera on a mount, in time order."""
     return recording.samples([f"/{mount}/{stream}" for stream in ("imu", "color", "depth")])
 
 
 def true_path(recording: Recording, mount: str) -> TruePath:
-    """True path of the camera's IMU."""
+    """True path of the IMU of the camera on a mount."""
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
 def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
-    """`drift_figures`, and `time_ms` per frame."""
+    """Figures of one run: `drift_figures`, and `time_ms` per frame."""
     return drift_figures(run.odometry, truth) | {"time_ms": time_statistics(run.frame_ms)}
 
 
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Figures by method, then those of other installed estimators."""
+    """Figures of each of `METHODS` and of other installed estimators on one walk, by name."""
     truth = true_path(recording, mount)
     return {
         name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
@@ -111,7 +121,7 @@ def run_every_method(
 
 
 def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
-    """One walk, by every method and by other installed estimators.
+    """Runs every method and other installed estimators on one walk.
 
     Returns:
         The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
@@ -130,19 +140,19 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
 
 
 def time_statistics(frame_ms: Array) -> dict[str, float]:
-    """Mean and 99th percentile."""
+    """Mean and 99th percentile of times; 0 without any."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}
     return {"mean": float(frame_ms.mean()), "p99": float(np.percentile(frame_ms, 99))}
 
 
 def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
-    """Mean of a figure over the walks that have it."""
+    """Mean of a figure over the walks that have it; None without any."""
     values = [w[name] for w in walks if w.get(name) is not None]
     return float(np.mean(values)) if values else None
 
 
 def summarize_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Mean time per frame, and the largest 99th percentile of any walk."""
+    """Mean of the walks' mean times per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

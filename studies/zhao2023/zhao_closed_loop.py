@@ -14,7 +14,7 @@ from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, summarize_
 
 
 def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means by method over all walks and over those of each mount, and the number of failures; with the paper's."""
+    """Means by method over all walks and by mount, and the number of failures, beside the paper's figures."""
     summary: dict[str, Any] = {}
     for method in results[0]["methods"]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
@@ -26,6 +26,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
+    """Means of the figures over walks, largest drift and climb error, and the number of failures."""
     ends = [np.abs(w["loop_drift_xyz_m"]) for w in walks if "loop_drift_xyz_m" in w]
     climbs = [w["climb_error_m"] for w in walks if w.get("climb_error_m") is not None]
     return {
@@ -39,7 +40,7 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def read_paper_figures() -> dict[str, Any]:
-    """Table V: drift along x, y and z, and its norm if reported."""
+    """Table V of the paper by method: drift along x, y and z, and its norm where all three are reported."""
     drift_of_method: dict[str, Any] = {}
     for method, xyz in read_reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = all(isinstance(value, int | float) for value in xyz)
@@ -60,7 +61,7 @@ _COLUMNS = (
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """Each method and the paper, as lines of text; means over the walks."""
+    """Each method's drift over all walks and by mount beside the paper's, as lines of text."""
     summary, paper_figures = result["summary"], result["paper"]
     time_ms = summary["time_ms"]
     rows = []

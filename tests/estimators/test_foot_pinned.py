@@ -65,7 +65,7 @@ def test_one_foot_smoothed(num_regression: Any) -> None:
 def test_two_feet(method: str, num_regression: Any) -> None:
     simulation = JaoSimulation(SteadyWalk(strides=5))
     rng = np.random.default_rng(3)
-    imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
+    imus, aids = simulation.inertial(rng)[0], simulation.aiding_measurements(rng)
     paths = FootToFoot(simulation.rig, options=Options(method=method), start=simulation.start()).run(imus, aids)
     rows = {f"{foot}.{name}": values for foot, path in paths.items() for name, values in _rows(path, 60).items()}
     assert_pinned(num_regression, rows)

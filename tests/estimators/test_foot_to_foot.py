@@ -57,7 +57,7 @@ def short() -> tuple[JaoSimulation, dict[str, Block[Imu]], list]:
     """Five strides of the paper's simulation."""
     simulation = JaoSimulation(SteadyWalk(strides=5))
     rng = np.random.default_rng(3)
-    return simulation, simulation.inertial(rng)[0], simulation.aids(rng)
+    return simulation, simulation.inertial(rng)[0], simulation.aiding_measurements(rng)
 
 
 def estimator_for(simulation: JaoSimulation, method: str = "proposed", **options: object) -> FootToFoot:

@@ -51,7 +51,7 @@ def test_covariance_of_scale_and_attitude_is_the_derivative_of_one_by_the_other(
 def test_a_gyro_scale_error_is_estimated_where_the_other_shoe_is_seen() -> None:
     simulation = JaoSimulation(SteadyWalk(strides=40))
     rng = np.random.default_rng(5)
-    imus, aids = simulation.inertial(rng)[0], simulation.aids(rng)
+    imus, aids = simulation.inertial(rng)[0], simulation.aiding_measurements(rng)
     for foot in "lr":
         imus[foot].columns["angular_rate"][:] *= 1.004
     ends, found = {}, {}  # errors along the way

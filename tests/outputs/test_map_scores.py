@@ -429,7 +429,7 @@ def test_edges_ahead_are_stored_with_their_ends_and_replaced_when_seen_again():
         ALIGNMENT,
         DOWN - 0.6,
     )
-    np.testing.assert_allclose(down.mapped_route().edges, [[DOWN, -0.9, 0.6]], atol=1e-9)
+    np.testing.assert_allclose(down.result().edges, [[DOWN, -0.9, 0.6]], atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_ours_stays_at_the_floor_of_the_drawn_noise(result: dict) -> None:
     simulation = JaoSimulation(SteadyWalk())
     runs = result["cases"] + [run_seed(1, methods=("proposed",))]
     for seed, run in enumerate(runs):
-        floor = simulation.floor_of(simulation.inertial(np.random.default_rng(seed))[1])[1]
+        floor = simulation.noise_floor_m(simulation.inertial(np.random.default_rng(seed))[1])[1]
         for end in run["methods"]["proposed"]["end_error_m"]:
             assert abs(end[1] - floor) < 0.06
 
