@@ -202,7 +202,7 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """m <- m T⁻¹ in place, of one row m: its attitude columns become a + p × dp + v × dv."""
+    """M <- m T⁻¹ in place, of one row m: its attitude columns become a + p × dp + v × dv."""
     by_position = cross(vec3(row, o + D_POSITION), dp)
     by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
     attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
