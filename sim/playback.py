@@ -226,7 +226,11 @@ class Playback(Player[Reference]):
     """Player of a planned walk, exactly as planned; its loads follow from inverse dynamics."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
-        """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body."""
+        """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body.
+
+        The wrench that the motion needs at the root is the ground's (`split_wrench`); the torques of the hinges also
+        balance the couplings of the exoskeleton, rotors and damping.
+        """
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)

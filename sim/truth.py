@@ -80,7 +80,10 @@ def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odo
 
 
 def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
-    """(N,) phase of a foot: 0 swing, 1 first contact until flat, 2 flat, 3 heel off (phases of Shim et al. 2019)."""
+    """(N,) phase of a foot at (N,) s, in the phases of Shim et al. 2019.
+
+    0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with a pitch below `_FLAT_RAD`; 3 heel off.
+    """
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)
     i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)

@@ -231,7 +231,16 @@ class Twin:
                 yield [image]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Third-person film: time in s and an RGB image (height, width, 3) for every frame."""
+        """Third-person film of the walk.
+
+        Args:
+            fps: Frames per second of the walk.
+            width: Of the images, pixels.
+            height: Of the images, pixels.
+
+        Yields:
+            Time in s and RGB image (height, width, 3) of every frame.
+        """
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
         q, _ = self.walk.position_velocity(times)

@@ -350,7 +350,10 @@ def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Arra
 
 @numba.njit(**INSIDE)
 def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
-    """Writes the four edges of a friction cone on the ground with these axes into (4, 3)."""
+    """Writes the four edges of a friction cone, n ± μ x and n ± μ y, into (4, 3).
+
+    x, y and the normal n are the columns of `R_sole`, the axes of the ground.
+    """
     for e in range(4):
         sign = friction if e % 2 == 0 else -friction
         for axis in range(3):

@@ -61,7 +61,10 @@ def axes_of(state: State, body: int) -> Mat3:
 
 @numba.njit(**INSIDE)
 def velocity(state: State, body: int, point: Vec3) -> tuple[Vec3, Vec3]:
-    """Velocity of a point of a body, m/s, and angular velocity of the body, rad/s, world axes."""
+    """Velocity of a point of a body, m/s, and angular velocity of the body, rad/s, both in world axes.
+
+    The point is given in the world, m.
+    """
     c = state.cvel[body]
     w = c[0], c[1], c[2]
     return plus((c[3], c[4], c[5]), cross(w, minus(point, vec3(state.centre)))), w

@@ -335,13 +335,18 @@ def check_times(source: object, faults: Sequence[Fault], duration_s: float) -> N
 
 
 def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> list[tuple[Fault, Events]]:
-    """All events of all faults in a walk of `duration_s`, each fault with its events by topic, in time order.
+    """All events of all faults in one walk, each fault with its events by topic, in time order.
 
-    One without times is an event that lasts the whole walk.
+    A fault without times is one event that lasts the whole walk. Random times depend on the walk's seed, the fault's
+    name and the stream alone, so that adding or removing a fault or a sensor does not change the other events. Sensors
+    on one strap slip together; occlusions cover colour and depth. Faults without a matching stream in the rig do
+    nothing.
 
-    Random times depend on the walk's seed, the fault's name and the stream alone, so that adding or removing a fault or
-    a sensor does not change the other events. Sensors on one strap slip together; occlusions cover colour and depth.
-    Faults without a matching stream in the rig do nothing.
+    Args:
+        faults: The faults.
+        rig: Nominal calibration, which names the streams.
+        seed: Seed of the walk.
+        duration_s: Length of the walk.
     """
     planned: list[tuple[Fault, Events]] = []
     for fault in faults:
@@ -370,7 +375,14 @@ class FaultPlan:
 
     @classmethod
     def of(cls, faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float) -> Self:
-        """The plan for a walk of `duration_s` with a seed and the nominal calibration without these faults."""
+        """Plan of the faults of a walk, with the errors that they add to its nominal calibration.
+
+        Args:
+            faults: The faults.
+            rig: Nominal calibration without these faults.
+            seed: Seed of the walk.
+            duration_s: Length of the walk.
+        """
         planned = plan_faults(faults, rig, seed, duration_s)
         for fault, events in planned:
             sensors: dict[str, Any] = {
@@ -381,11 +393,11 @@ class FaultPlan:
         return cls(rig=rig, planned=planned)
 
     def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Arrival]:
-        """Items that arrive at the recorder, given those that the sensors sent."""
+        """Items as they arrive at the recorder, given those that the sensors sent, in chunks by time."""
         return arrivals(items, self.planned)
 
     def samples(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Sample]:
-        """Single samples that arrive at an estimator, in order of arrival, given those that the sensors sent."""
+        """Single samples as they arrive at an estimator, given the items that the sensors sent, in chunks by time."""
         for arrival in self.arrivals(items):
             yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)
 

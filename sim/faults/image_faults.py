@@ -150,7 +150,13 @@ def _blur_scale(size: float, height: int) -> int:
 
 
 def _blur_coarse(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray[np.uint8]:
-    """A widely blurred image, on a coarser grid with one additional pixel all around."""
+    """Image blurred by a wide Gaussian, on a coarser grid, with one additional pixel all around.
+
+    Args:
+        image: (H, W, ...) pixels.
+        coarse: Ratio of image pixels to those of the result.
+        sd_px: Standard deviation of the blur, pixels of the image.
+    """
     height, width = image.shape[:2]
     small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)

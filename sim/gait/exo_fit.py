@@ -94,7 +94,11 @@ class ExoLeg:
         )  # fmt: skip
 
     def strains(self, q: Array, wearer: LegPose) -> tuple[Array, Array]:
-        """(N, 6 C) strains of the couplings (displacement, rotation) and their (N, 6 C, J) Jacobian at (N, J) rad."""
+        """Strains (N, 6 C) of the couplings at (N, J) rad, and their Jacobian (N, 6 C, J).
+
+        For each coupling they are the displacement, m, and the rotation (sine of the angle) in the axes of the
+        exoskeleton's body.
+        """
         return exo_fit_kernel.strains(self.kernel, q, *self.attachment_poses(wearer))
 
     def attachment_poses(self, wearer: LegPose) -> tuple[Array, Array]:

@@ -66,9 +66,16 @@ class CoupledLeg(NamedTuple):
 
 @_called
 def strains(leg: CoupledLeg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
-    """Strains (N, 6 C) of the couplings, displacement and rotation, and their Jacobian (N, 6 C, J) at (N, J) rad.
+    """Strains of the couplings at N instants, and their Jacobian by the joint angles.
 
-    `p`, (N, C, 3) m, and `R`, (N, C, 3, 3), are the pose of the wearer's body at each coupling in the pelvis' frame.
+    Args:
+        leg: The leg.
+        q: (N, J) rad.
+        p: (N, C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
+        R: (N, C, 3, 3) rotation of that body.
+
+    Returns:
+        (N, 6 C) displacement, m, and rotation (sine of the angle) of each coupling; (N, 6 C, J) their Jacobian.
     """
     n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
@@ -183,7 +190,11 @@ def integrate_motion(
 
 @numba.njit(**INSIDE)
 def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
-    """Torque of a joint's stops, N m, and its slope, N m/rad: the gradient of a smooth energy."""
+    """Torque of a joint's stops, N m, and its slope by the angle, N m/rad.
+
+    It is k w (ln(1 + exp(over)) − ln(1 + exp(under))), the gradient of a smooth energy: `over` and `under` are the
+    distances beyond the upper and the lower stop in widths w, and k is the stiffness.
+    """
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
     torque, slope = 0.0, 0.0

@@ -331,9 +331,16 @@ def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
 def _clearance_shortfall(
     p: Array, sole: tuple[Array, Array], height: Callable[[Array], Array], near: Array, clearance: float
 ) -> Array:
-    """(N,) m, how much higher the foot at (N, 3) must be at `_FINE` to keep `clearance` above the ground.
+    """(N,) m, how much higher a swinging foot must be at the shares `_FINE` of swing to clear the ground.
 
-    Ground `near` (2,) m before and behind counts too. At both ends, where the foot rests, there is no limit: -inf.
+    At both ends, where the foot rests, there is no limit: -inf.
+
+    Args:
+        p: (N, 3) m, positions of the foot.
+        sole: Points of the sole (`_sole_points`).
+        height: Height of the ground, m, at (..., 2) points.
+        near: (2,) m, ground this far before and behind a point counts, too.
+        clearance: Clearance in mid-swing, m.
     """
     points = p[:, None] + sole[0] + sole[1]  # (N, points, 3)
     ground = np.max(height(points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]), axis=0)

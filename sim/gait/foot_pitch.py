@@ -115,15 +115,18 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         toe_off, landing = _toe_off(a, b.style), _landing(b)
         heel_off = toe_off.heel_off_before * duration
         lowers = a.departure == "lower"
+        # beyond the usual riser, fall and slope, the heel rises for longer before toe-off
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
         heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
+        # additional pitch at the landing on a high riser or a steep slope
         high = b.rise > _HIGH_RISE_M
         tiptoe = _HIGH_TIPTOE_RAD if high else _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
             tiptoe += _TIPTOE_BY_SLOPE * max(b.slope - _USUAL_SLOPE_RAD, 0.0)
+        # uphill the heel rises earlier, and higher at toe-off
         uphill = max(a.slope, 0.0)
         push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
         off = toe_off.off + _PUSH_BY_RISE * climb + push
@@ -136,6 +139,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
             swing_knots, landing_knots = tuple((u, max(angle, landing.touch)) for u, angle in swing_knots), ()
         knots += [(a.t_off + u * swing, angle + tiptoe) for u, angle in swing_knots]
         knots += [(a.t_off + u * swing, angle + slope_pitch + tiptoe) for u, angle in landing_knots]
+        # the sole comes down from the pitch of the landing until it lies flat
         flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
         touch, lasts = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
         lowering = (_HIGH_LOWERING,) if high else landing.lowering

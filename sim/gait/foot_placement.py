@@ -203,6 +203,13 @@ def limp_factor(gait: Gait, foot: str) -> float:
 def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator) -> list[Foothold]:
     """Footholds in order, right foot first, from s = 0 to the end of the route, where the feet end side by side.
 
+    Args:
+        layout: Route in the world.
+        size: Wearer.
+        gait: Gait of the person.
+        tempo: Speed and step length along the way.
+        rng: Draws pauses and errors of the step length.
+
     Raises:
         ConfigError: A strip too short for a foot.
     """
@@ -324,9 +331,16 @@ def _inner_depth_share(foot: str, curvature: float) -> float:
 
 
 def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
-    """Arc length of a foot that stays clear of the riser, the one in front going up, the one behind going down.
+    """Arc length of a foot on a tread, clear of the riser: the one in front going up, the one behind going down.
 
     A foot longer than the tread overhangs the free edge.
+
+    Args:
+        strip: The tread.
+        rising: Whether the stair leads up.
+        heel: From the foot's origin back to the heel's edge, m.
+        toe: From the foot's origin forward to the toe tip, m.
+        narrower: Depth of the tread at the foot, relative to the middle of the way.
     """
     heel, toe = heel / narrower, toe / narrower
     free = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)

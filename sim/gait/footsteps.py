@@ -168,6 +168,7 @@ def _step_durations(
                 time_factor *= _TWO_TREADS_TIME
             duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
         else:
+            # in a curve steps are slower; their time grows with their length or turn, relative to the usual ones
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step_length(middle)) * slower), turn_share(way, previous, s))
             ratio = np.clip(ratio, *_LENGTH_RANGE)
@@ -246,6 +247,12 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     """Footsteps along the way from s = 0 to the end of the route, and the walk's duration in s.
 
     The walk starts and ends on both feet. Each sole lies wholly on one strip: step lengths are adapted before an edge.
+
+    Args:
+        layout: Route in the world.
+        size: Wearer.
+        gait: Gait of the person.
+        rng: Draws the variability of the steps.
 
     Raises:
         ConfigError: A gait that is impossible to walk (the message names field, value and range), or a strip too short

@@ -113,10 +113,19 @@ _UP = 2  # index in displacement (forward, left, up) and rotation
 
 @_called
 def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
-    """A mode's oscillation at (N,) s after a strike, and its time derivative.
+    """Oscillation of one mode after a strike, of unit amplitude, and its time derivative.
 
-    s(τ) exp(-τ/T) sin(2πfτ + φ) with f = `hz`, T = `decay_s` and φ = `phase`, where s rises smoothly (zero first and
-    second derivative at both ends) from 0 to 1.
+    s(τ) exp(-τ/T) sin(2πfτ + φ), where s rises smoothly (zero first and second derivative at both ends) from 0 to 1
+    within `RISE_PERIODS` periods.
+
+    Args:
+        tau: (N,) s after the strike, τ.
+        hz: Frequency f.
+        decay_s: Decay time T.
+        phase: Phase φ, rad.
+
+    Returns:
+        (N,) values, and (N,) 1/s.
     """
     value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
     for i in range(len(tau)):
@@ -233,9 +242,16 @@ class UpperMotion:
 def _add_vibrations(
     t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, value: Array, rate: Array
 ) -> None:  # fmt: skip
-    """Adds the vibration at (N,) increasing s to (N, 6) displacement and rotation, and to their rates.
+    """Adds the vibrations after all strikes to displacement and rotation, and to their rates.
 
-    `rows` (2, E) are the first row of each vibration, and one past its last.
+    Each one is `amplitude` times s(τ) exp(−τ/T) sin(ω τ + φ) in every axis, τ after its strike.
+
+    Args:
+        t: (N,) increasing s.
+        rows: (2, E) first row of each vibration, and one past its last.
+        vibrations: The E vibrations.
+        value: (N, 6) displacement, m, and rotation, rad, which are added to.
+        rate: (N, 6) their rates, which are added to.
     """
     for e in range(len(vibrations.begin)):
         omega = 2 * np.pi * vibrations.hz[e]
@@ -256,7 +272,7 @@ def _add_rocks(
     t: Array, rows: NDArray[np.int64], rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, value: Array,
     rate: Array,
 ) -> None:  # fmt: skip
-    """Adds the rocking of stance: sines of random phase in a window that fades in and out.
+    """Adds the rocking of stance to the rotation: sines of random phase in a window that fades in and out.
 
     Args:
         t: (N,) increasing s.
@@ -265,8 +281,8 @@ def _add_rocks(
         rock_hz: (M,) frequencies.
         rock_rate: (M, 3) rad/s, amplitudes of the angular rate.
         fade_s: Duration of fade-in and fade-out.
-        value: (N, 6) displacement, m, and rotation, rad; the rotation is added to.
-        rate: (N, 6) their rates, likewise.
+        value: (N, 6) displacement, m, and rotation, rad, which are added to.
+        rate: (N, 6) their rates, which are added to.
     """
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):

@@ -48,10 +48,18 @@ def solve_leg(
     size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array,
     R_world_foot: Array, min_knee: float,
 ) -> LegAngles:  # fmt: skip
-    """Joint angles that bring the foot of a side (`l` or `r`) to its poses, (N, 3) and (N, 3, 3).
+    """Joint angles that bring a foot to its poses, in closed form.
 
-    The pelvis' origin is the midpoint of the hip centres. The knee is flexed by `min_knee` rad at least; `stretch` is
-    the distance to a foot that is out of reach.
+    The knee is flexed by `min_knee` at least; `LegAngles.stretch` is the distance to a foot that is out of reach.
+
+    Args:
+        size: Wearer.
+        side: `l` or `r`.
+        p_pelvis_in_world: (N, 3) m, midpoint of the hip centres.
+        R_world_pelvis: (N, 3, 3).
+        p_foot_in_world: (N, 3) m.
+        R_world_foot: (N, 3, 3).
+        min_knee: Least flexion of the knee, rad.
     """
     sign = 1.0 if side == "l" else -1.0
     p_hip = p_pelvis_in_world + R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])

@@ -172,7 +172,18 @@ class Reference(WalkMotion):
 def plan_reference(
     config: TwinConfig, model: mujoco.MjModel, size: Wearer, terrain: Terrain, rng: np.random.Generator
 ) -> Reference:
-    """Plans the whole walk for a compiled model of the wearer on the terrain; `rng` varies the steps.
+    """Plans the whole walk for a compiled model of the wearer on the terrain.
+
+    The path of the pelvis is found in `_ZMP_ROUNDS` rounds. Each one fits the height of the pelvis to the reach of the
+    legs, solves the legs, and corrects the horizontal path by the error of the whole body's zero-moment point. In some
+    rounds the heels may rise farther, or the exoskeleton is fitted again.
+
+    Args:
+        config: Scenario.
+        model: Compiled model of the wearer on the terrain.
+        size: Dimensions of the wearer.
+        terrain: Ground.
+        rng: Varies the steps, and draws a wandering gaze.
 
     Raises:
         StrideTwinError: The legs cannot reach the footsteps.
@@ -185,7 +196,7 @@ def plan_reference(
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = add_quiet_stance(load_shares(steps, t), steps, t)
     travels = {side: cop_travel(steps[side], t) for side in SIDES}
-    centres, wanted = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
+    centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
@@ -193,10 +204,11 @@ def plan_reference(
     min_knee = min_knee_flexion(rhythm, t)
 
     kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
-    over_ground = solve_cart_table(wanted[:, :2], kappa, GRID_S)
+    over_ground = solve_cart_table(planned_zmp[:, :2], kappa, GRID_S)
     layout, tree = Coordinates.of(model), Tree.of(model)
     exo: dict[str, Array] = {}
     for round_ in range(_ZMP_ROUNDS):
+        # height of the pelvis below the reach of the legs, which depends on its horizontal path
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
         limit = max_pelvis_height(size, p_pelvis, R_pelvis, paths, min_knee) - wave
         p_pelvis[:, 2] = wave + fit_pelvis_height(level * mean + (1.0 - level) * limit, limit, GRID_S)
@@ -208,20 +220,21 @@ def plan_reference(
             exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), start)
         splines = make_interp_spline(t, stack_coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
         if round_ < _ZMP_ROUNDS - 1:
+            # zero-moment point of the whole body; its error corrects the path of the pelvis
             coarse = t[::_STRIDE]
             q, v, a = layout.evaluate(splines, coarse)
             force, moment, com = root_wrench(tree, q, v, a, model.opt.gravity)
             zmp, kappa = zero_moment_point(
-                q[:, :3], force, moment, com[:, 2], wanted[::_STRIDE, 2], float(tree.mass.sum())
+                q[:, :3], force, moment, com[:, 2], planned_zmp[::_STRIDE, 2], float(tree.mass.sum())
             )
-            error = solve_cart_table(wanted[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
+            error = solve_cart_table(planned_zmp[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
             paths = {
                 side: with_heel_rise(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
-            centres, wanted = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
+            centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
     worst = max(float(leg.stretch.max()) for leg in legs_.values())
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())

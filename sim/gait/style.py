@@ -177,7 +177,15 @@ def shuffle_step_share(shuffle: float) -> float:
 
 
 def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
-    """Style of a step that takes `longer` times as long, while its swing takes `swing_longer` times as long."""
+    """Style of a step that takes longer than the style's own.
+
+    The shares of double support, heel-off and flat foot are adapted, so that the swing has its time.
+
+    Args:
+        style: Style of the shorter step.
+        longer: Duration relative to that step.
+        swing_longer: Duration of the swing relative to its swing.
+    """
     share = swing_longer / longer
     return replace(
         style,

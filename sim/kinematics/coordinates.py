@@ -55,7 +55,7 @@ class Coordinates:
         )
 
     def from_mujoco(self, q: Array) -> Array:
-        """Coordinates (N, names) of consecutive qpos (N, nq); the yaw is unwrapped."""
+        """Coordinates (N, names) of consecutive qpos (N, nq) in MuJoCo's layout; the yaw is unwrapped over the rows."""
         R = matrix_from_quat(q[:, 3:7])
         x = np.empty((len(q), len(self.names)))
         x[:, :3] = q[:, :3]
@@ -77,7 +77,13 @@ class Coordinates:
         return q, v
 
     def to_mujoco(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
-        """Qpos (N, nq), qvel (N, nv), qacc (N, nv) of coordinates, rates and accelerations (N, names)."""
+        """Qpos (N, nq), qvel (N, nv) and qacc (N, nv) in MuJoCo's layout.
+
+        Args:
+            x: (N, names) coordinates.
+            dx: (N, names) their rates.
+            ddx: (N, names) their accelerations.
+        """
         n = len(x)
         q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
         _fill_position_velocity(x, dx, self.qpos, self.dof, q, v)

@@ -158,7 +158,12 @@ def _allocate_bodies(tree: Tree) -> _Bodies:
 
 @_called
 def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-    """Poses and velocities of all bodies at N instants.
+    """Poses and velocities of all bodies at N instants, as MuJoCo's `mj_kinematics` and `mj_comVel` compute them.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) positions.
+        v: (N, nv) velocities.
 
     Returns:
         (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
@@ -181,6 +186,13 @@ def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Ar
 @_called
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) positions.
+        v: (N, nv) velocities.
+        a: (N, nv) accelerations.
+        gravity: (3,) m/s².
 
     Returns:
         (N, 3) force, N, and (N, 3) its moment about the root's origin, N m, world axes; (N, 3) centre of mass, m.
@@ -208,10 +220,19 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
-    """(N, J) N m, torques of the hinges for a motion of the tree, without rotors and friction of the joints.
+    """(N, J) N m, torques of the hinges for a motion of the tree, by the recursive Newton-Euler method.
 
-    All hinges of one body rotate about one point. External (K, N, 3) `forces`, N, and `moments` about the origins, N m,
-    world axes, act on the (K,) `bodies`: indices in the tree, repetitions allowed.
+    Rotors and friction of the joints are not included. All hinges of one body rotate about one point.
+
+    Args:
+        tree: The bodies.
+        q: (N, nq) positions.
+        v: (N, nv) velocities.
+        a: (N, nv) accelerations.
+        gravity: (3,) m/s².
+        bodies: (K,) bodies on which external wrenches act, as indices in the tree; repetitions are allowed.
+        forces: (K, N, 3) N, world axes.
+        moments: (K, N, 3) N m about the origins of these bodies, world axes.
     """
     n, count, motions, g = len(q), len(tree.parent), _allocate_bodies(tree), vec3(gravity)
     p, R, axes, torque = motions.p, motions.R, motions.axes, np.empty((n, len(tree.axis)))
@@ -240,10 +261,18 @@ def hinge_torques(
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
-    The (C, L) `chains` are the bodies from the first to the tip, each on one hinge through its own origin.
+    The composite-rigid-body method gives the matrices. Rotors and friction of the joints are not included.
+
+    Args:
+        tree: The bodies.
+        chains: (C, L) bodies of each chain from the first to the tip, each on one hinge through its own origin.
+        q: (N, nq) positions.
+        v: (N, nv) velocities.
+        a: (N, nv) accelerations.
+        gravity: (3,) m/s².
 
     Returns:
-        (N, C, L, L) kg m² and (N, C, L) N m, without rotors and friction of the joints.
+        (N, C, L, L) kg m² and (N, C, L) N m.
     """
     n, bodies, motions = len(q), len(tree.parent), _allocate_bodies(tree)
     count, length = chains.shape

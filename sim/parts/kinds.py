@@ -56,7 +56,19 @@ class Gyroscope:
 
 @dataclass(frozen=True, kw_only=True)
 class Accelerometer:
-    """Three accelerometers; attributes as in `Gyroscope`, in m/s² instead of rad/s."""
+    """Three accelerometers.
+
+    Attributes:
+        noise_density: m/s²/√Hz, the velocity random walk.
+        bias_instability: m/s², the flat bottom of the Allan deviation.
+        random_walk: m/s³/√Hz.
+        turn_on_bias: Standard deviation from one start to the next, m/s².
+        scale_factor: Standard deviation, a fraction.
+        misalignment: Standard deviation of each axis towards each of the others, rad.
+        range: m/s².
+        bandwidth_hz: −3 dB.
+        resolution: One count, m/s²; 0 for none.
+    """
 
     noise_density: float = figure("noise_density_ug_per_rthz", 0, 10000, scale=1e-6 * G, ideal=0.0)
     bias_instability: float = figure("bias_instability_ug", 0, 10000, scale=1e-6 * G, ideal=0.0)
@@ -84,7 +96,7 @@ class AhrsPart(Part):
     Attributes:
         tilt_bias: Standard deviation of the constant error of roll and pitch, rad.
         tilt_still: Standard deviation of the varying error at rest, rad.
-        tilt_moving: Likewise in full motion, rad.
+        tilt_moving: Standard deviation of the varying error in full motion, rad.
         heading_bias: Standard deviation of the heading at the start, rad.
         heading_drift: Largest drift, rad/s.
         heading_walk: rad/√s in full motion.

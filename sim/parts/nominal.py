@@ -62,7 +62,13 @@ def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) ->
 
 
 def depth_scale(topic: str, sd: CalibrationSd, seed: int) -> float:
-    """Ratio of measured depth to true depth, without noise; `topic` is the camera's."""
+    """Ratio of measured depth to true depth of a camera in the walk of a seed, without noise.
+
+    Args:
+        topic: Topic of the camera.
+        sd: Accuracy of its calibration.
+        seed: Seed of the walk.
+    """
     return 1.0 + float(_noise(topic, "depth", seed).normal(sd.depth_scale, 1)[0])
 
 

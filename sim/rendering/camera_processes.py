@@ -60,7 +60,7 @@ class CameraProcesses:
         mount_slips: MountSlips | None = None, processes: int | None = None,
     ) -> None:  # fmt: skip
         self._cameras = list(sensor_rig.rig.cameras.values())
-        self._seen = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
+        self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
         scene = pickle.dumps((model, sensor_rig, crowd, seed, mount_slips), protocol=5) if count else b""
         self._workers = [_Worker(scene) for _ in range(count)]
@@ -102,7 +102,7 @@ class CameraProcesses:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
             stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())
             stamps |= {(topic, t): stamp for t, stamp in stamped for topic in (camera.topic, camera.depth_topic)}
-            board = self._seen[camera.topic]
+            board = self._boards[camera.topic]
             twist = np.zeros((len(t_ns), 2, 6))
             for i, body in enumerate([camera.mount.body, *([board.mount.body] if board else [])]):
                 track = motion.carrier(body)[motion.rows(t_ns)]

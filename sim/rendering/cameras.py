@@ -87,7 +87,15 @@ def _blank_image(shape: tuple[int, int]) -> Pixels:
 
 
 class Cameras:
-    """Renders the cameras of a rig; a context manager, because it holds graphics memory."""
+    """Renders the cameras of a rig; a context manager, because it holds graphics memory.
+
+    Args:
+        model: Compiled model; it is copied.
+        sensor_rig: The sensors with their true calibration.
+        crowd: Bystanders.
+        seed: Seed of the walk, for the noise of the images.
+        mount_slips: Slips of the camera mounts.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,

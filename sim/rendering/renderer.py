@@ -102,7 +102,13 @@ class _OffScreen:
         )
 
     def draw(self, rgb: Rgb | None, depth: DepthImage | None, rect: mujoco.MjrRect | None = None) -> None:
-        """Renders the scene into upside-down images of this size, or of a smaller one."""
+        """Renders the scene into upside-down images.
+
+        Args:
+            rgb: (h, w, 3) image; None for none.
+            depth: (h, w) z-buffer; None for none.
+            rect: Size of the images, up to that of the context, which is the default.
+        """
         rect = rect or self._rect
         self._gl.make_current()
         mujoco.mjr_render(rect, self.scene, self._context)
@@ -247,7 +253,13 @@ class SensorView(_OffScreen):
 
 
 class FilmCamera(_OffScreen):
-    """Third-person view with shadows and smooth edges, for viewers."""
+    """Third-person view with shadows and smooth edges, for viewers.
+
+    Args:
+        model: The scene.
+        width: Of the images, pixels.
+        height: Of the images, pixels.
+    """
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
         self._endless, self._size = _endless_planes(model), (width, height)
@@ -296,9 +308,14 @@ def _bound_planes(
     model: mujoco.MjModel, endless: NDArray[np.intp], half_m: float, data: mujoco.MjData | None = None,
     about: ArrayLike = (0.0, 0.0),
 ) -> Iterator[None]:  # fmt: skip
-    """Bounds endless level planes temporarily, around a place in the world: MuJoCo draws them as 40 000 tiles.
+    """Bounds endless level planes within a `with` block; MuJoCo would draw them as 40 000 tiles.
 
-    `half_m` is half an edge, an odd number of texture periods.
+    Args:
+        model: The scene.
+        endless: Its endless planes.
+        half_m: Half an edge of the bounded planes, an odd number of texture periods.
+        data: State whose planes are moved, too.
+        about: (2,) place in the world at the middle of the planes, rounded to texture periods.
     """
     sizes = model.geom_size[endless]
     model.geom_size[endless] = half_m, half_m, 2 * half_m

@@ -163,6 +163,7 @@ def _measure_depth(
     for i in range(depth.shape[0]):
         luck, error = mixed[top + i, left : left + width], noise[top + i, left : left + width]
         for j in range(width):
+            # no match, then a discontinuity: half of its pixels are lost, the others fly
             count = counts[i, j]
             if depth[i, j] == 0 or unmatched[i // 2, j // 2]:
                 continue

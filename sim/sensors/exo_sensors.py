@@ -78,7 +78,7 @@ class EncoderModel(SensorModel[OtherSensor, EncoderPart]):
         self._phase = 2 * math.pi * noise.normal(1.0, 1)[0]
 
     def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
-        """Samples of the true angle (N,), rad, at (N,) instants."""
+        """The next samples, from the true angle (N,), rad, at (N,) instants."""
         measured = angle + self._offset + self._part.nonlinearity * np.sin(angle + self._phase)
         if self._step:
             measured = self._step * np.round(measured / self._step)
@@ -89,9 +89,15 @@ class ActuatorModel(SensorModel[OtherSensor, ActuatorPart]):
     """Actuation module of one joint: its command, and its torque and speed with white noise."""
 
     def read(self, t_ns: Instants, command: ArrayLike, torque: ArrayLike, speed: ArrayLike) -> Block[Actuator]:
-        """Samples of the command (N,) and the true torque (N,), N m, and the joint's true speed (N,), rad/s.
+        """The next samples of an actuation module.
 
-        Without an actuation module, or with an idle one, command and torque of the motor are 0.
+        Without a module, or with an idle one, command and torque of the motor are 0.
+
+        Args:
+            t_ns: (N,) instants.
+            command: (N,) N m, torque command.
+            torque: (N,) N m, true torque.
+            speed: (N,) rad/s, true speed of the joint.
         """
         white = self._noise.normal(np.array([self._part.torque_noise, self._part.speed_noise]), (len(t_ns), 2))
         return self._block(

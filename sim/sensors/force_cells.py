@@ -128,7 +128,12 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
         self._cells = ForceCells(part, 2, calibration.rate_hz, noise)
 
     def read(self, t_ns: Instants, force: Array) -> Block[Interaction]:
-        """Samples of the cuff's force on the limb (N,), N, positive where it presses on the limb's front."""
+        """The next samples, from the cuff's force on the limb.
+
+        Args:
+            t_ns: (N,) instants.
+            force: (N,) N, positive where the cuff presses on the limb's front.
+        """
         by_cell = np.stack([force, -force], axis=-1)
         load = np.maximum(self._part.preload + 0.5 * by_cell, np.maximum(by_cell, 0.0))
         return self._block(Interaction, t_ns, force=self._cells.read(load))

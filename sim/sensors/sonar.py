@@ -44,7 +44,12 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         self._half_beam, self._fan = part.beam / 2, _beam_rays(part.beam / 2)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
-        """Samples at the instants of both tracks: of the body that carries the sonar, and of the other foot's frame."""
+        """The next samples, at the instants of both tracks.
+
+        Args:
+            body: Track of the body that carries the sonar.
+            other_foot: Track of the other foot's frame, whose shoe reflects.
+        """
         T_world_sensor = body.to_sensor(self._calibration.mount.T_body_sensor).poses()
         shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         shoe += other_foot.p_body_in_world[:, None]

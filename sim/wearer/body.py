@@ -55,7 +55,15 @@ def bodies_to_track(size: Wearer) -> tuple[str, ...]:
 
 
 def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
-    """Attaches person, shoes and exoskeleton to the world of `spec` with a free root.
+    """Attaches person, shoes and exoskeleton to the world of a model, with a free root.
+
+    Args:
+        spec: The model.
+        person: The person.
+        exo: The exoskeleton; None for a person without it.
+
+    Returns:
+        Dimensions of the wearer.
 
     Raises:
         ConfigError: A person outside the range of the tables, or an unknown mode of the exoskeleton.

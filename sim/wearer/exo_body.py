@@ -118,7 +118,16 @@ def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth:
 def _lay_strap(
     spec: mujoco.MjSpec, name: str, band: Band, girth: float, y: float = 0.0, z: float | None = None
 ) -> None:
-    """Lays the flat boxes `name_0`, ... on an ellipse about the vertical: around a limb, or around the trunk."""
+    """Lays the flat boxes of a strap on an ellipse about the vertical, around a limb or around the trunk.
+
+    Args:
+        spec: Leaf with the boxes `name_0`, `name_1`, ...
+        name: Name of the strap.
+        band: Ellipse for the mean girth.
+        girth: Thickness over that of the mean person.
+        y: Middle of the ellipse sideways, m.
+        z: Height of the strap, m; None keeps that of the leaf.
+    """
     boxes = [geom for geom in spec.geoms if geom.name.startswith(f"{name}_")]
     angle = 2 * math.pi * (np.arange(len(boxes) + 1) + 0.5) / len(boxes)
     half_x, half_y = band.half_x * girth + band.clearance, band.half_y * girth + band.clearance
@@ -132,7 +141,17 @@ def _lay_strap(
 
 
 def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: float, module: Module) -> None:
-    """Bolts a module to the link above its joint; the rotor turns with the joint, and the gear has friction."""
+    """Bolts an actuation module to the link above its joint.
+
+    The rotor turns with the joint, and the gear has friction; both become properties of the hinge.
+
+    Args:
+        leg: The leaf `exo_leg`.
+        joint: `hip` or `knee`.
+        above: Body of the link above the joint.
+        down: From that body's origin down to the joint, m.
+        module: The module.
+    """
     housing = read_leaf("exo_module")
     body = housing.body("module")
     body.mass, body.inertia = module.mass_kg, module.mass_kg * np.asarray(body.inertia)

@@ -83,14 +83,19 @@ class BodyState:
 
 
 def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array) -> tuple[Array, Array, Array, Array]:
-    """Displacement and rotation of a coupling.
+    """Strain of a coupling: displacement and rotation of the wearer's body as seen from the exoskeleton's.
 
-    The bodies' origins are (..., 3) m and their rotations (..., 3, 3) in a common frame.
+    Args:
+        c: Coupling.
+        p_exo: (..., 3) m, origin of the exoskeleton's body in a common frame.
+        R_exo: (..., 3, 3) its rotation.
+        p_body: (..., 3) m, origin of the wearer's body in that frame.
+        R_body: (..., 3, 3) its rotation.
 
     Returns:
-        (..., 3) displacement of the wearer's point, m, and (..., 3) vector part of the relative rotation
-        (sine of the angle), both in the exoskeleton body's axes; (..., 3, 3) derivative of that vector by the relative
-        rotation; and (..., 3) the point where the force acts, in the common frame.
+        (..., 3) displacement of the wearer's point, m, and (..., 3) vector part of the relative rotation (sine of the
+        angle), both in the exoskeleton body's axes; (..., 3, 3) derivative of that vector by the relative rotation; and
+        (..., 3) the point where the force acts, in the common frame.
     """
     point = p_body + R_body @ c.p_in_body
     displacement = np.einsum("...ji,...j->...i", R_exo, point - p_exo) - c.p_in_exo
@@ -102,9 +107,14 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
 
 
 def wrench(c: Coupling, exo: BodyState, body: BodyState) -> tuple[Array, Array, Array]:
-    """Wrench of the wearer on the exoskeleton; the exoskeleton exerts the opposite on the wearer.
+    """Wrench of the wearer on the exoskeleton at a coupling; the exoskeleton exerts the opposite on the wearer.
 
-    The elastic part is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r in the strains d and r.
+    With the strains d and r it is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r, plus the damping of their rates.
+
+    Args:
+        c: Coupling.
+        exo: State of the exoskeleton's body.
+        body: State of the wearer's body, in the same frame.
 
     Returns:
         (..., 3) force, N, and (..., 3) torque, N m, in the common axes, and (..., 3) the point where the force acts.

@@ -124,7 +124,7 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
 
 
 def dh_table(links: ExoLinks, side: str) -> tuple[DhRow, ...]:
-    """Rows 1-8 of table 2 of the paper for the leg `l` or `r`."""
+    """Denavit-Hartenberg rows 1-8 of the leg `l` or `r`, table 2 of Shim et al. 2019."""
     s, half = outward(side), math.pi / 2
     rows = (
         (0.0, s * links.hip1, links.hip6, half, 0),

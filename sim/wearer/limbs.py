@@ -197,7 +197,7 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
 
 @numba.njit(**INSIDE)
 def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
-    """Interval of the line o + t d, in the shape's own frame, inside it; empty: (inf, -inf)."""
+    """Interval of t in which the line o + t d is inside a shape, in the shape's own frame; (inf, -inf) for none."""
     if kind == _BOX:
         enters, leaves = -math.inf, math.inf
         for i in range(3):
@@ -235,7 +235,7 @@ _inside_interval_for_python = _called(_inside_interval)  # for Python
 
 @numba.njit(**INSIDE)
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
-    """Interval where o + t d is between -half and half."""
+    """Interval of t in which o + t d is between -half and half; (inf, -inf) for none."""
     if d == 0.0:
         return (-math.inf, math.inf) if abs(o) <= half else (math.inf, -math.inf)
     a, b = (-half - o) / d, (half - o) / d
@@ -244,7 +244,7 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
 
 @numba.njit(**INSIDE)
 def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
-    """Interval where a t² + 2 b t + c is at most 0, for a >= 0."""
+    """Interval of t in which a t² + 2 b t + c is at most 0, for a >= 0; (inf, -inf) for none."""
     if a == 0.0:
         return (-math.inf, math.inf) if c <= 0.0 else (math.inf, -math.inf)
     inside = b * b - a * c

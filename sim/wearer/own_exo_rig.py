@@ -62,7 +62,12 @@ def _part_field(kind: str) -> Any:
 
 
 def _check_short_names(valid: str, *more: str) -> AfterValidator:
-    """Refuses keys other than `more` and names with a side."""
+    """Validator of a mapping whose keys are names with a side, such as `hip_l`, or one of `more`.
+
+    Args:
+        valid: Examples of valid names, for the message.
+        more: Further valid keys.
+    """
 
     def check(named: dict[str, Any]) -> dict[str, Any]:
         for name in named:
@@ -82,7 +87,7 @@ def _check_unique(joints: dict[str, str]) -> dict[str, str]:
 
 
 def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
-    """Refuses names of joints that `joints` lacks."""
+    """Refuses short names of joints that the file's `joints` does not have."""
     joints = info.data.get("joints")
     for i, name in enumerate(names):
         if joints is not None and name not in joints:
@@ -248,7 +253,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
 
 
 def _find_unknown_names(file: OwnExoFile, chains: Chains, rig: Path, model: Path) -> Iterator[ConfigError]:
-    """Errors of links and joints that the model lacks."""
+    """An error for each joint and each link in the rig file that the model does not have."""
     hinges = {link.joint for leg in chains.legs for link in leg}
     for short, joint in file.joints.items():
         if hinge_of(short) not in hinges:
@@ -286,7 +291,13 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
 
 
 def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[str, tuple[Link, ...]]) -> None:
-    """Refuses hips, knees and ankles that do not count flexion: control laws and readers of the sensors assume it."""
+    """Refuses hips, knees and ankles whose positive angle is not flexion.
+
+    Control laws and the readers of the sensors assume that: thigh forward, knee bent, toes up.
+
+    Raises:
+        ConfigError: An axis farther than `_MOST_ASLANT_DEG` from the direction across the body.
+    """
     for short, joint in joints.items():
         name, _, side = short.rpartition("_")
         y = _FLEXION_Y.get(name)

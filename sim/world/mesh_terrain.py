@@ -134,12 +134,12 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
     heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     heights -= heights[0, len(_ROWS) // 2]
     segments = _segments(s, heights[:, len(_ROWS) // 2], way)
-    off = _replacement_error(segments, s, heights, width_m, way)
+    errors = _replacement_error(segments, s, heights, width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
     summary = (
         f"{way.path}: replaced by exact boxes and wedges ({counts}) over {length:.2f} m; the mesh lies up to "
-        f"{1e3 * off.max():.1f} mm off, {1e3 * math.sqrt(np.mean(off**2)):.1f} mm RMS (up to "
+        f"{1e3 * errors.max():.1f} mm off, {1e3 * math.sqrt(np.mean(errors**2)):.1f} mm RMS (up to "
         f"{1e3 * _MAX_ERROR_M:g} mm is accepted; {1e3 * _BESIDE_RISER_M:g} mm beside risers are excluded)"
     )
     return segments, summary
@@ -243,7 +243,12 @@ def _segment_length(s: Array, before: int | None, a: int, b: int, riser_after: b
 
 
 def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
-    """Risers with the treads between them: one stair if all treads are equal, otherwise riser by riser."""
+    """Segments for risers and the treads between them: one stair if all treads are equal, otherwise one per riser.
+
+    Args:
+        risers: Heights, m, negative downwards.
+        treads: Depths of the treads between them, m.
+    """
     if not risers:
         return []
     down, heights = risers[0] < 0, tuple(abs(r) for r in risers)
@@ -258,7 +263,19 @@ def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
 
 
 def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> list[MeshSegment]:
-    """Levels and ramps between two risers; `run` is their total length."""
+    """Levels and ramps between two risers.
+
+    Args:
+        s: (N,) m along the way.
+        z: (N,) m, heights.
+        a: First sample.
+        b: Last sample.
+        run: Length from riser to riser, m.
+        way: The way, for messages.
+
+    Raises:
+        ConfigError: A slope that is too steep.
+    """
     knots = _knots(s, z, a, b)
     parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):
@@ -311,10 +328,10 @@ def _replacement_error(
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
     edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _MIN_JUMP_M)]
     away = np.all(np.abs(s[:, None] - edges) > _BESIDE_RISER_M, axis=1)
-    off = np.abs(terrain.height(points) - heights)[away]
-    if off.max() > _MAX_ERROR_M:
-        row, column = np.unravel_index(int(np.argmax(off)), off.shape)
+    errors = np.abs(terrain.height(points) - heights)[away]
+    if errors.max() > _MAX_ERROR_M:
+        row, column = np.unravel_index(int(np.argmax(errors)), errors.shape)
         where = f"{s[away][row]:.2f} m along, {left[column]:+.2f} m to the left"
         valid = f"up to {1e3 * _MAX_ERROR_M:g} mm from levels, ramps and stairs across the way"
-        raise ConfigError(way.path, where, f"{1e3 * off[row, column]:.0f} mm off", valid)
-    return np.asarray(off).ravel()
+        raise ConfigError(way.path, where, f"{1e3 * errors[row, column]:.0f} mm off", valid)
+    return np.asarray(errors).ravel()

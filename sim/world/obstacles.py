@@ -73,7 +73,17 @@ class _Frame:
         self, material: str, length: float, width: float, bottom: float, top: float, along: float = 0.0,
         left: float = 0.0,
     ) -> Landmark:  # fmt: skip
-        """A box here, or translated along the direction and to its left."""
+        """A box at this frame, or translated along its direction and to its left.
+
+        Args:
+            material: Its material.
+            length: m, along the direction.
+            width: m.
+            bottom: Height of its underside in the world, m.
+            top: Height of its top in the world, m.
+            along: Translation along the direction, m.
+            left: Translation to the left, m.
+        """
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         solid = Solid.box(
             x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
@@ -121,7 +131,14 @@ def _extent(layout: Layout) -> tuple[Array, Array]:
 
 
 def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: float) -> bool:
-    """Whether a box keeps a distance to all walkable ground, and does not overlap another group."""
+    """Whether a box keeps a distance to all walkable ground, and overlaps none of the landmarks.
+
+    Args:
+        box: The box.
+        layout: Route in the world.
+        landmarks: Landmarks so far.
+        clearance: Least distance to the ground that is walked on, m.
+    """
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
     u, v = np.meshgrid(along, across)
@@ -280,9 +297,15 @@ _BANDS = {"stripe": ("white_paint", "black_paint"), "shadow": ("shadow",), "mat"
 
 
 def floor_markings(things: Sequence[Thing], layout: Layout, width_m: float) -> Iterator[tuple[Array, str]]:
-    """Flat objects on the way, as wide as it.
+    """Flat objects on the way, as wide as the way: stripes, shadows and mats.
 
-    Each is a level rectangle: its (4, 3) corners, m, anticlockwise seen from above, and its material.
+    Args:
+        things: Things of the route.
+        layout: Route in the world.
+        width_m: Width of the way.
+
+    Yields:
+        (4, 3) m, corners of a level rectangle, anticlockwise seen from above, and its material.
     """
     for thing in things:
         bands = _BANDS.get(thing.kind, ())

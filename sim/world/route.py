@@ -92,7 +92,13 @@ class _Pen:
         self._advance(length, 0.0, terrain, rise, cross_slope)
 
     def lay_arc(self, angle: float, radius: float, half_width: float) -> None:
-        """Lays level slabs along an arc; their outer corners meet."""
+        """Lays level slabs along an arc of the way; their outer corners meet.
+
+        Args:
+            angle: rad, left positive.
+            radius: m.
+            half_width: Of the way, m.
+        """
         count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
         part = angle / count
         reach = (radius + half_width) * math.tan(abs(part) / 2)
@@ -109,7 +115,17 @@ class _Pen:
         self._advance(radius * abs(angle), math.copysign(1.0 / radius, angle))
 
     def lay_winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
-        """Lays a tread on an arc. Its lower edge is radial; its other end lies under the next higher tread."""
+        """Lays a tread of a winding stair on an arc of the way.
+
+        Its lower edge is radial; its other end lies under the next higher tread.
+
+        Args:
+            length: Along the way, m.
+            angle: Of the arc, rad, left positive.
+            half: Half width of the way, m.
+            recess: By which the tread overhangs its riser, m.
+            down: Whether the stair leads down.
+        """
         radius = length / abs(angle)
         reach = (radius + half) * math.sin(abs(angle))
         inner = radius - (radius - half) * math.cos(angle)  # as far as the next edge begins
@@ -125,7 +141,14 @@ class _Pen:
         )  # fmt: skip
 
     def lay_crossing(self, length: float, aside: float, left: float, right: float) -> None:
-        """Lays a level slab on which the way moves `aside` to the left by two equal arcs."""
+        """Lays a level slab on which the way crosses over to the next lane by two arcs of equal radius.
+
+        Args:
+            length: Of the slab, m.
+            aside: Distance to the left that the way moves, m.
+            left: Extent of the slab to the left of the first part of the way, m.
+            right: Extent to the right, m.
+        """
         self._add_slab_here(length, left, right)
         aslant = length - 2 * _CROSSING_STRAIGHT_M
         curvature = 4 * aside / (aslant**2 + aside**2)
@@ -186,7 +209,7 @@ class _Pen:
 
 
 def _lay(pen: _Pen, segment: Segment, half: float) -> None:
-    """Lays one segment of level ground, stairs or a ramp."""
+    """Lays one segment, level ground, stairs or a ramp, with the half width `half` in m."""
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
             pen.lay_straight(length, "level", half, half, cross_slope=cross)
@@ -225,7 +248,11 @@ def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
 
 
 def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment | None, width: float) -> None:
-    """Lays a level as wide as the lanes beside it, with the way across it to the next walked lane."""
+    """Lays a level as wide as the lanes before and after it, on which the way crosses over to the next walked lane.
+
+    Raises:
+        ConfigError: The level is too short to cross over.
+    """
     sides = []
     aside = 0.0
     if isinstance(before, Lanes):
@@ -253,7 +280,7 @@ def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
 
 
 def _in_flight(treads: range, i: int, k: int) -> bool:
-    """Whether one of two slabs is a tread of a flight, and the other one, too, or the ground before or after it."""
+    """Whether slabs i and k both belong to a winding flight or its landings, and at least one is a tread of it."""
     near = range(treads.start - 1, treads.stop + 1)
     return (i in treads or k in treads) and i in near and k in near
 

@@ -44,6 +44,7 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
         best = np.inf
         solid, side = -1, -1
         for s in range(len(offsets)):
+            # entry is the last crossing into a half-space, leave the first one out of a half-space
             entry, leave, face = -np.inf, np.inf, 0
             for f in range(offsets.shape[1]):
                 nx, ny, nz = normals[s, f, 0], normals[s, f, 1], normals[s, f, 2]

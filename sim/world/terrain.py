@@ -153,7 +153,12 @@ def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
 
 
 def _roundings(radius: float) -> Iterator[tuple[float, float, float, float]]:
-    """Chords of a rounded edge: distances of both ends from it; depths of the far and the near end below the top."""
+    """Chords that approximate a rounded edge, from the edge inwards; none for a radius of 0.
+
+    Yields:
+        Distances of the outer and the inner end of a chord from the edge, and how far below the top these ends are:
+        first the inner, then the outer end. All are in m.
+    """
     if radius > 0.0:
         angles = np.linspace(0.0, math.pi / 2, _CHORDS + 1)
         away, below = radius * (1.0 - np.cos(angles)), radius * (1.0 - np.sin(angles))

@@ -101,7 +101,10 @@ FINISHES: dict[str, Callable[[Pixels], Pixels]] = {"rich": lambda pixels: pixels
 
 
 def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Array:
-    """Periodic noise of unit variance and spectrum 1/f^power; `stretch` scales the frequencies (x, y)."""
+    """(SIZE, SIZE) periodic noise of unit variance with a spectrum of 1/f^`power`.
+
+    `stretch` scales the frequencies along x and y: below 1, the noise is drawn out along that axis.
+    """
     fy, fx = np.meshgrid(np.fft.fftfreq(SIZE) * SIZE, np.fft.rfftfreq(SIZE) * SIZE, indexing="ij")
     radius = np.hypot(fx / stretch[0], fy / stretch[1])
     radius[0, 0] = np.inf

@@ -72,7 +72,7 @@ def launch(model, data, **how):
 
 viewer.launch_passive = launch
 playback_window.check_display()
-walk = SimpleNamespace(duration_s=50.0, moving=moving)
+walk = SimpleNamespace(duration_s=50.0, position_velocity=moving)
 playback_window.play(SimpleNamespace(config=config, crowd=Crowd(), walk=walk))
 print(json.dumps(seen))
 """
