@@ -75,7 +75,8 @@ def _correlate(
         grey: (H, W) image.
         pattern: The board.
         guess: View of the board but for a shift.
-        reach_u, reach_v: Largest shifts along u and v, squares.
+        reach_u: Largest shift along u, squares.
+        reach_v: Largest shift along v, squares.
     """
     columns, rows = pattern.bright.shape[1] + 2 * reach_u, pattern.bright.shape[0] + 2 * reach_v
     u = (np.arange(columns * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - columns / 2

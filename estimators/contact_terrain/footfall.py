@@ -84,7 +84,8 @@ class Footfall:
         on_heel: Whether it landed on the heel rather than the forefoot.
 
     Attributes:
-        step, on_heel: As given.
+        step: Number of the step.
+        on_heel: Whether it landed on the heel.
         forward, up: (3,) weighted sums of the sole's axes in the world over the ticks in which it was flat.
         weight: Sum of the weights of these ticks.
         ticks: Number of these ticks.

@@ -50,9 +50,9 @@ class DvioEstimate:
 
     Attributes:
         t_ns: Time of the sample.
-        pose: Of the IMU; valid unless the odometry is lost.
+        pose: Pose of the IMU; valid unless the odometry is lost.
         camera_pose: Estimated mount, the camera's pose in the IMU's frame; the same object until it changes.
-        v_imu_in_world: (3,) m/s.
+        v_imu_in_world: (3,) m/s, velocity of the IMU.
         gyro_bias: (3,) rad/s.
         accel_bias: (3,) m/s².
         health: `tracking`; `imu_only`: dead reckoning, for lack of points or images; or `lost`: from a failure until a

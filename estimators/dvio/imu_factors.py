@@ -65,7 +65,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     Args:
         z: Δp, Δv, ΔR with their covariance and their derivative by the biases.
         sample: (6,) angular rate, rad/s, and specific force, m/s².
-        dt: s.
+        dt: Length of the interval, s.
         rate_density: White noise of the rate, rad/s/√Hz.
         force_density: White noise of the force, m/s²/√Hz.
     """

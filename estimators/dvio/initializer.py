@@ -52,12 +52,12 @@ class Priors:
 
     Attributes:
         T_imu_camera: (4, 4) camera to IMU.
-        bias: (6,) at which the intervals were integrated, rad/s and m/s².
-        bias_sd: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
-        mount_sd: (6,) of the camera's position (m) and attitude (rad) on the IMU.
-        offset_sd: Of the camera's clock, s.
-        scale_sd: Of measured depths, relative.
-        gravity: m/s².
+        bias: (6,) rad/s and m/s², biases with which the intervals were integrated.
+        bias_sd: (6,) standard deviations of the biases of gyroscope (rad/s) and accelerometer (m/s²).
+        mount_sd: (6,) standard deviations of the camera's position (m) and attitude (rad) on the IMU.
+        offset_sd: Standard deviation of the offset of the camera's clock, s.
+        scale_sd: Relative standard deviation of the scale of measured depths.
+        gravity: Size of gravity, m/s².
     """
 
     T_imu_camera: Array
@@ -119,7 +119,7 @@ class Alignment(Motion):
         Args:
             R_world_imu: (3, 3) attitude of the IMU at the newest image.
             place: (3, 3) covariance of the position, m².
-            heading_sd: rad.
+            heading_sd: Standard deviation of the heading, rad.
         """
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ hat(self.v[-1])
@@ -145,9 +145,9 @@ def align_vision_imu(
 
     Args:
         structure: Cameras of K ≥ 3 images.
-        preintegrations: Of the K − 1 intervals between them.
+        preintegrations: Preintegrated IMU over the K − 1 intervals between them.
         rates: (K, 3) measured angular rate at each image, rad/s.
-        priors: Of calibration and biases.
+        priors: Priors of calibration and biases.
 
     Returns:
         The state at the newest image; None if vision and IMU contradict each other.

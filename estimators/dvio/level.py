@@ -71,10 +71,10 @@ class LevelGround:
         the mount instead, and the prior of the mount widens.
 
         Args:
-            window: Its prior receives the measurement.
+            window: The sliding window, whose prior receives the measurement.
             L: Cholesky factor of the window's normal equations.
             slot: Slot of the frame.
-            measured: (P, 3) planes in 1/m, as `read_planes` returns them.
+            measured: (P, 3) planes in 1/m of `read_planes`.
             weights: (P, 3, 3) inverses of their covariances.
             mount: Prior of the mount.
         """
@@ -106,7 +106,7 @@ class Slope(NamedTuple):
     Attributes:
         r: (2,) horizontal part of its unit normal, rad.
         J: (2, 6) derivative by the errors of the camera's attitude on the IMU and of the frame's attitude.
-        variance: Of its components as measured, rad².
+        variance: Variance of the components of `r` as measured, rad².
     """
 
     r: Array
@@ -202,7 +202,7 @@ def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
     the slope depends on the mount alone here. None if there is no such ground, or its planes differ.
 
     Args:
-        slopes: Of all planes.
+        slopes: Slopes of all planes.
         covariance: (6, 6) of the errors that they depend on, rad².
     """
     near = [slope for slope in slopes if slope.r @ slope.r < _MAX_MOUNT_SLOPE_RAD**2]

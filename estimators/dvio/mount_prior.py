@@ -58,7 +58,7 @@ class MountPrior:
         """Updates the variances from the estimated mount, docs/dvio.md (13), and the window's prior with them.
 
         Args:
-            window: Its calibration is the estimate; its prior is changed.
+            window: The sliding window, whose calibration is the estimate and whose prior is changed.
             covariance: (6, 6) of the mount, position (m) before rotation (rad).
         """
         for i, group in enumerate(GROUPS):

@@ -85,11 +85,11 @@ class CalibrationPrior(NamedTuple):
     """Standard deviations of the calibration; 0 where a value is exactly known, or not refined.
 
     Attributes:
-        mount_sd: (2,) of the camera's position (m) and rotation (rad) on the IMU, mounted as calibrated.
-        slipped_sd: (2,) of position (m) and rotation (rad) of a camera that has slipped.
-        offset_sd_s: Of the camera's clock.
-        depth_scale_sd: Of the depth camera's scale, relative.
-        focal_sd: Of the focal lengths, relative.
+        mount_sd: (2,) standard deviations of the position (m) and rotation (rad) of a camera mounted as calibrated.
+        slipped_sd: (2,) standard deviations of position (m) and rotation (rad) of a camera that has slipped.
+        offset_sd_s: Standard deviation of the offset of the camera's clock, s.
+        depth_scale_sd: Relative standard deviation of the depth camera's scale.
+        focal_sd: Relative standard deviation of the focal lengths.
     """
 
     mount_sd: Array

@@ -165,7 +165,7 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
     once: observations of these landmarks by the newest frame stay with it, which becomes their host.
 
     Args:
-        window: Its prior and landmarks change.
+        window: The sliding window, whose prior and landmarks change.
         factors: Noise model of the factors.
         work: Buffers.
         alive: (L,) 1 where a landmark is tracked; others of the oldest frame are dropped.

@@ -101,7 +101,7 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
     Args:
         s: (11,) sums of the cell.
         region: (3, 3) inverse of the region's normal equations; 0 takes the region's plane as exact.
-        variance: Of a sample's inverse depth, 1/m².
+        variance: Variance of a sample's inverse depth, 1/m².
         plane: (3,) plane of the region.
         buffers: (2, 3, 3) overwritten.
     """
@@ -133,7 +133,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
         cells: (R, C, 11) sums.
         group: (R, C) 0 where a cell is free, `name` where it belongs to the region, -1 where it was removed.
         name: Number of the region.
-        variance: Of a sample's inverse depth, 1/m².
+        variance: Variance of a sample's inverse depth, 1/m².
         total: (11,) sums of the region, changed in place.
         plane: (3,) out: plane of the region.
     """

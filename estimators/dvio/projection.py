@@ -133,8 +133,8 @@ def project(
     Args:
         A: (3, 3) rotation of `Views` from the host to the observer.
         s: (3,) translation of `Views`, m.
-        x: Of the ray in the host.
-        y: Of the ray in the host.
+        x: First coordinate of the ray on the host's plane at depth 1.
+        y: Second coordinate of that ray.
         inverse_depth: ξ, 1/m.
         least: Smallest depth in the observer, as a share of the depth in the host, of a point in front of the camera.
 
@@ -164,8 +164,8 @@ def observation_jacobian(
         views: Filled views.
         host: Slot of the host.
         observer: Slot of the observer.
-        x: Of the ray in the host.
-        y: Of the ray in the host.
+        x: First coordinate of the ray on the host's plane at depth 1.
+        y: Second coordinate of that ray.
         inverse_depth: ξ, 1/m.
         J: (3, ≥ 22) out: of (x, y, inverse depth) by calibration, host's pose and observer's pose.
         Jl: (3,) out: by the inverse depth.

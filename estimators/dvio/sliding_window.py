@@ -150,10 +150,10 @@ class SlidingWindow:
         """(15, 15) covariance of a start at `nav` with biases of their a-priori spread.
 
         Args:
-            position_covariance: (3, 3) m².
-            heading_sd: rad.
-            tilt_sd: rad, about both horizontal axes.
-            speed_sd: m/s, on each axis.
+            position_covariance: (3, 3) m², covariance of the position.
+            heading_sd: Standard deviation of the heading, rad.
+            tilt_sd: Standard deviation of the tilt about both horizontal axes, rad.
+            speed_sd: Standard deviation of the velocity on each axis, m/s.
         """
         P = np.zeros((FRAME, FRAME))
         R = self.nav.R

@@ -24,8 +24,8 @@ class FactorParameters(NamedTuple):
         projection_depth: docs/dvio.md (9) is used.
         host_depth_in_prior: docs/dvio.md (8) is marginalised into the prior.
         first_estimates: Jacobians of frames in the prior are taken at their first estimates.
-        rate_walk: Of the gyroscope's bias, rad/s²/√Hz.
-        force_walk: Of the accelerometer's bias, m/s³/√Hz.
+        rate_walk: Random walk of the gyroscope's bias, rad/s²/√Hz.
+        force_walk: Random walk of the accelerometer's bias, m/s³/√Hz.
     """
 
     gravity: float
@@ -117,17 +117,17 @@ class Frames(NamedTuple):
     """States of the window's frames: F slots, of which the first `count` are in use, the last of them the newest.
 
     Attributes:
-        count: (1,) int64.
+        count: (1,) int64, number of slots in use.
         t_ns: (F,) time of the state on the IMU's clock.
         R: (F, 3, 3) world <- IMU.
         p: (F, 3) IMU in the world, m.
-        v: (F, 3) m/s.
+        v: (F, 3) velocity in the world, m/s.
         bias: (F, 6) of gyroscope (rad/s) and accelerometer (m/s²).
         in_prior: (F,) 1 where the prior contains the frame; its Jacobians are then taken at its first estimate.
-        R_first: (F, 3, 3) that estimate.
-        p_first: (F, 3).
-        v_first: (F, 3).
-        bias_first: (F, 6).
+        R_first: (F, 3, 3) first estimate of `R`.
+        p_first: (F, 3) first estimate of `p`.
+        v_first: (F, 3) first estimate of `v`.
+        bias_first: (F, 6) first estimate of `bias`.
         moved: (F, 15) deviation of the state from its first estimate.
         rate: (F, 3) angular rate at the frame, rad/s.
         offset: (F,) time offset by which `t_ns` was computed, s.
@@ -197,8 +197,8 @@ class Prior(NamedTuple):
     """Information of marginalised states: ½ dᵀ H d − bᵀ d of errors d from first estimates (Zhao 2023 (6)).
 
     Attributes:
-        H: (N, N).
-        b: (N,).
+        H: (N, N) information matrix.
+        b: (N,) information vector.
     """
 
     H: Array
@@ -209,11 +209,11 @@ class WindowState(NamedTuple):
     """State of the sliding window: all that the optimisation reads and changes.
 
     Attributes:
-        frames: States.
-        preintegrations: Of the IMU from each frame to the next, each array with a leading axis F.
-        landmarks: Points.
-        calibration: Of the sensors.
-        prior: Of calibration and frames.
+        frames: States of the frames.
+        preintegrations: Preintegrated IMU from each frame to the next, each array with a leading axis F.
+        landmarks: Landmarks with their observations.
+        calibration: Estimated calibration of the sensors.
+        prior: Information on calibration and frames from marginalised states.
     """
 
     frames: Frames

@@ -166,8 +166,8 @@ def solve_pnp(points: Array, at: Array, error: float, fewest: float) -> tuple[Ar
     """Pose of a camera by P3P with RANSAC from points (N, 3) and their observations (N, 2) on the plane at depth 1.
 
     Args:
-        points: (N, 3) in any axes.
-        at: (N, 2).
+        points: (N, 3) points in any axes.
+        at: (N, 2) observations of the points on the plane at depth 1.
         error: Largest residual of an inlier, on the plane at depth 1.
         fewest: Smallest number of inliers.
 
@@ -298,11 +298,11 @@ class _Normal(NamedTuple):
     """Normal equations, points eliminated.
 
     Attributes:
-        H: (6K, 6K) of the cameras.
-        b: (6K,).
-        cross: (K, N, 6, 3) between cameras and points.
-        by_point: (N, 3, 3) inverse of each point's own.
-        b_points: (N, 3).
+        H: (6K, 6K) matrix of the cameras.
+        b: (6K,) right-hand side of the cameras.
+        cross: (K, N, 6, 3) blocks between cameras and points.
+        by_point: (N, 3, 3) inverse of each point's block.
+        b_points: (N, 3) right-hand side of the points.
     """
 
     H: Array

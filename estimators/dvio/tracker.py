@@ -125,9 +125,9 @@ class CameraFrame:
     """One image of the camera.
 
     Attributes:
-        t_ns: On the camera's clock.
-        grey: (H, W).
-        depth: (H, W) m, 0 where none; or None.
+        t_ns: Time on the camera's clock.
+        grey: (H, W) grey image.
+        depth: (H, W) depth image, m, 0 where none; or None.
     """
 
     t_ns: int

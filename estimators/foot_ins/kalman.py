@@ -91,7 +91,13 @@ def correct_probably(
     s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
 
     Args:
-        P, dx, gain, o, h, z, r: The arguments of `correct`.
+        P: (n, n) covariance.
+        dx: (n,) error found so far.
+        gain: (n,) overwritten by P hᵀ.
+        o: First row of the states that `h` is about.
+        h: (m,) Jacobian of the measurement by the m states from row `o` on.
+        z: Measurement minus its prediction from the nominal state.
+        r: Variance of the measurement.
         probability: p, that the measurement applies.
     """
     n = P.shape[0]

@@ -172,7 +172,8 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         window: The samples held.
         row: Row of the transition.
         moved: (RING, 10) corrections `FilterState.restored`.
-        end, begin: Samples at the transition's end and beginning, counted back from the newest.
+        end: Sample at the transition's end, counted back from the newest.
+        begin: Sample at its beginning, counted back from the newest.
         reach: Samples back that the window holds of the peak; older ones stay as they are.
     """
     if end <= reach:
@@ -202,7 +203,11 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+<<<<<<< HEAD
     """M <- m T⁻¹ in place, of one row m: its attitude columns become a + p × dp + v × dv."""
+=======
+    """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
+>>>>>>> d50e6cc26ccae47b07ac6ba8c97185d6657f14eb
     by_position = cross(vec3(row, o + D_POSITION), dp)
     by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
     attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)

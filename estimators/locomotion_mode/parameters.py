@@ -93,8 +93,8 @@ class Settings(NamedTuple):
     """Parameters of the prediction, and those of the map that it reads.
 
     Attributes:
-        mode: Of the prediction.
-        map: Of the map: dimensions of stairs, and gates on poses.
+        mode: Parameters of the prediction.
+        map: Parameters of the map: dimensions of stairs, and gates on poses.
     """
 
     mode: LocomotionModeParameters = LocomotionModeParameters()

@@ -192,8 +192,8 @@ def _kernels(
     Args:
         s: (S,) m along the path.
         level: (S,) path length ℓ(s) in units of level ground, m.
-        unsure: (S,) its relative local uncertainty.
-        length: m.
+        unsure: (S,) relative local uncertainty of ℓ.
+        length: Length of a step on level ground, m.
         shifts: (H,) common changes η of all steps, m.
         band: Number of cells B that a step may reach.
         step_noise: Standard deviation of a single step as a share of its length.

@@ -194,6 +194,15 @@ def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate |
 
 
 class _Bound(NamedTuple):
+    """Bound between two segments.
+
+    Attributes:
+        s: Place along the path, m.
+        sd: Standard deviation of the place, m.
+        drop: Height that the ground falls there, m; negative where it rises.
+        drop_sd: Standard deviation of the drop, m.
+    """
+
     s: float
     sd: float
     drop: float

@@ -32,11 +32,11 @@ class Stretch(NamedTuple):
     """A straight stretch of the ground along a line.
 
     Attributes:
-        first, last: Its first and last sample.
-        s: Its middle, m along the line.
-        height: Height there, m.
+        first, last: First and last sample of the stretch.
+        s: Middle of the stretch, m along the line.
+        height: Height at the middle, m.
         slope: Rise over run.
-        slope_sd: Standard deviation.
+        slope_sd: Standard deviation of the slope.
         break_s: Where it begins with a bend, m; NaN for the first stretch.
         break_sd: Standard deviation, m.
     """

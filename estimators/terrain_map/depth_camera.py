@@ -96,7 +96,7 @@ class DepthCamera:
 
     Attributes:
         topic: Depth stream.
-        shape: (H, W).
+        shape: (H, W) of an image.
         intrinsics: (4,) fu, fv, pu, pv.
     """
 

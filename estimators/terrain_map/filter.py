@@ -143,8 +143,8 @@ class TerrainMap:
 
         Args:
             origin: (2,) m, world, start of the line.
-            heading: Its direction in the world, rad from x.
-            length_m: Its length.
+            heading: Direction of the line in the world, rad from x.
+            length_m: Length of the line, m.
         """
         return read_profile(
             self._estimate, self._planes, self._R_world_grid, self.parameters, origin, heading, length_m

@@ -116,7 +116,7 @@ def fit_height_planes(
 
     Args:
         sums: (N, 11) sums over the points of each, see `SUMS`.
-        common_m: Standard deviation of the height error common to all points.
+        common_m: Standard deviation of the height error common to all points, m.
         common_rad: Standard deviation of the slope error common to all points, rad.
         alike: Number of points that share an error.
         slope_sd: Prior standard deviation of the slopes, rad.
@@ -148,10 +148,10 @@ def height_plane_misfit(
     Args:
         new: (N, 11) sums of the points.
         old: (N, 11) sums of the points that determine the planes.
-        common_m: As in `fit_height_planes`.
-        common_rad: As in `fit_height_planes`.
-        alike: As in `fit_height_planes`.
-        slope_sd: As in `fit_height_planes`.
+        common_m: Standard deviation of the height error common to all points, m.
+        common_rad: Standard deviation of the slope error common to all points, rad.
+        alike: Number of points that share an error.
+        slope_sd: Prior standard deviation of the slopes, rad.
     """
     centres, slopes, _, _ = fit_height_planes(old, common_m, common_rad, alike, slope_sd)
     a, b = -slopes.T
@@ -167,10 +167,10 @@ def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: flo
     """The point, in plan, from a plane's centre toward (x, y) that is farthest but still well observed.
 
     Args:
-        centre: (3,) m.
-        spread: (2, 2) m², covariance of its points in plan.
-        x: m.
-        y: m.
+        centre: (3,) m, centre of the plane's points.
+        spread: (2, 2) m², covariance of the plane's points in plan.
+        x: Coordinate to point toward, m.
+        y: Coordinate to point toward, m.
         border_m: Width of the border where it is not well observed.
     """
     ox, oy = centre[0], centre[1]
@@ -192,11 +192,11 @@ def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: fl
     A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
 
     Args:
-        centre: (3,) m.
+        centre: (3,) m, centre of the plane's points.
         gradient: (2,) slopes along x and y.
-        spread: (2, 2) m², covariance of its points in plan.
-        x: m.
-        y: m.
+        spread: (2, 2) m², covariance of the plane's points in plan.
+        x: Coordinate to point toward, m.
+        y: Coordinate to point toward, m.
         border_m: Width of the border where it is not well observed.
     """
     x, y = point_toward(centre, spread, x, y, border_m)

@@ -214,7 +214,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
 
     Args:
         points: (N, 2) m.
-        toward: (2,).
+        toward: (2,) direction of any length.
         ratio_min: Smallest ratio of the components of `toward` across and along the line.
     """
     count, normal = points.shape[0], np.empty(2)
@@ -244,7 +244,7 @@ def refine_riser(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_
 
     Args:
         edge: Riser from the columns.
-        upper: Its upper plane.
+        upper: Upper plane of the step.
         down: (2,) unit vector across all edges of the flight.
         blocks: The voxels.
         R_grid_world: (3, 3) world to grid axes.

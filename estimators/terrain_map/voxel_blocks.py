@@ -31,7 +31,7 @@ class Blocks(NamedTuple):
     Attributes:
         slots: (X, Y, Z) int32 ring, row of each block in the arrays below; -1 = none.
         places: (N, 3) int32, block coordinates.
-        used: (N,) bool.
+        used: (N,) bool, whether the row holds a block.
         distance: (N, 512) float32, λ of docs/terrain_map.md (4), -1 to 1, positive behind the surface.
         weight: (N, 512) float32, W of docs/terrain_map.md (4); 0 = never seen.
         solid: (N,) bool, whether the block is known to have a voxel behind a surface.
