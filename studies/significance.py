@@ -26,7 +26,13 @@ MIN_SEEDS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A mean over walks, NaN if missing, and its 95 % interval from `low` to `high`; None of one or two walks."""
+    """A mean over walks with its 95 % interval.
+
+    Attributes:
+        mean: The mean; NaN if a value is missing.
+        low: Lower end; None with one or two walks, or a missing value.
+        high: Upper end.
+    """
 
     mean: float
     low: float | None = None
@@ -48,7 +54,12 @@ class Difference(Interval):
 
 @dataclass(frozen=True, kw_only=True)
 class PairDifference(Difference):
-    """The mean loss of the `second` alternative minus that of the `first`, which are numbers of rows."""
+    """The difference of two alternatives: the mean loss of the second minus that of the first.
+
+    Attributes:
+        first: Row of the first alternative.
+        second: Row of the second one.
+    """
 
     first: int
     second: int
