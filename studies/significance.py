@@ -131,7 +131,7 @@ def differences(changes: Array) -> list[Difference]:
     ]
 
 
-def untested_reason(walks: int) -> str:
+def missing_test_reason(walks: int) -> str:
     """Why nothing is called significant over so few walks; "" if they are enough."""
     if walks < 2:
         return "One walk: no difference can be tested for significance."
@@ -156,7 +156,7 @@ def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks
         names: Names of the places, best first.
         walks: Number of walks.
     """
-    if why := untested_reason(walks):
+    if why := missing_test_reason(walks):
         return [why]
     sentences = []
     for first in sorted({pair.first for pair in pairs}):
