@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Job(Generic[Task]):
-    """One job.
+    """One job of a batch, whose result is one row.
 
     Attributes:
         name: Name for people and for its row's file.
@@ -46,7 +46,7 @@ class Failure:
 
 @dataclass(frozen=True, kw_only=True)
 class Work(Generic[Task, Result]):
-    """How rows are made from tasks; can be pickled.
+    """The function that makes rows from tasks on a worker, and the versions of its code; can be pickled.
 
     Attributes:
         run: From the tasks of one group to a row or a `Failure` each, in order. An exception stops the whole batch.

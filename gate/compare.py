@@ -43,7 +43,7 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """One score against its baseline.
+    """One score against its baseline: values, change, test and verdict.
 
     Attributes:
         estimator: Its name; `NAME_l` and `NAME_r` of the two feet become NAME, with means over both.

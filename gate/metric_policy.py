@@ -26,7 +26,7 @@ _CLAIMS = "nis_"
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How a score is checked.
+    """How the gate compares a score: the kind of its loss, its slack and its sign.
 
     Attributes:
         kind: ERROR, LEAD, SHARE, BAD_SHARE or CLAIM.

@@ -22,7 +22,7 @@ _EXPECTED_FORM = "what `stridetwin score --json` prints"
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreTable:
-    """Scores of some walks.
+    """Scores of walks, as `score --json` prints them.
 
     Attributes:
         walks: Scores of each estimator, by the digest of the recording (or a unique word, if that is unknown).

@@ -33,7 +33,7 @@ from stridetwin.streams.recording.reader import Recording
 
 @dataclass(frozen=True, kw_only=True)
 class ScoringJob:
-    """A recording to be scored.
+    """One recording to be scored, with how it is scored.
 
     Attributes:
         name: Name in the table.

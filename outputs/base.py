@@ -31,7 +31,7 @@ is wrong grows; a claim, such as NEES, is an error relative to the reported cova
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """Declaration of one score.
+    """Declaration of one score: its name, how the gate compares it, and how tables show it.
 
     Attributes:
         name: As in `scores.json`, with its unit as suffix, such as `end_error_m`.
@@ -58,7 +58,7 @@ V = TypeVar("V", bound="Evaluation")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Output(Generic[E]):
-    """What one estimator gave for one recording.
+    """What one estimator gave for one recording, before it is scored.
 
     Attributes:
         name: In scores and files: the estimator's name, with a part such as `foot_ins_l`.
@@ -290,7 +290,12 @@ AnyKind = OutputKind[Any, Any]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KindEvaluations:
-    """The evaluated outputs of one kind of one recording."""
+    """The evaluated outputs of one kind on one recording.
+
+    Attributes:
+        kind: The kind.
+        evaluations: Its evaluations, one per output.
+    """
 
     kind: AnyKind
     evaluations: list[Any] = field(default_factory=list)

@@ -69,7 +69,7 @@ _SHARE_OF_CLOCKS = 0.5  # of the progress
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A finding.
+    """Something that a check has found in a recording.
 
     Attributes:
         topic: The stream, or "" for the whole recording.
@@ -89,7 +89,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Result of a check.
+    """Result of `check_recording`.
 
     Attributes:
         data: Figures of every topic, and the findings, for `--json`.
@@ -220,7 +220,16 @@ def _clock_errors(clock: CameraClock) -> Iterator[str]:
 
 
 def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> tuple[dict[str, Any], list[Finding]]:
-    """Figures and findings of one topic; `block` has the samples of an IMU or accelerometer."""
+    """Figures and findings of one topic.
+
+    Args:
+        recording: The recording.
+        topic: The topic.
+        block: Samples of an IMU or accelerometer; None for other streams.
+
+    Returns:
+        The row of the table, and the findings that are not among the recording's own problems.
+    """
     info, t_ns = recording.topics[topic], recording.times(topic)
     is_image = info.kind in (Image, Depth)
     row: dict[str, Any] = {"kind": info.kind.__name__, "samples": info.count, "rate_hz": info.rate_hz}

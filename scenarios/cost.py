@@ -21,7 +21,14 @@ _LONG_CPU_S = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """Cost of walks: their number, seconds walked, size in MB, and CPU time in s without the start of a process."""
+    """Estimated cost of walks.
+
+    Attributes:
+        walks: Number of walks.
+        walked_s: Time walked, s.
+        size_mb: Size of the recordings, MB.
+        cpu_s: CPU time, s, without the start of a process.
+    """
 
     walks: int
     walked_s: float
@@ -30,7 +37,7 @@ class Cost:
 
     @property
     def is_long(self) -> bool:
-        """Whether it takes a minute or more, so that a user wants to know beforehand."""
+        """Whether the walks take a minute or more, so that a user wants to know beforehand."""
         return _START_CPU_S + self.cpu_s > _LONG_CPU_S
 
     def describe(self, workers: int = 1) -> str:

@@ -110,7 +110,7 @@ class FactorLevel:
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
-    """A scenario and one level of each factor.
+    """A scenario and one level of each factor: one of the combinations that a study walks.
 
     Attributes:
         base: The scenario.
@@ -130,7 +130,7 @@ class Combination:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """The walks that a file describes.
+    """The walks that a study file or an experiment describes.
 
     Attributes:
         path: The file.
@@ -260,11 +260,11 @@ def _read_values(values: _Values, files: NamedFiles, at: Where) -> tuple[Variabl
 
 
 def make_scenario(design: Design, combination: Combination, folder: Path, physics: str | None = None) -> Scenario:
-    """The scenario of a combination.
+    """Makes the scenario of a combination: its base with the design's values, then those of its levels, and its faults.
 
     Args:
         design: The design.
-        combination: One of it.
+        combination: One of its combinations.
         folder: The output folder, which contains the user's parts.
         physics: Replaces that of the scenario.
 

@@ -26,7 +26,13 @@ MIN_SEEDS = 5
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A mean over walks, NaN if missing, and its 95 % interval from `low` to `high`; None of one or two walks."""
+    """A mean over walks with its 95 % interval.
+
+    Attributes:
+        mean: The mean; NaN if a value is missing.
+        low: Lower end; None with one or two walks, or a missing value.
+        high: Upper end.
+    """
 
     mean: float
     low: float | None = None
@@ -48,7 +54,12 @@ class Difference(Interval):
 
 @dataclass(frozen=True, kw_only=True)
 class PairDifference(Difference):
-    """The mean loss of the `second` alternative minus that of the `first`, which are numbers of rows."""
+    """The difference of two alternatives: the mean loss of the second minus that of the first.
+
+    Attributes:
+        first: Row of the first alternative.
+        second: Row of the second one.
+    """
 
     first: int
     second: int
@@ -120,7 +131,7 @@ def differences(changes: Array) -> list[Difference]:
     ]
 
 
-def untested_reason(walks: int) -> str:
+def missing_test_reason(walks: int) -> str:
     """Why nothing is called significant over so few walks; "" if they are enough."""
     if walks < 2:
         return "One walk: no difference can be tested for significance."
@@ -145,7 +156,7 @@ def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks
         names: Names of the places, best first.
         walks: Number of walks.
     """
-    if why := untested_reason(walks):
+    if why := missing_test_reason(walks):
         return [why]
     sentences = []
     for first in sorted({pair.first for pair in pairs}):

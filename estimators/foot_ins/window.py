@@ -203,11 +203,7 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INSIDE)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-<<<<<<< HEAD
-    """M <- m T⁻¹ in place, of one row m: its attitude columns become a + p × dp + v × dv."""
-=======
     """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
->>>>>>> d50e6cc26ccae47b07ac6ba8c97185d6657f14eb
     by_position = cross(vec3(row, o + D_POSITION), dp)
     by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
     attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)

@@ -47,7 +47,7 @@ def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Ali
         predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
         colors = [CLASS_COLORS[GROUND_CLASSES.index(s.mode)] for s in predicted]
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
-        outlines = [_predicted_sole(s, estimate, alignment) for s in predicted]
+        outlines = [_sole_outline(s, estimate, alignment) for s in predicted]
         stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(outlines, colors=colors, radii=[0.006]))
         ellipses = [
             (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
@@ -102,7 +102,7 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
             yield estimate
 
 
-def _predicted_sole(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
+def _sole_outline(step: StepPrediction, estimate: ModeEstimate, alignment: YawAlignment) -> Array:
     """(5, 3) m, closed outline of the sole of a predicted step in the true world.
 
     Ground of unknown height is drawn at the odometry's floor.

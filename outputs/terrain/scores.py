@@ -65,7 +65,7 @@ SCORES = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapScores:
-    """Scores of one walk's map.
+    """Scores of one walk's map against the true terrain.
 
     Attributes:
         changes: In order along the route.
@@ -207,9 +207,10 @@ def map_figures(scores: MapScores) -> Scores:
     """The scores of one walk's map, in the units of a report; undefined scores are left out.
 
     Returns:
-        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges within
-        14 cm of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, and of those found
-        `begin_rmse_mm`, `riser_rmse_mm`, `tread_rmse_mm`, `slope_rmse_deg`.
+        `accuracy_rmse_mm`, `accuracy_p95_mm`, `completeness_pct`, `edge_rmse_mm`, `edge_mean_mm` of edges within 14 cm
+        of a true one, `edge_false_pct`, the share of the others; of the changes `found_pct`, `begin_rmse_mm` of those
+        with a mapped begin (also of a ramp whose slope is not found), and of those found `riser_rmse_mm`,
+        `tread_rmse_mm`, `slope_rmse_deg`.
     """
     changes = scores.changes
     true = scores.edge_errors[np.abs(scores.edge_errors) < _SAME_EDGE_M]
@@ -330,7 +331,13 @@ def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, l
 
 
 def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) -> Array:
-    """(N,) m, heights of the ground at (N,) arc lengths and m to the left of the route."""
+    """(N,) heights of the true ground, m.
+
+    Args:
+        profile: Strips of the route.
+        s: (N,) places along the route, m.
+        left: Distances to the left of it, m.
+    """
     starts = np.array([strip.s0 for strip in profile])
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
     s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T

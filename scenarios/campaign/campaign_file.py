@@ -179,13 +179,19 @@ def plain_person(person: Person) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A campaign, as read from its file; the other attributes are those of `CampaignFile`.
+    """A campaign, as read from its file.
 
     Attributes:
         path: The file.
         description: Purpose of the campaign, in one line.
+        walks: Number of walks.
+        seed: Seed of all random numbers.
+        sampling: Method that spreads the draws over their ranges: `sobol` or `latin_hypercube`.
         bases: Scenarios.
+        people: Groups of people; empty if the scenarios define the walkers.
         variables: Values that are set in the walks of all scenarios.
+        quality: Criteria by which walks are rejected.
+        splits: Division of the walks.
         user_files: The user's files, by their names in the output folder.
     """
 

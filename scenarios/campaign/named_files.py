@@ -35,7 +35,7 @@ _NAMING = ("sensors", "exo", "terrain")
 
 @dataclass(frozen=True, kw_only=True)
 class Variable:
-    """A value that is set in every walk.
+    """A value that is set in every walk, fixed or drawn from a distribution.
 
     Attributes:
         name: As the file writes it.
@@ -57,7 +57,7 @@ class Variable:
 
 @dataclass(frozen=True, kw_only=True)
 class Base:
-    """A scenario that walks start from.
+    """A scenario that walks of a campaign, placement or study start from.
 
     Attributes:
         name: Of the catalogue, or of the file; a number is appended where the name is already used.

@@ -54,7 +54,7 @@ _WALKS, _PEOPLE = 0, 1
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedWalk:
-    """One walk.
+    """One walk of a campaign, ready to be simulated.
 
     Attributes:
         name: Name of its files.
@@ -73,14 +73,19 @@ class PlannedWalk:
 
 @dataclass(frozen=True, kw_only=True)
 class Extra:
-    """Command-line overrides for every walk: other physics than the scenario's, and groups of sensors that are off."""
+    """Overrides for every walk that the command line sets.
+
+    Attributes:
+        physics: Replaces that of the scenarios; None leaves it.
+        off: Groups of sensors that are off.
+    """
 
     physics: str | None = None
     off: tuple[str, ...] = ()
 
     @property
     def places(self) -> Iterator[tuple[str | int, ...]]:
-        """Fields of a scenario that it sets, after all others."""
+        """Fields of a scenario that these options set, after all others."""
         if self.physics is not None:
             yield ("physics",)
         yield from (("sensors", group) for group in self.off)

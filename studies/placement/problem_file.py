@@ -73,15 +73,19 @@ class Confirm:
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementProblem:
-    """What a placement file says; `scores`, `seeds`, `seeing` and `confirm` are as in `PlacementFile`.
+    """A placement as read from its file.
 
     Attributes:
         path: The file.
-        description: One line.
+        description: Purpose of the placement, in one line.
         bases: Scenarios.
-        variables: Set at every place.
-        free: What is chosen.
+        variables: Values that are set at every place.
+        free: Fields that are chosen.
+        scores: Scores by which places are compared.
+        seeds: Seeds of the walks of each scenario.
+        seeing: When a board counts as seen.
         search: How places are found; None for a sweep over all.
+        confirm: Further walks for the best places; None without.
         user_files: Files of the user's own by the names that they get in the output folder.
     """
 
@@ -239,7 +243,7 @@ def format_value(value: Any) -> str:
 
 
 def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, Any]:
-    """Plain data of a place's scenario file.
+    """Plain data of a place's scenario file: the base with its values, then those of the place.
 
     Raises:
         ConfigError: This scenario lacks a field that is set or free.

@@ -15,7 +15,7 @@ from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import Scale, scale_of
 from stridetwin.outputs.base import CLAIM, Scores
 from stridetwin.streams.samples import Array
-from stridetwin.studies.significance import Difference, differences, interval_text, intervals, untested_reason
+from stridetwin.studies.significance import Difference, differences, interval_text, intervals, missing_test_reason
 from stridetwin.studies.study_file.study import Study
 
 _MAX_PCT = 200.0
@@ -102,7 +102,7 @@ def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
 
 def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
-    first, why = study.methods[0].name, untested_reason(len(study.seeds))
+    first, why = study.methods[0].name, missing_test_reason(len(study.seeds))
     if why or len(study.methods) == 1:
         return [why] if why else []
     texts = []

@@ -49,7 +49,12 @@ class StudyFile(DesignFile):
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Design):
-    """Walks, the methods that are compared on them, and the scores by which they are."""
+    """A study: its walks, the methods that are compared on them, and the scores by which they are.
+
+    Attributes:
+        methods: The methods; the others are compared with the first.
+        scores: Names of the scores.
+    """
 
     methods: tuple[Method, ...]
     scores: tuple[str, ...]

@@ -24,7 +24,7 @@ WALK = "walk"
 
 @dataclass(frozen=True, kw_only=True)
 class StudyWalk:
-    """A walk to run.
+    """A walk of a study, on which all methods run.
 
     Attributes:
         scenario: With no other sensors than those that the methods need.
