@@ -39,7 +39,7 @@ _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera
 """Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
 _CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
 _IMAGE_SCALE = 0.5
-"""Of the cameras' widths and heights in pixels; the field of view stays."""
+"""Scale of the cameras' widths and heights in pixels; the field of view stays."""
 _SYNTHETIC_EYES_M, _SYNTHETIC_POSE_HZ = 1.6, 100
 
 

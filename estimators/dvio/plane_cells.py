@@ -20,7 +20,7 @@ _MAX_ROUGHNESS_SD = 1.6  # scatter of a cell's samples about its plane, standard
 _CELL_GATE = 14.0  # squared Mahalanobis distance of a cell from its plane: 0.3 % of its own cells exceed it
 _MIN_CELLS = 8  # of a plane
 PLANE_ERROR = 3e-3
-"""Of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative."""
+"""Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative."""
 _SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
 
 

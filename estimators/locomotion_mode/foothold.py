@@ -47,16 +47,16 @@ _BODY_SD_M = 0.035
 _EDGE_AHEAD_M, _EDGE_AHEAD_SD_M = 0.05, 0.07
 """Distance of the foot ahead of the body after a step over an edge as long as a usual tread, and its deviation."""
 _EDGE_AHEAD_SHARE = 0.35
-"""Its growth with the length of the step beyond a usual tread: 0.10 m over two treads at a time on five walks of
-tuning seeds."""
+"""Growth of that distance with the length of the step beyond a usual tread: 0.10 m over two treads at a time on five
+walks of tuning seeds."""
 _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M = 0.13, 0.05
 """Distance of the body ahead of both feet after a step that joins them, and its standard deviation: 0.15 m up and
 0.12 m down on five walks of tuning seeds."""
 _TOP_SD_M = 0.035
 """Standard deviation of the body's rise over the stance foot, relative to level ground."""
 _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M = 1e-3, 0.005, 0.01
-"""Of the body's top over a foot: standard deviation of half the difference between left and right, random walk per
-step, and standard deviation of a single step."""
+"""Height of the body's top over a foot: standard deviation of half the difference between left and right, random walk
+per step, and standard deviation of a single step."""
 _MAX_HEIGHT_SD_M = 0.05
 """Largest standard deviation of a usable body height."""
 _ADAPT_SD = 0.06

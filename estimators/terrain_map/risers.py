@@ -24,7 +24,7 @@ _HERE = Path(__file__).parent
 _LANES = 28
 """Lines across an edge along which it is measured in the voxels."""
 _INSIDE_M, _BEYOND_M = 0.06, 0.14
-"""Their start on the upper plane, before its last column, and their end beyond it."""
+"""Start of these lines on the upper plane, before its last column, and their end beyond it."""
 _GAP_M = 0.12
 """Longest unobserved stretch between the last solid and the first free position."""
 _MIN_POINTS = 6
