@@ -100,7 +100,7 @@ EQUIVALENT = {
         "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
     ("estimators/locomotion_mode/rhythm.py", "elapsed < _BOUNCE_SHARE", "elapsed <= _BOUNCE_SHARE"):
         "no step takes just that share",
-    ("outputs/terrain/mapped_route.py", "self._s > here - _BEHIND_M", "self._s >= here - _BEHIND_M"):
+    ("outputs/terrain/mapped_route.py", "self._s > place_m - _BEHIND_M", "self._s >= place_m - _BEHIND_M"):
         "no cell's middle is just there",
     ("gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):
         "it keeps the logarithm of 0 finite; no score is as small",
