@@ -63,18 +63,18 @@ from stridetwin.streams.fields import (
     OneKind,
     ReadAs,
     Required,
-    elsewhere,
-    file_beside,
-    flag,
-    folder_of,
-    number,
-    refused,
-    text,
-    unique,
-    whole,
-    words,
+    bool_field,
+    check_unique,
+    context_folder,
+    enum_field,
+    field_error,
+    file_field,
+    float_field,
+    int_field,
+    other_file_error,
+    text_field,
 )
-from stridetwin.streams.json_schema import described
+from stridetwin.streams.json_schema import attribute_descriptions
 from stridetwin.streams.validation import suggest
 
 
@@ -90,7 +90,7 @@ class _UnevenStairs(Stairs):
     # Keys that differ from those of `Stairs`; field() without a default makes a key required.
     risers: int = field(init=False)
     riser_m: Annotated[tuple[Riser, ...], Field(min_length=1, alias="risers_mm")] = field()
-    down: Annotated[bool, words(DIRECTIONS, key="direction")] = field()
+    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = field()
 
     def build(self) -> Stairs:
         """The stair, with as many risers as there are heights."""
@@ -113,7 +113,7 @@ class _Lanes(FileModel):
         lanes: Lanes from left to right, each a list of segments.
     """
 
-    walk: Annotated[int, whole(1, LANES_MAX)]
+    walk: Annotated[int, int_field(1, LANES_MAX)]
     lanes: Annotated[
         tuple[Annotated[tuple[Annotated[Any, OneKey(_STRAIGHT)], ...], Field(min_length=1)], ...], Field(min_length=1)
     ]
@@ -121,7 +121,7 @@ class _Lanes(FileModel):
     def build(self) -> Lanes:
         """The lanes, counted from 0."""
         if self.walk > len(self.lanes):
-            raise refused(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
+            raise field_error(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
         return Lanes(lanes=self.lanes, walk=self.walk - 1)
 
 
@@ -142,7 +142,7 @@ _Terrain = Annotated[
     Discriminator(lambda node: "=mesh" if isinstance(node, dict) else "=segments"),
 ]
 _Person = Annotated[
-    Annotated[Any, words(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
+    Annotated[Any, enum_field(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
     Discriminator(lambda node: "=name" if isinstance(node, str) else "=body"),
 ]
 
@@ -157,9 +157,9 @@ class _Exo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    mode: Annotated[int, whole(0, 4)]
-    joints: Annotated[tuple[Annotated[str, words(JOINTS)], ...], AfterValidator(unique)] = ()
-    drive: Annotated[str, words(DRIVES)] = "idle"
+    mode: Annotated[int, int_field(0, 4)]
+    joints: Annotated[tuple[Annotated[str, enum_field(JOINTS)], ...], AfterValidator(check_unique)] = ()
+    drive: Annotated[str, enum_field(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """The exoskeleton, if its mode powers these joints."""
@@ -175,9 +175,9 @@ class _OwnExo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    model: Annotated[Any, file_beside()]
-    rig: Annotated[Any, file_beside()]
-    drive: Annotated[str, words(DRIVES)] = "idle"
+    model: Annotated[Any, file_field()]
+    rig: Annotated[Any, file_field()]
+    drive: Annotated[str, enum_field(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """The exoskeleton."""
@@ -186,7 +186,7 @@ class _OwnExo(FileModel):
         try:
             own = read_own_exo(self.model, self.rig)
         except StrideTwinError as error:
-            raise elsewhere(error) from None
+            raise other_file_error(error) from None
         return _powered(Exo(own=own, drive=self.drive))
 
 
@@ -194,7 +194,7 @@ def _powered(exo: Exo) -> Exo:
     try:
         modules(exo)
     except ConfigError as error:
-        raise refused(error.value, error.valid, error.field) from None
+        raise field_error(error.value, error.valid, error.field) from None
     return exo
 
 
@@ -205,7 +205,7 @@ def _exo_tag(node: object) -> str:
 
 
 _ExoInFile = Annotated[
-    Annotated[Any, words({"none": None}), Tag("=none")]
+    Annotated[Any, enum_field({"none": None}), Tag("=none")]
     | Annotated[_Exo, AfterValidator(_Exo.build), Tag("=shim")]
     | Annotated[_OwnExo, AfterValidator(_OwnExo.build), Tag("=own")],
     Discriminator(_exo_tag),
@@ -228,8 +228,8 @@ class _Place(FileModel):
         left_m: Offset of its middle to the left of the route.
     """
 
-    at_m: Annotated[float, number(-2, 500)]
-    left_m: Annotated[float, number(-10, 10)] = 0.0
+    at_m: Annotated[float, float_field(-2, 500)]
+    left_m: Annotated[float, float_field(-10, 10)] = 0.0
 
 
 _Thing = OneKey(
@@ -243,9 +243,9 @@ def _when(fault: Fault) -> Fault:
         return fault
     given = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
     if len(given) != 1:
-        raise refused(list(given), "either at_s or rate_per_min")
+        raise field_error(list(given), "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
-        raise refused(Missing(), "this key, beside rate_per_min", "duration_s")
+        raise field_error(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
 
 
@@ -288,19 +288,19 @@ class Sensors:
 def _of_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
     """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
     if not isinstance(node, str):
-        raise refused(node, _valid(group))
+        raise field_error(node, _valid(group))
     plain = node.removesuffix(IDEAL)
     if plain in library():
         found: Part = part(plain)
     elif node.endswith(_FILE_SUFFIXES):
         try:
-            found, plain = read_part(folder_of(info) / node), node
+            found, plain = read_part(context_folder(info) / node), node
         except StrideTwinError as error:
-            raise elsewhere(error) from None
+            raise other_file_error(error) from None
     else:
-        raise refused(node, _valid(group, node))
+        raise field_error(node, _valid(group, node))
     if kind_of(found) != KIND[group]:
-        raise refused(node, _valid(group))
+        raise field_error(node, _valid(group))
     return SensorConfig(part=found, ideal=node != plain)
 
 
@@ -311,7 +311,9 @@ def _valid(group: str, near: str = "") -> str:
 
 def _without_nominal(clock: Clock) -> Clock:
     if clock.calibrated:
-        raise refused("calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
+        raise field_error(
+            "calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock"
+        )
     return clock
 
 
@@ -321,7 +323,7 @@ def _seat(facing: Facing) -> Seat:
 
 def _one_aim(options: Any) -> Any:
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
-        raise refused(
+        raise field_error(
             round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
         )
     return options
@@ -340,13 +342,13 @@ def _group(group: str) -> Any:
     }
     made |= {name: (hints[name], None) for name in names}
     model = create_model(group, __config__=ConfigDict(extra="forbid"), **made)
-    descriptions = described(SensorConfig)
+    descriptions = attribute_descriptions(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in made)
     options: Any = Annotated[model, BeforeValidator(_short, json_schema_input_type=str | model)]
     if group == "head_camera":
         options = Annotated[options, AfterValidator(_one_aim)]
     return Annotated[
-        Annotated[Annotated[bool, flag()], Tag("=switch")] | Annotated[options, Tag("=options")],
+        Annotated[Annotated[bool, bool_field()], Tag("=switch")] | Annotated[options, Tag("=options")],
         Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=options"),
     ]
 
@@ -375,7 +377,9 @@ def _of_groups(groups: BaseModel) -> Sensors:
 
 _made: dict[str, Any] = {group: (_group(group), None) for group in KIND}
 _Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_made)
-_Names = Annotated[tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_of_names)]
+_Names = Annotated[
+    tuple[Annotated[str, enum_field(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_of_names)
+]
 SensorsInFile = Annotated[
     Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_of_groups), Tag("=groups")],
     Discriminator(lambda node: "=groups" if isinstance(node, dict) else "=names"),
@@ -407,21 +411,21 @@ class ScenarioFile(FileModel):
         faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
     """
 
-    description: Annotated[str, text()]
+    description: Annotated[str, text_field()]
     terrain: _Terrain
-    width_m: Annotated[float, number(1.2, 10)] = 2.4
-    scenery: Annotated[str, words(SCENERIES)] = "outdoor"
+    width_m: Annotated[float, float_field(1.2, 10)] = 2.4
+    scenery: Annotated[str, enum_field(SCENERIES)] = "outdoor"
     person: _Person = Person()
     exo: _ExoInFile = Exo()
-    texture: Annotated[str, words(TEXTURES)] = "rich"
-    light: Annotated[float, number(*LIGHT_RANGE)] = 1.0
-    bystanders: Annotated[int, whole(0, BYSTANDERS_MAX)] = 0
+    texture: Annotated[str, enum_field(TEXTURES)] = "rich"
+    light: Annotated[float, float_field(*LIGHT_RANGE)] = 1.0
+    bystanders: Annotated[int, int_field(0, BYSTANDERS_MAX)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_patterned)] = Gait()
-    physics: Annotated[str, words(PHYSICS)] = "kinematic"
+    physics: Annotated[str, enum_field(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
     sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), paths={})
-    rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
-    ideal: Annotated[bool, flag(key="ideal_sensors")] = False
-    shock: Annotated[bool, flag()] = True
+    rig_mount: Annotated[str, enum_field(("head", "chest"), key="camera_mount")] = "head"
+    ideal: Annotated[bool, bool_field(key="ideal_sensors")] = False
+    shock: Annotated[bool, bool_field()] = True
     faults: Annotated[FaultList, Field(min_length=1)] = ()

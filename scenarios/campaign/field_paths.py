@@ -8,7 +8,7 @@ from typing import Any
 
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import FieldLocation
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
@@ -22,7 +22,7 @@ class FieldPath:
     keys: tuple[str | int, ...]
 
 
-def field_path(text: str, where: Where) -> FieldPath:
+def field_path(text: str, where: FieldLocation) -> FieldPath:
     """Parses a path.
 
     Raises:
@@ -37,7 +37,7 @@ def field_path(text: str, where: Where) -> FieldPath:
     return FieldPath(text=text, keys=tuple(keys))
 
 
-def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
+def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: FieldLocation) -> None:
     """Sets a value in a scenario and creates missing keys on the way.
 
     Below `sensors`, a list of groups and the short forms of a group become keys first.
@@ -57,7 +57,7 @@ def put(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> 
     node[path.keys[-1]] = value
 
 
-def _check(node: Any, path: FieldPath, depth: int, where: Where) -> None:
+def _check(node: Any, path: FieldPath, depth: int, where: FieldLocation) -> None:
     """Whether a node has a place for the key at this depth."""
     key, there = path.keys[depth], _text(path.keys[:depth])
     if not isinstance(node, list if isinstance(key, int) else dict):

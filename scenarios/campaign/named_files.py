@@ -17,9 +17,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
-from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError, Where
-from stridetwin.streams.fields import number, text
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.errors import ConfigError, ConfigFileError, FieldLocation, StrideTwinError
+from stridetwin.streams.fields import float_field, text_field
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.validation import suggest
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
@@ -47,7 +47,7 @@ class Variable:
     name: str
     paths: tuple[FieldPath, ...]
     distribution: Distribution
-    at: Where
+    at: FieldLocation
 
     @property
     def varies(self) -> bool:
@@ -73,7 +73,7 @@ class Base:
     scenario: dict[str, Any]
     weight: float
     variables: tuple[Variable, ...]
-    at: Where
+    at: FieldLocation
     file: Path
     written: str
 
@@ -87,7 +87,7 @@ class NamedBase(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    scenario: Annotated[str, text()]
+    scenario: Annotated[str, text_field()]
     set: dict[str, DistributionInFile] = {}
 
 
@@ -98,7 +98,7 @@ class _Weighed(NamedBase):
         weight: Frequency relative to the other scenarios.
     """
 
-    weight: Annotated[float, number(1e-6, 1e6)] = 1.0
+    weight: Annotated[float, float_field(1e-6, 1e6)] = 1.0
 
 
 def short_base(node: object) -> object:
@@ -126,14 +126,14 @@ class NamedFiles:
         self._bases: set[str] = set()
         self.own: dict[str, Path] = {}
 
-    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
+    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: FieldLocation) -> tuple[Base, ...]:
         """The list `scenarios`, with the settings of each."""
         return tuple(
             self.base(item, where.item(i), short=isinstance(node, str))
             for i, (item, node) in enumerate(zip(items, nodes))
         )
 
-    def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
+    def base(self, item: NamedBase, where: FieldLocation, *, short: bool) -> Base:
         """A scenario and its own variables."""
         name, known = item.scenario, catalogue()
         at = where if short else where.key("scenario")
@@ -160,7 +160,7 @@ class NamedFiles:
         self._bases.add(found)
         return found
 
-    def variables(self, values: Mapping[str, Distribution], where: Where) -> tuple[Variable, ...]:
+    def variables(self, values: Mapping[str, Distribution], where: FieldLocation) -> tuple[Variable, ...]:
         """The block `set`."""
         found: list[Variable] = []
         for name, value in values.items():
@@ -173,7 +173,7 @@ class NamedFiles:
             found.append(Variable(name=known, paths=paths, distribution=varied, at=at))
         return tuple(found)
 
-    def _own_values(self, values: Distribution, at: Where) -> Distribution:
+    def _own_values(self, values: Distribution, at: FieldLocation) -> Distribution:
         """The same distribution with the names that files get in the output folder."""
         if isinstance(values, Fixed):
             return Fixed(fixed=self.own_files(values.fixed, at))
@@ -181,7 +181,7 @@ class NamedFiles:
             return Choice(choice=tuple(self.own_files(list(values.choice), at)), weights=values.weights)
         return values
 
-    def own_files(self, node: Any, where: Where, home: Path | None = None) -> Any:
+    def own_files(self, node: Any, where: FieldLocation, home: Path | None = None) -> Any:
         """The block of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
 
         Args:
@@ -198,7 +198,7 @@ class NamedFiles:
             return node
         return f"../{FILES}/{self._keep(home, node, where)}"
 
-    def _keep(self, home: Path, name: str, where: Where) -> str:
+    def _keep(self, home: Path, name: str, where: FieldLocation) -> str:
         """Adds a file and the files that it names; returns its name in the output folder."""
         path = self._inside(home, name, where)
         kept = path.relative_to(self._home).as_posix()
@@ -208,7 +208,7 @@ class NamedFiles:
                 self._keep(path.parent, other, where)
         return kept
 
-    def _inside(self, home: Path, name: str, where: Where) -> Path:
+    def _inside(self, home: Path, name: str, where: FieldLocation) -> Path:
         """A file of the folder or below it."""
         path = (home / name).resolve()
         if not path.is_relative_to(self._home):
@@ -252,7 +252,7 @@ def copy_files(folder: Path, own: Mapping[str, Path]) -> None:
     for name, source in own.items():
         place = folder / FILES / name
         place.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(place) as file:
+        with atomic_file(place) as file:
             shutil.copyfile(source, file)
 
 

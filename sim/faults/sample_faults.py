@@ -26,15 +26,15 @@ from stridetwin.sim.faults.faults import (
     at,
 )
 from stridetwin.sim.parts.library import full_scales
-from stridetwin.streams.fields import DEG, MM, flag, number, words
+from stridetwin.streams.fields import DEG, MM, bool_field, enum_field, float_field
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Image, Imu, Insole, Interaction, Odometry, Range
 
-_RateRange = Annotated[float | None, number(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
-_Length = Annotated[float, number(-1000, 1000)]
-_Angle = Annotated[float, number(-180, 180, scale=DEG)]
-_Shift = Annotated[float, number(-1000, 1000, scale=MM)]
-_ForceRange = Annotated[float | None, number(0.1, 10_000)]
+_RateRange = Annotated[float | None, float_field(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
+_Length = Annotated[float, float_field(-1000, 1000)]
+_Angle = Annotated[float, float_field(-180, 180, scale=DEG)]
+_Shift = Annotated[float, float_field(-1000, 1000, scale=MM)]
+_ForceRange = Annotated[float | None, float_field(0.1, 10_000)]
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
@@ -47,7 +47,7 @@ class Dropout(TimedFault):
     """
 
     common_to = "housing"
-    share: Annotated[float, number(0.001, 1)] = 1.0
+    share: Annotated[float, float_field(0.001, 1)] = 1.0
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample, or nothing."""
@@ -115,7 +115,7 @@ class Late(TimedFault):
         delay_s: Delay.
     """
 
-    delay_s: Annotated[float, number(0.001, 60)] = 0.25
+    delay_s: Annotated[float, float_field(0.001, 60)] = 0.25
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`: stamps do not change, arrival times do."""
@@ -154,7 +154,7 @@ class ClockJump(TimedFault):
         jump_s: Offset of its stamps (negative: behind).
     """
 
-    jump_s: Annotated[float, number(-3600, 3600)]
+    jump_s: Annotated[float, float_field(-3600, 3600)]
 
     def corrupted(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
         """The sample with an offset in its stamp."""
@@ -172,7 +172,7 @@ class Saturation(TimedFault):
     """
 
     fits = (Imu, Insole, Interaction)
-    fraction: Annotated[float, number(0.001, 1)] = 0.5
+    fraction: Annotated[float, float_field(0.001, 1)] = 0.5
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
 
@@ -202,11 +202,11 @@ class Offset(TimedFault):
     """
 
     fits = (Insole, Encoder, Ahrs)
-    offset_n: Annotated[float, number(-1000, 1000)] = 0.0
-    drift_n_per_s: Annotated[float, number(-1000, 1000)] = 0.0
-    offset_rad: Annotated[float, number(-180, 180, key="offset_deg", scale=DEG)] = 0.0
-    drift_rad_s: Annotated[float, number(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
-    drift_s: Annotated[float, number(0, 36_000)] = 36_000.0
+    offset_n: Annotated[float, float_field(-1000, 1000)] = 0.0
+    drift_n_per_s: Annotated[float, float_field(-1000, 1000)] = 0.0
+    offset_rad: Annotated[float, float_field(-180, 180, key="offset_deg", scale=DEG)] = 0.0
+    drift_rad_s: Annotated[float, float_field(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
+    drift_s: Annotated[float, float_field(0, 36_000)] = 36_000.0
 
     def suits(self, stream: Stream) -> bool:
         """Whether all offsets have the unit of the stream."""
@@ -240,7 +240,7 @@ class Restart(TimedFault):
 
     fits = (Odometry,)
     on_samples = False
-    yaw_rad: Annotated[float, number(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
+    yaw_rad: Annotated[float, float_field(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
     translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
 
 
@@ -254,8 +254,8 @@ class DeadCell(TimedFault):
     """
 
     fits = (Insole,)
-    cell: Annotated[str, words((*CELLS, "all"))] = "heel"
-    stuck: Annotated[bool, flag()] = False
+    cell: Annotated[str, enum_field((*CELLS, "all"))] = "heel"
+    stuck: Annotated[bool, bool_field()] = False
 
     def through(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
         """As `Fault.through`."""
@@ -288,11 +288,11 @@ class Miscalibration(Fault):
     fits = (Imu, Image, Range, Insole, Ahrs, Encoder)
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle], Field(alias="rotation_deg")] = (0.0, 0.0, 0.0)
     translation_m: Annotated[tuple[_Shift, _Shift, _Shift], Field(alias="translation_mm")] = (0.0, 0.0, 0.0)
-    clock_offset_s: Annotated[float, number(-1, 1)] = 0.0
+    clock_offset_s: Annotated[float, float_field(-1, 1)] = 0.0
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
-    thigh_m: Annotated[float, number(-200, 200, key="thigh_mm", scale=MM)] = 0.0
-    shank_m: Annotated[float, number(-200, 200, key="shank_mm", scale=MM)] = 0.0
+    thigh_m: Annotated[float, float_field(-200, 200, key="thigh_mm", scale=MM)] = 0.0
+    shank_m: Annotated[float, float_field(-200, 200, key="shank_mm", scale=MM)] = 0.0
 
     def suits(self, stream: Stream) -> bool:
         """Whether a sensor has all that is off."""

@@ -12,7 +12,7 @@ from stridetwin.sim.parts.figure import built, file_model, ideal
 from stridetwin.sim.parts.kinds import KINDS, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import OneKind
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
@@ -49,7 +49,7 @@ def read_part(path: Path) -> Part:
         StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
-    read = validated(PartFile, data, path)
+    read = validate(PartFile, data, path)
     return built(KINDS[data["kind"]], read, name=path.stem)
 
 

@@ -21,9 +21,18 @@ from stridetwin.sim.parts.library import kind_of, library, part, read_part
 from stridetwin.sim.wearer.exo_couplings import law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
+from stridetwin.streams.fields import (
+    MM,
+    FileModel,
+    ReadAs,
+    bool_field,
+    context_folder,
+    field_error,
+    float_field,
+    other_file_error,
+)
 from stridetwin.streams.samples import Array
-from stridetwin.streams.validation import combined, suggest, validated
+from stridetwin.streams.validation import combine_errors, suggest, validate
 from stridetwin.streams.yaml_file import read_yaml
 
 _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
@@ -36,7 +45,7 @@ _FARTHEST_MM = 2000.0
 
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
     """Annotation of an array (3,): three numbers of the file from `low` (-most) to `most`, scaled."""
-    entry = Annotated[float, number(-most if low is None else low, most)]
+    entry = Annotated[float, float_field(-most if low is None else low, most)]
     return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
 
@@ -47,14 +56,14 @@ def _part_of(kind: str) -> Any:
         read = None
         if isinstance(name, str) and name.endswith((".yaml", ".yml")):
             try:
-                read = read_part(folder_of(info) / name)
+                read = read_part(context_folder(info) / name)
             except StrideTwinError as error:
-                raise elsewhere(error) from None
+                raise other_file_error(error) from None
         elif isinstance(name, str) and name in library():
             read = part(name)
         if read is None or kind_of(read) != kind:
             names = ", ".join(n for n in library() if kind_of(part(n)) == kind)
-            raise refused(name, f"{names}, or the path of a .yaml file of kind {kind}")
+            raise field_error(name, f"{names}, or the path of a .yaml file of kind {kind}")
         return read
 
     return BeforeValidator(found, json_schema_input_type=str)
@@ -66,7 +75,7 @@ def _short_names(valid: str, *more: str) -> AfterValidator:
     def checked(found: dict[str, Any]) -> dict[str, Any]:
         for name in found:
             if name not in more and not _SHORT.fullmatch(name):
-                raise refused(name, f"names such as {valid}")
+                raise field_error(name, f"names such as {valid}")
         return found
 
     return AfterValidator(checked)
@@ -75,7 +84,7 @@ def _short_names(valid: str, *more: str) -> AfterValidator:
 def _each_once(joints: dict[str, str]) -> dict[str, str]:
     names = list(joints.values())
     if twice := [name for name in names if names.count(name) > 1]:
-        raise refused(twice[0], "every joint once")
+        raise field_error(twice[0], "every joint once")
     return joints
 
 
@@ -85,16 +94,16 @@ def _of_joints(found: Any, info: ValidationInfo) -> Any:
     for i, name in enumerate(found):
         if joints is not None and name not in joints:
             below = () if isinstance(found, dict) else (i,)
-            raise refused(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
+            raise field_error(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
     return found
 
 
 def _on_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
     for body in cuffs:
         if body not in _BODIES:
-            raise refused(body, f"keys {suggest(body, _BODIES)}")
+            raise field_error(body, f"keys {suggest(body, _BODIES)}")
     if {body[-1] for body in cuffs} != {"l", "r"}:
-        raise refused(list(cuffs), "cuffs on both legs, such as thigh_l and thigh_r")
+        raise field_error(list(cuffs), "cuffs on both legs, such as thigh_l and thigh_r")
     return cuffs
 
 
@@ -147,7 +156,7 @@ class _CuffFile(FileModel):
     link: str
     at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]
     kind: Literal["strap", "holder"] | None = None
-    force_cells: Annotated[bool, flag()] = False
+    force_cells: Annotated[bool, bool_field()] = False
     stiffness_n_m: Annotated[Array, _vector(1e5, 0.0)] | None = None
     damping_ns_m: Annotated[Array, _vector(1e4, 0.0)] | None = None
     turn_stiffness_nm: Annotated[Array, _vector(1e4, 0.0)] | None = None
@@ -168,8 +177,8 @@ class _Motor(FileModel):
         part: Part of the library that senses it, or the path of a .yaml file.
     """
 
-    torque_max_nm: Annotated[float, number(above=0)]
-    speed_max_radps: Annotated[float, number(above=0)] = 10.0
+    torque_max_nm: Annotated[float, float_field(above=0)]
+    speed_max_radps: Annotated[float, float_field(above=0)] = 10.0
     part: Annotated[ActuatorPart, _part_of("actuator")] = Field("actuation-module", validate_default=True)
 
 
@@ -214,12 +223,12 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         ConfigError: A value in one of them is invalid.
         StrideTwinError: One of them cannot be read.
     """
-    file = validated(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
+    file = validate(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
     names = {joint: hinge_of(short) for short, joint in file.joints.items()}
     T_base = file.base.pose
     chains = read_model(model, file.base.link, T_base[:3, 3], T_base[:3, :3], names)
     if errors := list(_unknown(file, chains, rig, model)):
-        raise combined(errors)
+        raise combine_errors(errors)
     cuffs, sides = _cuffs(file, chains, rig)
     legs = {side: chains.legs[sides[side]] for side in "lr"}
     for short, joint in file.joints.items():

@@ -31,9 +31,9 @@ from stridetwin.scenarios.campaign.named_files import (
 )
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
-from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
-from stridetwin.streams.fields import OneKey, text, whole, words
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
+from stridetwin.streams.fields import OneKey, enum_field, int_field, text_field
+from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, Free, FreeInFile, Knob, Over, free_field, grid_size
 from stridetwin.studies.placement.scores import Score, ScoresInFile, Seeing
@@ -54,8 +54,8 @@ class Optimise:
         starts: Number of restarts, among which the budget is divided.
     """
 
-    budget: Annotated[int, whole(1, MOST_PLACES)]
-    starts: Annotated[int, whole(1, 100)] = 3
+    budget: Annotated[int, int_field(1, MOST_PLACES)]
+    starts: Annotated[int, int_field(1, 100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ class Confirm:
         walks: Walks of each scenario.
     """
 
-    places: Annotated[int, whole(1, 20)] = 5
-    walks: Annotated[int, whole(1, 1000)] = 8
+    places: Annotated[int, int_field(1, 20)] = 5
+    walks: Annotated[int, int_field(1, 1000)] = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +104,7 @@ class Problem:
 
 
 _Method = Annotated[
-    Annotated[Any, words({"sweep": None}), Tag("=sweep")]
+    Annotated[Any, enum_field({"sweep": None}), Tag("=sweep")]
     | Annotated[Any, OneKey({"optimise": Optimise}), Tag("=optimise")],
     Discriminator(lambda node: "=optimise" if isinstance(node, dict) else "=sweep"),
 ]
@@ -127,7 +127,7 @@ class PlacementFile(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    placement: Annotated[str, text()]
+    placement: Annotated[str, text_field()]
     scenarios: Annotated[tuple[_Base, ...], Field(min_length=1)]
     set: dict[str, DistributionInFile] = {}
     free: Annotated[dict[str, FreeInFile], Field(min_length=1)]
@@ -159,9 +159,9 @@ def read_problem(path: Path) -> Problem:
         ConfigError: The message names the file, the field, the value and what is valid.
         StrideTwinError: A file cannot be read.
     """
-    where = Where(source=str(path))
+    where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
-    file = validated(PlacementFile, data, path)
+    file = validate(PlacementFile, data, path)
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
     common = files.variables(file.set, where.key("set"))
@@ -190,7 +190,7 @@ def read_problem(path: Path) -> Problem:
     return problem
 
 
-def check_budget(problem: Problem, at: Where) -> None:
+def check_budget(problem: Problem, at: FieldLocation) -> None:
     """Whether a search comes to every start, and to every combination of choices.
 
     Raises:
@@ -205,7 +205,7 @@ def check_budget(problem: Problem, at: Where) -> None:
         raise at.error(problem.search.budget, f"{least} or more ({why})")
 
 
-def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: Where) -> Free:
+def _free(files: NamedFiles, name: str, said: Between | Among | Over, at: FieldLocation) -> Free:
     """A free field, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(said, Among) and names_files(paths):
