@@ -15,7 +15,7 @@ from uuid import uuid4
 
 from stridetwin.batch.jobs import Failure, Job, Result, Task, Work, run_group
 from stridetwin.batch.processes import open_pool
-from stridetwin.streams.errors import StrideTwinError, needing
+from stridetwin.streams.errors import StrideTwinError, explain_import_error
 
 _MAX_DEATHS = 3
 _DIED = Failure("its worker died; it may have run out of memory")
@@ -194,7 +194,7 @@ class _Cluster(Executor):
         """
         if self._client is not None:
             return self._client
-        with needing("--scheduler needs Dask", "cluster"):
+        with explain_import_error("--scheduler needs Dask", "cluster"):
             from distributed import Client
         try:
             client = Client(self._address, timeout=_TIMEOUT_S, set_as_default=False)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import json_text, whole_file
+from stridetwin.streams.files import atomic_file, to_json
 
 REQUEST = "request.json"
 UNFINISHED = ".unfinished"
@@ -87,10 +87,10 @@ def read_request(folder: Path) -> Any:
 
 def write_request(folder: Path, request: Mapping[str, Any]) -> None:
     """Writes the request that a folder belongs to from now on."""
-    with whole_file(folder / REQUEST) as file:
-        file.write_text(json_text(request), encoding="utf-8")
+    with atomic_file(folder / REQUEST) as file:
+        file.write_text(to_json(request), encoding="utf-8")
 
 
 def differing_keys(request: Mapping[str, Any], previous: Mapping[str, Any]) -> list[str]:
     """Keys of a request whose values differ from those of a previous one, which was read from its file."""
-    return [key for key, value in json.loads(json_text(request)).items() if previous.get(key) != value]
+    return [key for key, value in json.loads(to_json(request)).items() if previous.get(key) != value]

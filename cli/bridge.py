@@ -15,7 +15,7 @@ from stridetwin.cli.options import Outcome, Progress
 from stridetwin.cli.recording import open_source
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import RecordingError, StrideTwinError
-from stridetwin.streams.live.messages import Message, stored_messages
+from stridetwin.streams.live.messages import Message, to_messages
 from stridetwin.streams.live.sender import Sender
 from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.rig import Rig
@@ -46,7 +46,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     first_ns = min(recording.topics[t].first_ns for t in topics)
     span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
     speed = arguments.speed
-    messages = _prepare_first(stored_messages(recording, topics))  # reads the first chunk before the clock starts
+    messages = _prepare_first(to_messages(recording, topics))  # reads the first chunk before the clock starts
     start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
     epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock started then
     with Sender(

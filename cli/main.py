@@ -18,7 +18,7 @@ from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
 from stridetwin.cli.options import Options, Outcome, Progress, check_outputs
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
-from stridetwin.streams.files import asked_name
+from stridetwin.streams.files import final_name
 
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
 _NAME = "stridetwin"
@@ -75,7 +75,7 @@ def _run(call: Call, console: Console) -> int:
         return _print_error(console, str(error))
     except OSError as error:
         return _print_error(
-            console, f"{asked_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
+            console, f"{final_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)
         )
     except (KeyboardInterrupt, SystemError) as error:
         if not was_interrupted(error):

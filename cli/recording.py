@@ -14,7 +14,7 @@ from stridetwin.outputs.truth import true_frames, true_path
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.scenarios.files import stage_files
 from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.euroc import write_euroc
 from stridetwin.streams.formats.imu_columns import parsed_mapping
 from stridetwin.streams.formats.imu_table import write_imu_table
@@ -153,7 +153,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     selection = Selection(frames=frozenset(true_frames(recording.topics)))
     of_kinds = list(evaluate_recording(recording, selection, progress=progress, in_two_processes=True))
     target = arguments.output or arguments.source.with_suffix(".rrd")
-    with whole_file(target) as file:
+    with atomic_file(target) as file:
         write_rerun(file, recording, of_kinds)
     display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
     if display:

@@ -6,14 +6,14 @@ from stridetwin.cli.commands import SceneOptions
 from stridetwin.cli.options import Outcome, Progress
 from stridetwin.cli.walk import load_with_notes
 from stridetwin.scenarios.record import make_twin
-from stridetwin.streams.errors import needing
+from stridetwin.streams.errors import explain_import_error
 
 _NEED = "scenes need the simulator"
 
 
 def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
     """`scene`."""
-    with needing(_NEED, "twin"):
+    with explain_import_error(_NEED, "twin"):
         from stridetwin.sim.scene.scene_files import scene_files, write_scene
     config = load_with_notes(arguments.scenario).config
     progress("scene", 0.0)
@@ -34,7 +34,7 @@ def play_walk(source: str, seed: int, progress: Progress) -> Outcome:
         seed: Seed of the walk.
         progress: Receives the stage and its progress (0-1).
     """
-    with needing(_NEED, "twin"):
+    with explain_import_error(_NEED, "twin"):
         from stridetwin.sim.scene.playback_window import check_display, play
     scenario = load_with_notes(source)
     check_display()

@@ -31,7 +31,7 @@ from stridetwin.outputs.base import AnyKind, Scores
 from stridetwin.outputs.registry import kind_with_scores, kinds
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
@@ -68,7 +68,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         code = 1 if comparison.regressions else code
         for path, form in ((arguments.junit, to_junit), (arguments.markdown, to_markdown)):
             if path is not None:
-                with whole_file(path) as file:
+                with atomic_file(path) as file:
                     file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))

@@ -22,7 +22,7 @@ from stridetwin.cli.options import (
     whole,
 )
 from stridetwin.scenarios.built_in import experiments
-from stridetwin.streams.errors import StrideTwinError, Where, install_hint, needing
+from stridetwin.streams.errors import FieldLocation, StrideTwinError, explain_import_error, install_hint
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -106,11 +106,11 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """`experiment` with the file of a study."""
-    here = Where(source="command line")
+    here = FieldLocation(source="command line")
     for name, value in (("--estimators", arguments.estimators), ("--keep", arguments.keep)):
         if value:
             raise here.key(name).error(value, "none, as a study file lists its methods and keeps no walks")
-    with needing("studies need the simulator", "twin"):
+    with explain_import_error("studies need the simulator", "twin"):
         from stridetwin.studies.study_file.results import table_head, table_rows
         from stridetwin.studies.study_file.run import REPORT, StudyOptions, run_study
         from stridetwin.studies.study_file.study import read_study
@@ -158,7 +158,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     check_executor(arguments.workers, arguments.scheduler)
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
-    with needing("placements need the simulator", "twin"):
+    with explain_import_error("placements need the simulator", "twin"):
         from stridetwin.studies.placement.run import PlacementOptions, run_placement
     path = find_problem(arguments.problem)
     problem = _problem(read_problem(path), arguments)
@@ -180,7 +180,7 @@ def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementPro
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.studies.placement.problem_file import check_budget
 
-    here = Where(source="command line")
+    here = FieldLocation(source="command line")
     if arguments.scenario is not None:
         at = here.key("--scenario")
         files = NamedFiles(Path.cwd() / "command line", "the working folder")

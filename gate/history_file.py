@@ -12,7 +12,7 @@ from stridetwin.gate.compare import Comparison
 from stridetwin.gate.formatting import collect_failures, to_sentence
 from stridetwin.gate.score_table import check_scores, is_text
 from stridetwin.outputs.base import Scores
-from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
 _WRITTEN = "lines that `stridetwin score --history` has written"
@@ -47,7 +47,7 @@ def append_history(file: Path, line: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: `read_history` does not accept the file, which stays unchanged.
     """
-    _check(line, Where(source=f"{file}: new line"))
+    _check(line, FieldLocation(source=f"{file}: new line"))
     file.parent.mkdir(parents=True, exist_ok=True)
     with file.open("a", encoding="utf-8") as out:
         out.write(json.dumps(line, sort_keys=True, allow_nan=False) + "\n")
@@ -67,7 +67,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
     for number, text in enumerate(texts, 1):
         try:
             lines.append(json.loads(text))
-            _check(lines[-1], Where(source=f"{file}: line {number}"))
+            _check(lines[-1], FieldLocation(source=f"{file}: line {number}"))
         except (ValueError, RecursionError) as error:
             raise StrideTwinError(f"{file}: line {number}: {error}; expected {_WRITTEN}") from None
     if not lines:
@@ -75,7 +75,7 @@ def read_history(file: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def _check(line: object, where: Where) -> None:
+def _check(line: object, where: FieldLocation) -> None:
     """Raises ConfigError at the first field that differs from the form of `history_line`."""
     if not isinstance(line, dict):
         raise where.error(line, _WRITTEN)

@@ -11,7 +11,7 @@ from typing import Any
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.outputs.base import Scores
 from stridetwin.outputs.path.evaluate import LARGEST_SCORE
-from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
 
 EVERY_ESTIMATOR = "every estimator"
 """Name in the failures if the built-in estimators failed together."""
@@ -41,7 +41,7 @@ def table_of(document: object, source: str) -> ScoreTable:
     Raises:
         ConfigError: It does not have the form of `score --json`.
     """
-    top = Where(source=source)
+    top = FieldLocation(source=source)
     if not isinstance(document, dict):
         raise top.error(document, _EXPECTED_FORM)
     means = check_scores(document.get("estimators"), top.key("estimators"))
@@ -83,11 +83,11 @@ def read_table(path: Path) -> ScoreTable:
     for field, tables in (("estimators", [table.means]), ("recordings", walks)):
         names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
         if tables and all(scale_of(name) is None for name in names):
-            raise Where(source=str(path), path=field).error(document[field], "at least one comparable score")
+            raise FieldLocation(source=str(path), path=field).error(document[field], "at least one comparable score")
     return table
 
 
-def check_scores(node: object, where: Where) -> dict[str, Scores]:
+def check_scores(node: object, where: FieldLocation) -> dict[str, Scores]:
     """Checks that a node of a file maps estimators to scores by name, and returns it.
 
     Raises:
@@ -118,7 +118,7 @@ def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores
     return {"recordings": list(entries), "estimators": dict(means)}
 
 
-def _check_names(value: object, where: Where, valid: str) -> dict[str, Any]:
+def _check_names(value: object, where: FieldLocation, valid: str) -> dict[str, Any]:
     """Checks that a value is a mapping whose keys are names, and returns it."""
     if not isinstance(value, dict):
         raise where.error(value, valid)

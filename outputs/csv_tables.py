@@ -9,12 +9,12 @@ from pathlib import Path
 
 from stridetwin.estimators.base import Estimator
 from stridetwin.outputs.base import LiveOutput, Written
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 
 
 def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
     """Writes a CSV file with a header."""
-    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)

@@ -17,7 +17,7 @@ from stridetwin.outputs.truth import true_frames
 from stridetwin.report.figures_streams import curves_of, scalar_topics
 from stridetwin.report.images import camera_topics, images_of, scale_image
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import asked_name
+from stridetwin.streams.files import final_name
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.terrain_truth import Layout, terrain_layout
 
@@ -54,7 +54,7 @@ def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluat
     try:
         stream.save(path, default_blueprint=_blueprint(recording, of_kinds))
     except RuntimeError as error:
-        raise StrideTwinError(f"{asked_name(str(path))}: cannot be written: {error}") from error
+        raise StrideTwinError(f"{final_name(str(path))}: cannot be written: {error}") from error
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _log_terrain(rr, stream, terrain_layout(recording.metadata))
     _log_true_poses(rr, stream, recording)

@@ -16,7 +16,7 @@ from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
-from stridetwin.streams.files import json_text
+from stridetwin.streams.files import to_json
 from stridetwin.streams.recording.reader import Recording
 
 Frame = tuple[float, NDArray[np.uint8]]
@@ -88,7 +88,7 @@ def run_scenario(
                 of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
         scores = scores_by_output(of_kinds)
         document = scores_document(scenario, seed, scores, twin.fell_at, read_injected_faults(recording.metadata))
-        (out / "scores.json").write_text(json_text(document), encoding="utf-8")
+        (out / "scores.json").write_text(to_json(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)

@@ -156,7 +156,7 @@ class _Live:
                 self._warn(receiver)
         except KeyboardInterrupt:
             self._say("stopped")
-        self._process(self._reorder.rest())
+        self._process(self._reorder.flush())
         self._warn(receiver)
 
     def _finish(self) -> dict[Path, int]:
@@ -175,7 +175,7 @@ class _Live:
             self._say(f"warning: another sender describes {name} differently; the first description is used")
         self._metadata = hello.metadata | self._metadata
         if self._recorder is not None:
-            self._recorder.know(self._rig, self._metadata)
+            self._recorder.set_rig(self._rig, self._metadata)
         self._try_chain()
 
     def _try_chain(self) -> None:

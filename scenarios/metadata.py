@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from stridetwin.sim.faults.faults import POSES, Events, Fault
 from stridetwin.sim.faults.sample_faults import Restart
-from stridetwin.streams.errors import invalid_metadata
+from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.pose_restart import RESTARTS
 
 _FAULTS = "faults"
@@ -47,4 +47,4 @@ def read_injected_faults(metadata: Mapping[str, str]) -> list[InjectedFault]:
     try:
         return [InjectedFault(**entry) for entry in json.loads(metadata.get(_FAULTS, "[]"))]
     except (ValueError, TypeError, RecursionError) as error:
-        raise invalid_metadata(_FAULTS, "faults written by StrideTwin", error) from error
+        raise metadata_error(_FAULTS, "faults written by StrideTwin", error) from error

@@ -12,7 +12,7 @@ from stridetwin.scenarios.metadata import fault_metadata
 from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
 from stridetwin.sim.faults.faults import FaultPlan, check_times
 from stridetwin.sim.wearer.anthropometry import anthropometry
-from stridetwin.streams.errors import needing
+from stridetwin.streams.errors import explain_import_error
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.samples import Block, Sample
 from stridetwin.streams.terrain_truth import terrain_metadata
@@ -34,7 +34,7 @@ def twin_class() -> type[Twin]:
     Raises:
         StrideTwinError: The simulator is not installed.
     """
-    with needing("walks need the simulator", "twin"):
+    with explain_import_error("walks need the simulator", "twin"):
         from stridetwin.sim.twin import Twin
     return Twin
 

@@ -17,7 +17,7 @@ from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
@@ -74,7 +74,7 @@ def scenario_of(node: object, path: Path) -> Scenario:
     Raises:
         ConfigError: An invalid value; the message names file, field, value and what is valid.
     """
-    file = validated(ScenarioFile, node, path, context={"folder": path.parent})
+    file = validate(ScenarioFile, node, path, context={"folder": path.parent})
     terrain: Any = file.terrain
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):

@@ -63,18 +63,18 @@ from stridetwin.streams.fields import (
     OneKind,
     ReadAs,
     Required,
-    elsewhere,
-    file_beside,
-    flag,
-    folder_of,
-    number,
-    refused,
-    text,
-    unique,
-    whole,
-    words,
+    bool_field,
+    check_unique,
+    context_folder,
+    enum_field,
+    field_error,
+    file_field,
+    float_field,
+    int_field,
+    other_file_error,
+    text_field,
 )
-from stridetwin.streams.json_schema import described
+from stridetwin.streams.json_schema import attribute_descriptions
 from stridetwin.streams.validation import suggest
 
 
@@ -90,7 +90,7 @@ class _UnevenStairs(Stairs):
     # Keys that differ from those of `Stairs`; field() without a default makes a key required.
     risers: int = field(init=False)
     riser_m: Annotated[tuple[Riser, ...], Field(min_length=1, alias="risers_mm")] = field()
-    down: Annotated[bool, words(DIRECTIONS, key="direction")] = field()
+    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = field()
 
     def build(self) -> Stairs:
         """The stair, with as many risers as there are heights."""
@@ -113,7 +113,7 @@ class _Lanes(FileModel):
         lanes: Lanes from left to right, each a list of segments.
     """
 
-    walk: Annotated[int, whole(1, MAX_LANES)]
+    walk: Annotated[int, int_field(1, MAX_LANES)]
     lanes: Annotated[
         tuple[Annotated[tuple[Annotated[Any, OneKey(_STRAIGHT)], ...], Field(min_length=1)], ...], Field(min_length=1)
     ]
@@ -121,7 +121,7 @@ class _Lanes(FileModel):
     def build(self) -> Lanes:
         """The lanes, with the number of the walked lane counted from 0."""
         if self.walk > len(self.lanes):
-            raise refused(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
+            raise field_error(self.walk, f"1-{len(self.lanes)}, the number of a lane", "walk")
         return Lanes(lanes=self.lanes, walk=self.walk - 1)
 
 
@@ -143,7 +143,7 @@ _Terrain = Annotated[
     Discriminator(lambda node: "=mesh" if isinstance(node, dict) else "=segments"),
 ]
 _Person = Annotated[
-    Annotated[Any, words(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
+    Annotated[Any, enum_field(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
     Discriminator(lambda node: "=name" if isinstance(node, str) else "=body"),
 ]
 
@@ -158,9 +158,9 @@ class _Exo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    mode: Annotated[int, whole(0, 4)]
-    joints: Annotated[tuple[Annotated[str, words(JOINTS)], ...], AfterValidator(unique)] = ()
-    drive: Annotated[str, words(DRIVES)] = "idle"
+    mode: Annotated[int, int_field(0, 4)]
+    joints: Annotated[tuple[Annotated[str, enum_field(JOINTS)], ...], AfterValidator(check_unique)] = ()
+    drive: Annotated[str, enum_field(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """The exoskeleton, if its mode powers these joints."""
@@ -176,9 +176,9 @@ class _OwnExo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    model: Annotated[Any, file_beside()]
-    rig: Annotated[Any, file_beside()]
-    drive: Annotated[str, words(DRIVES)] = "idle"
+    model: Annotated[Any, file_field()]
+    rig: Annotated[Any, file_field()]
+    drive: Annotated[str, enum_field(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """Reads the user's model and rig file; refuses a mode without powered joints."""
@@ -187,7 +187,7 @@ class _OwnExo(FileModel):
         try:
             user_exo = read_own_exo(self.model, self.rig)
         except StrideTwinError as error:
-            raise elsewhere(error) from None
+            raise other_file_error(error) from None
         return _check_powered_joints(Exo(own=user_exo, drive=self.drive))
 
 
@@ -196,7 +196,7 @@ def _check_powered_joints(exo: Exo) -> Exo:
     try:
         modules(exo)
     except ConfigError as error:
-        raise refused(error.value, error.valid, error.field) from None
+        raise field_error(error.value, error.valid, error.field) from None
     return exo
 
 
@@ -207,7 +207,7 @@ def _exo_tag(node: object) -> str:
 
 
 _ExoInFile = Annotated[
-    Annotated[Any, words({"none": None}), Tag("=none")]
+    Annotated[Any, enum_field({"none": None}), Tag("=none")]
     | Annotated[_Exo, AfterValidator(_Exo.build), Tag("=shim")]
     | Annotated[_OwnExo, AfterValidator(_OwnExo.build), Tag("=own")],
     Discriminator(_exo_tag),
@@ -230,8 +230,8 @@ class _Place(FileModel):
         left_m: Offset of its middle to the left of the route.
     """
 
-    at_m: Annotated[float, number(-2, 500)]
-    left_m: Annotated[float, number(-10, 10)] = 0.0
+    at_m: Annotated[float, float_field(-2, 500)]
+    left_m: Annotated[float, float_field(-10, 10)] = 0.0
 
 
 _Thing = OneKey(
@@ -248,9 +248,9 @@ def _check_times(fault: Fault) -> Fault:
         return fault
     times = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
     if len(times) != 1:
-        raise refused(list(times), "either at_s or rate_per_min")
+        raise field_error(list(times), "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
-        raise refused(Missing(), "this key, beside rate_per_min", "duration_s")
+        raise field_error(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
 
 
@@ -293,19 +293,19 @@ class Sensors:
 def _read_sensor_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
     """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
     if not isinstance(node, str):
-        raise refused(node, _valid_parts(group))
+        raise field_error(node, _valid_parts(group))
     part_name = node.removesuffix(IDEAL)
     if part_name in part_files():
         sensor_part: Part = load_part(part_name)
     elif node.endswith(_FILE_SUFFIXES):
         try:
-            sensor_part, part_name = read_part(folder_of(info) / node), node
+            sensor_part, part_name = read_part(context_folder(info) / node), node
         except StrideTwinError as error:
-            raise elsewhere(error) from None
+            raise other_file_error(error) from None
     else:
-        raise refused(node, _valid_parts(group, node))
+        raise field_error(node, _valid_parts(group, node))
     if kind_of(sensor_part) != KIND[group]:
-        raise refused(node, _valid_parts(group))
+        raise field_error(node, _valid_parts(group))
     return SensorConfig(part=sensor_part, ideal=node != part_name)
 
 
@@ -317,7 +317,9 @@ def _valid_parts(group: str, near: str = "") -> str:
 def _check_uncalibrated(clock: Clock) -> Clock:
     """Returns a clock's errors; refuses a calibrated offset where no calibration can hold it."""
     if clock.calibrated:
-        raise refused("calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock")
+        raise field_error(
+            "calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock"
+        )
     return clock
 
 
@@ -331,7 +333,7 @@ def _check_direction(options: Any) -> Any:
     Refuses both `mount` and `pitch_down_deg`, which set the same direction.
     """
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
-        raise refused(
+        raise field_error(
             round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
         )
     return options
@@ -350,13 +352,13 @@ def _group_type(group: str) -> Any:
     }
     fields |= {name: (hints[name], None) for name in names}
     model = create_model(group, __config__=ConfigDict(extra="forbid"), **fields)
-    descriptions = described(SensorConfig)
+    descriptions = attribute_descriptions(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in fields)
     options: Any = Annotated[model, BeforeValidator(_part_as_keys, json_schema_input_type=str | model)]
     if group == "head_camera":
         options = Annotated[options, AfterValidator(_check_direction)]
     return Annotated[
-        Annotated[Annotated[bool, flag()], Tag("=switch")] | Annotated[options, Tag("=options")],
+        Annotated[Annotated[bool, bool_field()], Tag("=switch")] | Annotated[options, Tag("=options")],
         Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=options"),
     ]
 
@@ -389,7 +391,7 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
 _group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
 _Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_group_fields)
 _Names = Annotated[
-    tuple[Annotated[str, words(tuple(KIND))], ...], AfterValidator(unique), AfterValidator(_sensors_of_names)
+    tuple[Annotated[str, enum_field(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)
 ]
 SensorsInFile = Annotated[
     Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_sensors_of_groups), Tag("=groups")],
@@ -422,21 +424,21 @@ class ScenarioFile(FileModel):
         faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
     """
 
-    description: Annotated[str, text()]
+    description: Annotated[str, text_field()]
     terrain: _Terrain
-    width_m: Annotated[float, number(1.2, 10)] = 2.4
-    scenery: Annotated[str, words(SCENERIES)] = "outdoor"
+    width_m: Annotated[float, float_field(1.2, 10)] = 2.4
+    scenery: Annotated[str, enum_field(SCENERIES)] = "outdoor"
     person: _Person = Person()
     exo: _ExoInFile = Exo()
-    texture: Annotated[str, words(TEXTURES)] = "rich"
-    light: Annotated[float, number(*LIGHT_RANGE)] = 1.0
-    bystanders: Annotated[int, whole(0, MAX_BYSTANDERS)] = 0
+    texture: Annotated[str, enum_field(TEXTURES)] = "rich"
+    light: Annotated[float, float_field(*LIGHT_RANGE)] = 1.0
+    bystanders: Annotated[int, int_field(0, MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()
-    physics: Annotated[str, words(PHYSICS)] = "kinematic"
+    physics: Annotated[str, enum_field(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
     sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), paths={})
-    rig_mount: Annotated[str, words(("head", "chest"), key="camera_mount")] = "head"
-    ideal: Annotated[bool, flag(key="ideal_sensors")] = False
-    shock: Annotated[bool, flag()] = True
+    rig_mount: Annotated[str, enum_field(("head", "chest"), key="camera_mount")] = "head"
+    ideal: Annotated[bool, bool_field(key="ideal_sensors")] = False
+    shock: Annotated[bool, bool_field()] = True
     faults: Annotated[FaultList, Field(min_length=1)] = ()

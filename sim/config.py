@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.parts.sensor_config import KIND, SensorConfig
-from stridetwin.streams.fields import DEG, MM, ReadAs, flag, number, whole, words
+from stridetwin.streams.fields import DEG, MM, ReadAs, bool_field, enum_field, float_field, int_field
 
 SIDES = ("l", "r")
 PHYSICS = ("kinematic", "dynamic")
@@ -40,10 +40,10 @@ class Person:
         shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
     """
 
-    height_m: Annotated[float, number(1.5, 1.95)] = 1.75
-    mass_kg: Annotated[float, number(45, 110)] = 75.0
-    sex: Annotated[str, words(("male", "female"))] = "male"
-    shoe_m: Annotated[float | None, number(200, 320, key="shoe_mm", scale=MM)] = None
+    height_m: Annotated[float, float_field(1.5, 1.95)] = 1.75
+    mass_kg: Annotated[float, float_field(45, 110)] = 75.0
+    sex: Annotated[str, enum_field(("male", "female"))] = "male"
+    shoe_m: Annotated[float | None, float_field(200, 320, key="shoe_mm", scale=MM)] = None
 
 
 DRIVES = ("idle", "assist")
@@ -76,11 +76,11 @@ class Level:
         cross_slope_rad: Tilt sideways, the left side up positive.
     """
 
-    length_m: Annotated[float, number(0.5, 500)]
-    cross_slope_rad: Annotated[float, number(-5, 5, key="cross_slope_deg", scale=DEG)] = 0.0
+    length_m: Annotated[float, float_field(0.5, 500)]
+    cross_slope_rad: Annotated[float, float_field(-5, 5, key="cross_slope_deg", scale=DEG)] = 0.0
 
 
-Riser = Annotated[float, number(20, 250, scale=MM)]
+Riser = Annotated[float, float_field(20, 250, scale=MM)]
 """Height of a riser: mm in files, m here."""
 
 
@@ -104,15 +104,15 @@ class Stairs:
             deep as `tread_m` in the middle of the way.
     """
 
-    risers: Annotated[int, whole(1, 60)]
+    risers: Annotated[int, int_field(1, 60)]
     riser_m: Annotated[float | tuple[float, ...], ReadAs(Riser), Field(alias="riser_mm")] = 0.165
-    tread_m: Annotated[float, number(200, 600, key="tread_mm", scale=MM)] = 0.29
-    down: Annotated[bool, words(DIRECTIONS, key="direction")] = False
-    nosing_m: Annotated[float, number(0, 40, key="nosing_mm", scale=MM)] = 0.0
+    tread_m: Annotated[float, float_field(200, 600, key="tread_mm", scale=MM)] = 0.29
+    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = False
+    nosing_m: Annotated[float, float_field(0, 40, key="nosing_mm", scale=MM)] = 0.0
     open_risers: bool = False
-    tread_slope_rad: Annotated[float, number(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
-    edge_radius_m: Annotated[float, number(0, 40, key="edge_radius_mm", scale=MM)] = 0.0
-    turn_rad: Annotated[float, number(-270, 270, key="turn_deg", scale=DEG)] = 0.0
+    tread_slope_rad: Annotated[float, float_field(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
+    edge_radius_m: Annotated[float, float_field(0, 40, key="edge_radius_mm", scale=MM)] = 0.0
+    turn_rad: Annotated[float, float_field(-270, 270, key="turn_deg", scale=DEG)] = 0.0
 
     @property
     def heights_m(self) -> tuple[float, ...]:
@@ -130,9 +130,9 @@ class Ramp:
         down: Which way it leads from the walker's view.
     """
 
-    angle_rad: Annotated[float, number(1, 20, key="angle_deg", scale=DEG)]
-    rise_m: Annotated[float, number(0.05, 10)]
-    down: Annotated[bool, words(DIRECTIONS, key="direction")] = False
+    angle_rad: Annotated[float, float_field(1, 20, key="angle_deg", scale=DEG)]
+    rise_m: Annotated[float, float_field(0.05, 10)]
+    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +144,8 @@ class Turn:
         radius_m: Of the arc; 0 turns on the spot.
     """
 
-    angle_rad: Annotated[float, number(-360, 360, key="angle_deg", scale=DEG)]
-    radius_m: Annotated[float, number(0, 100)] = 3.0
+    angle_rad: Annotated[float, float_field(-360, 360, key="angle_deg", scale=DEG)]
+    radius_m: Annotated[float, float_field(0, 100)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,12 +219,12 @@ class Gaze:
         sway_hz: Frequency of the sway; the head's highest angular rate is 2 pi times frequency and amplitude, rad/s.
     """
 
-    kind: Annotated[str, words(GAZES)] = "ahead"
-    pitch_rad: Annotated[float, number(-34, 45, key="pitch_deg", scale=DEG)] = 0.0
-    yaw_rad: Annotated[float, number(-40, 40, key="yaw_deg", scale=DEG)] = 0.0
-    sway_yaw_rad: Annotated[float, number(0, 40, key="sway_yaw_deg", scale=DEG)] = 0.0
-    sway_pitch_rad: Annotated[float, number(0, 40, key="sway_pitch_deg", scale=DEG)] = 0.0
-    sway_hz: Annotated[float, number(*SWAY_RANGE_HZ)] = 0.5
+    kind: Annotated[str, enum_field(GAZES)] = "ahead"
+    pitch_rad: Annotated[float, float_field(-34, 45, key="pitch_deg", scale=DEG)] = 0.0
+    yaw_rad: Annotated[float, float_field(-40, 40, key="yaw_deg", scale=DEG)] = 0.0
+    sway_yaw_rad: Annotated[float, float_field(0, 40, key="sway_yaw_deg", scale=DEG)] = 0.0
+    sway_pitch_rad: Annotated[float, float_field(0, 40, key="sway_pitch_deg", scale=DEG)] = 0.0
+    sway_hz: Annotated[float, float_field(*SWAY_RANGE_HZ)] = 0.5
 
 
 def _expand_gaze(node: object) -> object:
@@ -255,20 +255,20 @@ class Gait:
         gaze: Where the walker looks.
     """
 
-    pattern: Annotated[str, words(("walk", "wander", "jog"))] = "walk"
-    speed_mps: Annotated[float, number(*SPEED_RANGE_MPS)] = 1.2
-    step_sd: Annotated[float, number(0, 0.1)] = 0.015
-    stand_s: Annotated[float, number(0.5, 60)] = 2.0
-    stairs: Annotated[str, words(STAIRS)] = "step_over_step"
-    leading_foot: Annotated[str, words({"left": "l", "right": "r"})] = "r"
-    asymmetry: Annotated[float, number(-MAX_ASYMMETRY, MAX_ASYMMETRY)] = 0.0
+    pattern: Annotated[str, enum_field(("walk", "wander", "jog"))] = "walk"
+    speed_mps: Annotated[float, float_field(*SPEED_RANGE_MPS)] = 1.2
+    step_sd: Annotated[float, float_field(0, 0.1)] = 0.015
+    stand_s: Annotated[float, float_field(0.5, 60)] = 2.0
+    stairs: Annotated[str, enum_field(STAIRS)] = "step_over_step"
+    leading_foot: Annotated[str, enum_field({"left": "l", "right": "r"})] = "r"
+    asymmetry: Annotated[float, float_field(-MAX_ASYMMETRY, MAX_ASYMMETRY)] = 0.0
     shuffle: Annotated[
-        Annotated[float, number(0, 1)],
-        BeforeValidator(_bool_to_share, json_schema_input_type=bool | Annotated[float, number(0, 1)]),
+        Annotated[float, float_field(0, 1)],
+        BeforeValidator(_bool_to_share, json_schema_input_type=bool | Annotated[float, float_field(0, 1)]),
     ] = 0.0
-    gaze: Annotated[Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, words(GAZES)] | Gaze)] = (
-        field(default_factory=Gaze)
-    )
+    gaze: Annotated[
+        Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, enum_field(GAZES)] | Gaze)
+    ] = field(default_factory=Gaze)
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:
@@ -294,10 +294,10 @@ class Push:
         forward_n, left_n: Force along and across the way, N; negative backward and to the right.
     """
 
-    at_s: Annotated[float, number(0, 3600)]
-    duration_s: Annotated[float, number(0.01, 5)] = 0.1
-    forward_n: Annotated[float, number(-500, 500)] = 0.0
-    left_n: Annotated[float, number(-500, 500)] = 0.0
+    at_s: Annotated[float, float_field(0, 3600)]
+    duration_s: Annotated[float, float_field(0.01, 5)] = 0.1
+    forward_n: Annotated[float, float_field(-500, 500)] = 0.0
+    left_n: Annotated[float, float_field(-500, 500)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,9 +309,9 @@ class Misstep:
         forward_m, left_m: Offset from the foothold, along and across the way.
     """
 
-    at_s: Annotated[float, number(0, 3600)]
-    forward_m: Annotated[float, number(-200, 200, key="forward_mm", scale=MM)] = 0.0
-    left_m: Annotated[float, number(-100, 100, key="left_mm", scale=MM)] = 0.0
+    at_s: Annotated[float, float_field(0, 3600)]
+    forward_m: Annotated[float, float_field(-200, 200, key="forward_mm", scale=MM)] = 0.0
+    left_m: Annotated[float, float_field(-100, 100, key="left_mm", scale=MM)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,11 +328,11 @@ class Dynamics:
         missteps: Feet that land beside their footholds.
     """
 
-    assist: Annotated[bool, flag()] = False
-    mass_error: Annotated[float, number(-0.2, 0.2)] = 0.0
-    torque_noise: Annotated[float, number(0, 0.5)] = 0.0
-    floor_offset_m: Annotated[float, number(-14, 6, key="floor_offset_mm", scale=MM)] = 0.0
-    friction: Annotated[float, number(0.2, 1.5)] = 0.9
+    assist: Annotated[bool, bool_field()] = False
+    mass_error: Annotated[float, float_field(-0.2, 0.2)] = 0.0
+    torque_noise: Annotated[float, float_field(0, 0.5)] = 0.0
+    floor_offset_m: Annotated[float, float_field(-14, 6, key="floor_offset_mm", scale=MM)] = 0.0
+    friction: Annotated[float, float_field(0.2, 1.5)] = 0.9
     pushes: Annotated[tuple[Push, ...], Field(min_length=1)] = ()
     missteps: Annotated[tuple[Misstep, ...], Field(min_length=1)] = ()
 

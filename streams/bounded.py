@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from stridetwin.streams.errors import ConfigError, StrideTwinError, unreadable
+from stridetwin.streams.errors import ConfigError, StrideTwinError, read_error
 
 LARGEST_TEXT = 256 << 20
 """Largest text table or list, bytes: 2 h of an IMU at 200 Hz take a sixth of it."""
@@ -26,7 +26,7 @@ def read_bytes(path: Path, most: int) -> bytes:
         ConfigError: The file has more than `most` bytes.
         StrideTwinError: The file cannot be read.
     """
-    with _one_error(path), path.open("rb") as file:
+    with _convert_errors(path), path.open("rb") as file:
         size = path.stat().st_size
         data = file.read(most + 1) if size <= most else b""
     if size > most or len(data) > most:
@@ -41,12 +41,12 @@ def read_text(path: Path, most: int, encoding: str = "utf-8") -> str:
         ConfigError: The file has more than `most` bytes.
         StrideTwinError: The file cannot be read, or is not text.
     """
-    with _one_error(path):
+    with _convert_errors(path):
         text = read_bytes(path, most).decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
+def read_lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
     """The lines of a text table or list, without line ends, one at a time.
 
     Raises:
@@ -54,7 +54,7 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
             `LONGEST_LINE`.
         StrideTwinError: The file cannot be read, or is not text.
     """
-    with _one_error(path), path.open(encoding=encoding) as file:
+    with _convert_errors(path), path.open(encoding=encoding) as file:
         if (size := path.stat().st_size) > LARGEST_TEXT:
             raise ConfigError(path, "size in bytes", size, f"up to {LARGEST_TEXT}")
         for number in itertools.count(1):
@@ -69,10 +69,10 @@ def lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
 
 
 @contextmanager
-def _one_error(path: Path) -> Iterator[None]:
+def _convert_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise read_error(path, error) from error
     except UnicodeDecodeError as error:
         raise StrideTwinError(f"{path}: is not text in UTF-8") from error

@@ -17,7 +17,7 @@ class StrideTwinError(Exception):
 
 
 @contextmanager
-def needing(need: str, extra: str) -> Iterator[None]:
+def explain_import_error(need: str, extra: str) -> Iterator[None]:
     """Turns a failed import of an optional library into one line that says how to install it.
 
     Args:
@@ -48,7 +48,7 @@ def was_interrupted(error: BaseException) -> bool:
     return cause is not None
 
 
-def unreadable(path: Path, error: OSError) -> StrideTwinError:
+def read_error(path: Path, error: OSError) -> StrideTwinError:
     """The error to raise about a file that cannot be read."""
     return StrideTwinError(f"{path}: cannot be read: {error.strerror or error}")
 
@@ -75,8 +75,8 @@ class ConfigError(StrideTwinError):
     @property
     def problem(self) -> str:
         """What is wrong with the value, without its place."""
-        found = "missing" if isinstance(self.value, Missing) else f"invalid {_shown(self.value)}"
-        return f"{found}: expected {self.valid}"
+        state = "missing" if isinstance(self.value, Missing) else f"invalid {_shorten_repr(self.value)}"
+        return f"{state}: expected {self.valid}"
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Pickles the constructor's arguments; by default an exception pickles its message alone."""
@@ -84,19 +84,19 @@ class ConfigError(StrideTwinError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Where:
+class FieldLocation:
     """Position in a file, for errors that are found after reading: the file as the user named it, and the keys."""
 
     source: str
     path: str = ""
 
-    def key(self, name: str) -> Where:
+    def key(self, name: str) -> FieldLocation:
         """The position of a key below this one."""
-        return Where(source=self.source, path=f"{self.path}.{name}" if self.path else name)
+        return FieldLocation(source=self.source, path=f"{self.path}.{name}" if self.path else name)
 
-    def item(self, index: int) -> Where:
+    def item(self, index: int) -> FieldLocation:
         """The position of a list's item."""
-        return Where(source=self.source, path=f"{self.path}[{index}]")
+        return FieldLocation(source=self.source, path=f"{self.path}[{index}]")
 
     def error(self, value: object, valid: str) -> ConfigError:
         """The error to raise about an invalid value at this position."""
@@ -123,12 +123,12 @@ class ConfigFileError(ConfigError):
         return type(self), (self.errors,)
 
 
-def _shown(value: object) -> str:
+def _shorten_repr(value: object) -> str:
     try:
-        words = repr(value)
+        text = repr(value)
     except ValueError:  # an integer with more digits than Python prints
         return "an integer of thousands of digits"
-    return words if len(words) <= _LONGEST_SHOWN else f"{words[:_LONGEST_SHOWN]}..."
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
@@ -143,6 +143,6 @@ class RecordingError(StrideTwinError):
     """A recording that cannot be read, or that would silently corrupt an estimate."""
 
 
-def invalid_metadata(key: str, expected: str, error: Exception) -> RecordingError:
+def metadata_error(key: str, expected: str, error: Exception) -> RecordingError:
     """The error to raise about an entry of a recording's metadata that reading it found invalid."""
     return RecordingError(f"invalid metadata {key}: expected {expected}: {' '.join(str(error).split())[:120]}")

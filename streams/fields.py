@@ -38,7 +38,7 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
-def number(
+def float_field(
     low: float | None = None,
     high: float | None = None,
     *,
@@ -56,54 +56,54 @@ def number(
         scale: Factor from the file's unit to that of the attribute.
     """
     bounds = {name: value for name, value in (("ge", low), ("le", high), ("gt", above)) if value is not None}
-    info = _named(key, **bounds, strict=True, allow_inf_nan=False)
+    info = _field(key, **bounds, strict=True, allow_inf_nan=False)
     if scale != 1.0:
         info.metadata.append(AfterValidator(lambda value: value * scale))
     return info
 
 
-def whole(low: int, high: int, *, key: str | None = None) -> Any:
+def int_field(low: int, high: int, *, key: str | None = None) -> Any:
     """A whole number in [low, high]."""
-    return _named(key, ge=low, le=high, strict=True)
+    return _field(key, ge=low, le=high, strict=True)
 
 
-def flag(*, key: str | None = None) -> Any:
+def bool_field(*, key: str | None = None) -> Any:
     """`true` or `false`."""
-    return _named(key, strict=True)
+    return _field(key, strict=True)
 
 
-def text(*, key: str | None = None) -> Any:
+def text_field(*, key: str | None = None) -> Any:
     """A non-empty line of text; blanks are joined."""
-    info = _named(key, strict=True, pattern=r"\S")
+    info = _field(key, strict=True, pattern=r"\S")
     info.metadata.append(AfterValidator(lambda value: " ".join(value.split())))
     return info
 
 
-def words(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
+def enum_field(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
     """One of a few words; with a mapping, the value that belongs to the word."""
     values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
-    info = _named(key)
+    info = _field(key)
     info.metadata.append(ReadAs(Literal[tuple(values)], values.__getitem__))
     return info
 
 
-def _named(key: str | None, **rules: Any) -> FieldInfo:
-    found: FieldInfo = Field(alias=key, **rules) if key else Field(**rules)
-    return found
+def _field(key: str | None, **rules: Any) -> FieldInfo:
+    field: FieldInfo = Field(alias=key, **rules) if key else Field(**rules)
+    return field
 
 
-def file_beside(*, key: str | None = None) -> Any:
+def file_field(*, key: str | None = None) -> Any:
     """The path of a file, relative to `folder` in the validation context."""
-    info = _named(key)
-    info.metadata += [ReadAs(Annotated[str, text()]), AfterValidator(_beside)]
+    info = _field(key)
+    info.metadata += [ReadAs(Annotated[str, text_field()]), AfterValidator(_resolve_path)]
     return info
 
 
-def _beside(name: str, info: ValidationInfo) -> Path:
-    return folder_of(info) / name
+def _resolve_path(name: str, info: ValidationInfo) -> Path:
+    return context_folder(info) / name
 
 
-def folder_of(info: ValidationInfo) -> Path:
+def context_folder(info: ValidationInfo) -> Path:
     """The folder to which paths in a file are relative."""
     context: Any = info.context
     return Path(context["folder"])
@@ -112,13 +112,13 @@ def folder_of(info: ValidationInfo) -> Path:
 class ReadAs:
     """Annotation: the type of the value in a file, if it differs from the attribute's; `then` converts it."""
 
-    def __init__(self, kind: Any, then: Callable[[Any], Any] | None = None) -> None:
-        self._kind, self._then = kind, then
+    def __init__(self, kind: Any, convert: Callable[[Any], Any] | None = None) -> None:
+        self._kind, self._convert = kind, convert
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of the type in the file."""
         schema = handler.generate_schema(self._kind)
-        return schema if self._then is None else core_schema.no_info_after_validator_function(self._then, schema)
+        return schema if self._convert is None else core_schema.no_info_after_validator_function(self._convert, schema)
 
 
 class Required:
@@ -133,15 +133,18 @@ class Required:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """The keys are required."""
-        found = handler.resolve_ref_schema(handler(schema))
-        found["required"] = [*found.get("required", ()), *(k for k in self._keys if k not in found.get("required", ()))]
-        return found
+        resolved = handler.resolve_ref_schema(handler(schema))
+        resolved["required"] = [
+            *resolved.get("required", ()),
+            *(k for k in self._keys if k not in resolved.get("required", ())),
+        ]
+        return resolved
 
     def _check(self, node: Any) -> Any:
         if isinstance(node, dict):
             for key in self._keys:
                 if key not in node:
-                    raise refused(Missing(), "this key", key)
+                    raise field_error(Missing(), "this key", key)
         return node
 
 
@@ -167,7 +170,7 @@ class OneKey:
         only = core_schema.typed_dict_schema(
             {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
         )
-        return core_schema.no_info_after_validator_function(lambda found: self._build(kind, found[kind]), only)
+        return core_schema.no_info_after_validator_function(lambda mapping: self._build(kind, mapping[kind]), only)
 
     def _tag(self, node: Any) -> str | None:
         if not isinstance(node, dict) or len(node) != 1:
@@ -207,23 +210,23 @@ class _OfKind:
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """The type with the key."""
-        found = handler.resolve_ref_schema(handler(schema))
-        found["properties"] = {"kind": {"const": self._kind}, **found["properties"]}
-        found["required"] = list(dict.fromkeys(["kind", *found.get("required", ())]))
-        return found
+        resolved = handler.resolve_ref_schema(handler(schema))
+        resolved["properties"] = {"kind": {"const": self._kind}, **resolved["properties"]}
+        resolved["required"] = list(dict.fromkeys(["kind", *resolved.get("required", ())]))
+        return resolved
 
 
-def _rotation(rows: Any) -> Array:
+def _to_rotation(rows: Any) -> Array:
     R = np.array(rows)
     if not _is_rotation(R):
-        raise refused(R.tolist(), "a rotation matrix")
+        raise field_error(R.tolist(), "a rotation matrix")
     return R
 
 
-def _rigid(rows: Any) -> Array:
+def _to_rigid_transform(rows: Any) -> Array:
     T = np.array(rows)
     if not _is_rotation(T[:3, :3]) or not np.array_equal(T[3], (0, 0, 0, 1)):
-        raise refused(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
+        raise field_error(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
     return T
 
 
@@ -231,32 +234,32 @@ def _is_rotation(R: Array) -> bool:
     return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0)
 
 
-Number = Annotated[float, number()]
-NotNegative = Annotated[float, number(0)]
-Positive = Annotated[float, number(above=0)]
-Count = Annotated[int, whole(1, 2**31 - 1)]
+Number = Annotated[float, float_field()]
+NotNegative = Annotated[float, float_field(0)]
+Positive = Annotated[float, float_field(above=0)]
+Count = Annotated[int, int_field(1, 2**31 - 1)]
 _Row = tuple[Number, Number, Number, Number]
 _Three = tuple[Number, Number, Number]
-RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _rotation)]
+RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _to_rotation)]
 """(3, 3) rotation, as rows."""
-RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _rigid)]
+RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _to_rigid_transform)]
 """(4, 4) rigid transform, as rows."""
 
 
-def unique(values: tuple[str, ...]) -> tuple[str, ...]:
+def check_unique(values: tuple[str, ...]) -> tuple[str, ...]:
     """Validator: values are unique."""
     for i, value in enumerate(values):
         if value in values[:i]:
-            raise refused(value, "every name once", i)
+            raise field_error(value, "every name once", i)
     return values
 
 
-def elsewhere(error: StrideTwinError) -> PydanticCustomError:
+def other_file_error(error: StrideTwinError) -> PydanticCustomError:
     """The error to raise in a validator for an error in another file, which the value names."""
     return PydanticCustomError("elsewhere", "{error}", {"error": error})
 
 
-def refused(value: object, valid: str, *below: str | int) -> PydanticCustomError:
+def field_error(value: object, valid: str, *below: str | int) -> PydanticCustomError:
     """The error to raise in a validator.
 
     Args:

@@ -24,7 +24,7 @@ def partial_path(path: Path) -> Path:
     return path.with_name(f".{path.name}{_PARTIAL}")
 
 
-def asked_name(name: str) -> str:
+def final_name(name: str) -> str:
     """The requested name of a file, given either that name or its partial name."""
     path = Path(name)
     if path.name.startswith(".") and path.name.endswith(_PARTIAL):
@@ -33,7 +33,7 @@ def asked_name(name: str) -> str:
 
 
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def atomic_file(path: str | Path) -> Iterator[Path]:
     """Yields a temporary path; on success it replaces `path` in one step, on an error it is removed."""
     target = Path(path)
     temporary = partial_path(target)
@@ -44,7 +44,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def json_text(value: object) -> str:
+def to_json(value: object) -> str:
     """JSON for a file: sorted keys, so that equal results give equal bytes.
 
     Raises:

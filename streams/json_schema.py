@@ -18,7 +18,7 @@ _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
 @cache
 def schema_of(kind: Any) -> dict[str, Any]:
     """The JSON Schema of a type's data in files (dataclass, pydantic model or other)."""
-    return TypeAdapter(kind).json_schema(schema_generator=_Described)
+    return TypeAdapter(kind).json_schema(schema_generator=_DescribingGenerator)
 
 
 def schema_file(kind: Any) -> dict[str, Any]:
@@ -26,42 +26,42 @@ def schema_file(kind: Any) -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(kind)
 
 
-def described(kind: type) -> Mapping[str, str]:
+def attribute_descriptions(kind: type) -> Mapping[str, str]:
     """Descriptions of attributes from the docstrings of the class and its base classes."""
-    found: dict[str, str] = {}
+    descriptions: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         section = (inspect.cleandoc(base.__dict__.get("__doc__") or "")).partition("Attributes:\n")[2]
-        for names, words in _ENTRY.findall(section):
-            found |= {name.strip(): " ".join(words.split()) for name in names.split(",")}
-    return found
+        for names, text in _ENTRY.findall(section):
+            descriptions |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
+    return descriptions
 
 
-class _Described(GenerateJsonSchema):
+class _DescribingGenerator(GenerateJsonSchema):
     """Generates schemas with a description for each property, and the first line of a docstring for each class."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> dict[str, Any]:
         """Of a pydantic model."""
-        return self._describe(super().model_schema(schema), schema["cls"], schema["schema"])
+        return self._add_descriptions(super().model_schema(schema), schema["cls"], schema["schema"])
 
     def dataclass_schema(self, schema: core_schema.DataclassSchema) -> dict[str, Any]:
         """Of a dataclass."""
-        return self._describe(super().dataclass_schema(schema), schema["cls"], schema["schema"])
+        return self._add_descriptions(super().dataclass_schema(schema), schema["cls"], schema["schema"])
 
-    def _describe(self, found: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:
+    def _add_descriptions(self, schema: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:
         doc = inspect.cleandoc(kind.__dict__.get("__doc__") or "")
-        found.pop("description", None)
+        schema.pop("description", None)
         if doc and not doc.startswith(f"{kind.__name__}("):
-            found["description"] = " ".join(doc.split("\n\n")[0].split())
-        words = described(kind)
+            schema["description"] = " ".join(doc.split("\n\n")[0].split())
+        descriptions = attribute_descriptions(kind)
         for name, key in _keys(inner):
-            prop = found.get("properties", {}).get(key)
+            prop = schema.get("properties", {}).get(key)
             if isinstance(prop, dict):
                 prop.pop("title", None)
                 if key != name or prop.get("default") not in prop.get("enum", [prop.get("default")]):
                     prop.pop("default", None)  # it is in the attribute's unit
-                if name in words:
-                    prop["description"] = words[name]
-        return found
+                if name in descriptions:
+                    prop["description"] = descriptions[name]
+        return schema
 
 
 def _keys(schema: Any) -> list[tuple[str, str]]:

@@ -21,18 +21,27 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from stridetwin.streams.errors import ConfigError, Missing
-from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, RigidTransform, refused, whole
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.fields import (
+    Count,
+    FileModel,
+    NotNegative,
+    Number,
+    Positive,
+    RigidTransform,
+    field_error,
+    int_field,
+)
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import FastDumper, parse_yaml, read_yaml
 
 PLAIN_BODY = "imu0"
 _OURS = "stridetwin"
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
-_Squares = Annotated[int, whole(2, 2**31 - 1)]
+_Squares = Annotated[int, int_field(2, 2**31 - 1)]
 _BEYOND_NOISE = (
     "gyroscope_bias_sd",
     "accelerometer_bias_sd",
@@ -51,19 +60,19 @@ def rig_to_yaml(rig: Rig) -> str:
     for i, camera in enumerate(rig.cameras.values()):
         document[f"cam{i}"] = {
             "camera_model": "pinhole",
-            "intrinsics": _plain(camera.intrinsics),
+            "intrinsics": _to_plain_data(camera.intrinsics),
             "distortion_model": camera.distortion_model,
-            "distortion_coeffs": _plain(camera.distortion),
+            "distortion_coeffs": _to_plain_data(camera.distortion),
             "resolution": [int(camera.width), int(camera.height)],
             "rostopic": camera.topic,
             "timeshift_cam_imu": float(camera.timeshift_cam_imu_s),
         }
-        if (T_cam_imu := _T_cam_imu(rig, camera)) is not None:
+        if (T_cam_imu := _compute_T_cam_imu(rig, camera)) is not None:
             document[f"cam{i}"]["T_cam_imu"] = T_cam_imu.tolist()
         ours[f"cam{i}"] = {
             "part": camera.part,
             "rate_hz": float(camera.rate_hz),
-            "mount": _plain(camera.mount),
+            "mount": _to_plain_data(camera.mount),
             "depth_topic": camera.depth_topic,
             "imu_topic": camera.imu_topic,
         }
@@ -78,30 +87,30 @@ def rig_to_yaml(rig: Rig) -> str:
         }
         ours[f"imu{i}"] = {
             "part": imu.part,
-            "mount": _plain(imu.mount),
+            "mount": _to_plain_data(imu.mount),
             **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
     ours["boards"] = {
-        name: {"mount": _plain(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
+        name: {"mount": _to_plain_data(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
         for name, b in rig.boards.items()
     }
-    ours["sensors"] = [_plain(s) for s in rig.others.values()]
+    ours["sensors"] = [_to_plain_data(s) for s in rig.others.values()]
     document[_OURS] = ours
     return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_data(value: Any) -> Any:
     """Plain data: dataclasses and mappings as mappings, numbers and arrays as floats."""
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: _to_plain_data(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _to_plain_data(item) for key, item in value.items()}
     return value if isinstance(value, str) else np.asarray(value, float).tolist()
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
     """Writes a rig as a YAML file, atomically."""
-    with whole_file(path) as temporary:
+    with atomic_file(path) as temporary:
         temporary.write_text(rig_to_yaml(rig), encoding="utf-8")
 
 
@@ -111,7 +120,7 @@ def rig_from_yaml(text: str, source: str) -> Rig:
     Raises:
         StrideTwinError: The text is not YAML, or a value in it is invalid; names the key path and what is valid.
     """
-    return _rig(_sections(parse_yaml(text, source)), source)
+    return _to_rig(_wrap_flat_imu(parse_yaml(text, source)), source)
 
 
 def read_rig(path: str | Path, *more: str | Path) -> Rig:
@@ -121,14 +130,14 @@ def read_rig(path: str | Path, *more: str | Path) -> Rig:
         StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
     """
     paths = (path, *more)
-    sections = [_sections(read_yaml(p)) for p in paths]
+    sections = [_wrap_flat_imu(read_yaml(p)) for p in paths]
     source = " + ".join(map(str, paths))
-    if any(not isinstance(found, dict) for found in sections):
+    if any(not isinstance(section, dict) for section in sections):
         raise ConfigError(source, "", sections[0], _WANTED)
-    return _rig({key: value for found in sections for key, value in found.items()}, source)
+    return _to_rig({key: value for section in sections for key, value in section.items()}, source)
 
 
-def _sections(document: Any) -> Any:
+def _wrap_flat_imu(document: Any) -> Any:
     """The document; Kalibr's flat imu.yaml is moved under `imu0`."""
     return {"imu0": document} if isinstance(document, dict) and "update_rate" in document else document
 
@@ -174,7 +183,7 @@ class _Mount(_CameraMount):
     T_body_sensor: RigidTransform
 
 
-class _OwnCamera(FileModel):
+class _CameraExtras(FileModel):
     part: str = ""
     rate_hz: NotNegative
     mount: _CameraMount
@@ -183,8 +192,8 @@ class _OwnCamera(FileModel):
     readout_s: NotNegative = 0.0
 
 
-_more: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
-_OwnImu = create_model("_OwnImu", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_more)
+_bounds_and_scales: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
+_ImuExtras = create_model("_ImuExtras", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_bounds_and_scales)
 
 
 class _Board(FileModel):
@@ -193,11 +202,11 @@ class _Board(FileModel):
     square_m: Positive
 
 
-def _parameter(node: Any) -> Any:
+def _to_parameter(node: Any) -> Any:
     if isinstance(node, list):
-        return [_parameter(item) for item in node]
+        return [_to_parameter(item) for item in node]
     if isinstance(node, bool) or not isinstance(node, (int, float)) or not abs(node) < _LARGEST:
-        raise refused(node, "a number, or lists of numbers")
+        raise field_error(node, "a number, or lists of numbers")
     return float(node)
 
 
@@ -207,48 +216,52 @@ class _Sensor(FileModel):
     part: str = ""
     rate_hz: Positive
     mount: _Mount
-    parameters: dict[str, Annotated[Any, AfterValidator(_parameter)]] = Field(default_factory=dict)
+    parameters: dict[str, Annotated[Any, AfterValidator(_to_parameter)]] = Field(default_factory=dict)
 
 
 @lru_cache(maxsize=16)
-def _document(cameras: tuple[str, ...], imus: tuple[str, ...], has_own: bool) -> type[BaseModel]:
+def _document_model(cameras: tuple[str, ...], imus: tuple[str, ...], has_extras: bool) -> type[BaseModel]:
     """The model of a file with these sections."""
     sections: dict[str, Any] = {name: (_Camera, ...) for name in cameras} | {name: (_Imu, ...) for name in imus}
-    if has_own:
-        own: dict[str, Any] = {name: (_OwnCamera, ...) for name in cameras} | {name: (_OwnImu, ...) for name in imus}
-        own |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
-        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **own), ...)
+    if has_extras:
+        extras: dict[str, Any] = {name: (_CameraExtras, ...) for name in cameras} | {
+            name: (_ImuExtras, ...) for name in imus
+        }
+        extras |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
+        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **extras), ...)
     return create_model("Calibration", __base__=_Kalibr, **sections)
 
 
-def _rig(document: Any, source: str) -> Rig:
+def _to_rig(document: Any, source: str) -> Rig:
     keys = document if isinstance(document, dict) else ()
-    cams, imu_names = _numbered(keys, "cam"), _numbered(keys, "imu")
+    cams, imu_names = _find_numbered_keys(keys, "cam"), _find_numbered_keys(keys, "imu")
     if not (cams or imu_names or _OURS in keys):
         raise ConfigError(source, "", document, _WANTED)
-    found: Any = validated(_document(cams, imu_names, _OURS in keys), document, source)
-    own = getattr(found, _OURS, None)
-    imus = _by_topic(source, [_imu(name, getattr(found, name), getattr(own, name, None)) for name in imu_names])
+    calibration: Any = validate(_document_model(cams, imu_names, _OURS in keys), document, source)
+    extras = getattr(calibration, _OURS, None)
+    imus = _index_by_topic(
+        source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
+    )
     cameras: list[CameraCalibration] = []
     previous: Array | None = None
     for name in cams:
-        camera = getattr(found, name)
-        previous = _T_cam_imu_of(camera, previous)
-        cameras.append(_camera(name, camera, getattr(own, name, None), previous, imus, source))
+        camera = getattr(calibration, name)
+        previous = _chain_T_cam_imu(camera, previous)
+        cameras.append(_to_camera(name, camera, getattr(extras, name, None), previous, imus, source))
     return Rig(
         imus=imus,
-        cameras=_by_topic(source, cameras),
-        boards={name: Board(name=name, **_fields(b)) for name, b in own.boards.items()} if own else {},
-        others=_by_topic(source, [OtherSensor(**_fields(s)) for s in own.sensors] if own else []),
+        cameras=_index_by_topic(source, cameras),
+        boards={name: Board(name=name, **_to_rig_fields(b)) for name, b in extras.boards.items()} if extras else {},
+        others=_index_by_topic(source, [OtherSensor(**_to_rig_fields(s)) for s in extras.sensors] if extras else []),
     )
 
 
-def _numbered(keys: Iterable[str], stem: str) -> tuple[str, ...]:
+def _find_numbered_keys(keys: Iterable[str], stem: str) -> tuple[str, ...]:
     names = [key for key in keys if re.fullmatch(rf"{stem}\d{{1,3}}", key)]
     return tuple(sorted(names, key=lambda key: int(key.removeprefix(stem))))
 
 
-def _by_topic(source: str, items: list[Any]) -> dict[str, Any]:
+def _index_by_topic(source: str, items: list[Any]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for item in items:
         if item.topic in table:
@@ -257,37 +270,37 @@ def _by_topic(source: str, items: list[Any]) -> dict[str, Any]:
     return table
 
 
-def _fields(model: BaseModel) -> dict[str, Any]:
+def _to_rig_fields(model: BaseModel) -> dict[str, Any]:
     """The fields of a model, a mount as the rig has it."""
     values = dict(model)
     return values | {"mount": Mount(**dict(values["mount"]))}
 
 
-def _imu(name: str, imu: _Imu, own: BaseModel | None) -> ImuCalibration:
+def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
     noise = dict(imu)
     topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
-    more: dict[str, Any] = _fields(own) if own else {"part": "", "mount": Mount(body=PLAIN_BODY)}
+    more: dict[str, Any] = _to_rig_fields(extras) if extras else {"part": "", "mount": Mount(body=PLAIN_BODY)}
     return ImuCalibration(topic=f"/{name}" if topic is None else topic, rate_hz=rate, **noise, **more)
 
 
-def _camera(
+def _to_camera(
     name: str,
     camera: _Camera,
-    own: _OwnCamera | None,
+    extras: _CameraExtras | None,
     T_cam_imu: Array | None,
     imus: Mapping[str, ImuCalibration],
     source: str,
 ) -> CameraCalibration:
     more: dict[str, Any]
-    if own is None:
+    if extras is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
         more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
     else:
-        if own.imu_topic and own.imu_topic not in imus:
+        if extras.imu_topic and extras.imu_topic not in imus:
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
-            raise ConfigError(source, f"{_OURS}.{name}.imu_topic", own.imu_topic, wanted)
-        mount = _camera_mount(name, camera, own, T_cam_imu, imus.get(own.imu_topic), source)
-        more = {key: value for key, value in dict(own).items() if key != "mount"}
+            raise ConfigError(source, f"{_OURS}.{name}.imu_topic", extras.imu_topic, wanted)
+        mount = _to_camera_mount(name, camera, extras, T_cam_imu, imus.get(extras.imu_topic), source)
+        more = {key: value for key, value in dict(extras).items() if key != "mount"}
     return CameraCalibration(
         topic=camera.rostopic,
         mount=mount,
@@ -301,11 +314,11 @@ def _camera(
     )
 
 
-def _camera_mount(
-    name: str, camera: _Camera, own: _OwnCamera, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
+def _to_camera_mount(
+    name: str, camera: _Camera, extras: _CameraExtras, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
 ) -> Mount:
     """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or the mount must be omitted."""
-    mount, place = own.mount, f"{_OURS}.{name}.mount.T_body_sensor"
+    mount, place = extras.mount, f"{_OURS}.{name}.mount.T_body_sensor"
     if T_cam_imu is None or imu is None:
         if mount.T_body_sensor is None:
             raise ConfigError(source, place, Missing(), "4 rows of 4 numbers")
@@ -315,12 +328,12 @@ def _camera_mount(
         return Mount(body=mount.body, T_body_sensor=derived)
     if mount.body != imu.mount.body or not np.allclose(mount.T_body_sensor, derived, atol=1e-6):
         wanted = f"the transform from {place} and the mount of {imu.topic}; omit the former to use T_cam_imu"
-        given = camera.T_cam_imu if camera.T_cam_imu is not None else T_cam_imu
-        raise ConfigError(source, f"{name}.T_cam_imu", given.tolist(), wanted)
+        T_declared = camera.T_cam_imu if camera.T_cam_imu is not None else T_cam_imu
+        raise ConfigError(source, f"{name}.T_cam_imu", T_declared.tolist(), wanted)
     return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
 
 
-def _T_cam_imu_of(camera: _Camera, previous: Array | None) -> Array | None:
+def _chain_T_cam_imu(camera: _Camera, previous: Array | None) -> Array | None:
     if camera.T_cam_imu is not None:
         return camera.T_cam_imu
     if camera.T_cn_cnm1 is not None and previous is not None:
@@ -328,7 +341,7 @@ def _T_cam_imu_of(camera: _Camera, previous: Array | None) -> Array | None:
     return None
 
 
-def _T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
+def _compute_T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
     if not camera.imu_topic:
         return None
     imu = rig.imu(camera.imu_topic)

@@ -85,7 +85,7 @@ def implausible_imu(block: Block[Any]) -> Iterator[Implausible]:
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
-        hint = next((words for (low, high), words in _HINTS if low <= force < high), "")
+        hint = next((text for (low, high), text in _HINTS if low <= force < high), "")
         where = " at rest" if rests else ""
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if "angular_rate" in block.columns:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.errors import invalid_metadata
+from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.trajectory import Trajectory
 
 RESTARTS = "pose_restarts"
@@ -31,7 +31,7 @@ def restart_poses(path: Trajectory, metadata: Mapping[str, str]) -> Trajectory:
         rows = [tuple(map(float, row)) for row in json.loads(metadata.get(RESTARTS, "[]"))]
         restarts = [(from_ns, until_ns, yaw_rad, (x, y, z)) for from_ns, until_ns, yaw_rad, x, y, z in rows]
     except (ValueError, TypeError, RecursionError) as error:
-        raise invalid_metadata(RESTARTS, "restarts written by StrideTwin", error) from error
+        raise metadata_error(RESTARTS, "restarts written by StrideTwin", error) from error
     for from_ns, until_ns, yaw_rad, translation in restarts:
         path = path[(path.t_ns < from_ns) | (path.t_ns >= until_ns)]
         later, yaw = (path.t_ns >= until_ns)[:, None], Rotation.from_rotvec([0.0, 0.0, yaw_rad])

@@ -279,10 +279,10 @@ class Block(Generic[S]):
             row = {n: self.columns[n][i] for n in names}
             yield self.kind(topic=self.topic, t_ns=t, **row, **self.constants)
 
-    def __getitem__(self, which: slice | Mask) -> Block[S]:
+    def __getitem__(self, index: slice | Mask) -> Block[S]:
         """Some of the samples: a slice, or a copy of those of a (N,) mask."""
-        columns = {name: values[which] for name, values in self.columns.items()}
-        return replace(self, t_ns=self.t_ns[which], columns=columns)
+        columns = {name: values[index] for name, values in self.columns.items()}
+        return replace(self, t_ns=self.t_ns[index], columns=columns)
 
     @property
     def finite(self) -> Mask:
@@ -294,7 +294,7 @@ class Block(Generic[S]):
         return keep
 
 
-def increasing(t_ns: Stamps, last: int = -1) -> Mask:
+def is_increasing(t_ns: Stamps, last: int = -1) -> Mask:
     """(N,) whether each stamp is after every previous stamp, and after `last`."""
     before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
     return np.asarray(t_ns > before)

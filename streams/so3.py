@@ -28,19 +28,19 @@ def exp(v: Array) -> Array:
 def rot_x(angle: Array) -> Array:
     """(..., 3, 3) rotation about x by (...) rad."""
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _rows((i, o, o), (o, c, -s), (o, s, c))
+    return _stack_rows((i, o, o), (o, c, -s), (o, s, c))
 
 
 def rot_y(angle: Array) -> Array:
     """(..., 3, 3) rotation about y by (...) rad."""
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _rows((c, o, s), (o, i, o), (-s, o, c))
+    return _stack_rows((c, o, s), (o, i, o), (-s, o, c))
 
 
 def rot_z(angle: Array) -> Array:
     """(..., 3, 3) rotation about z by (...) rad."""
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    return _rows((c, -s, o), (s, c, o), (o, o, i))
+    return _stack_rows((c, -s, o), (s, c, o), (o, o, i))
 
 
 def from_euler(yaw_pitch_roll: Array) -> Array:
@@ -49,7 +49,7 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
     return rot_z(y) @ rot_y(p) @ rot_x(r)
 
 
-def between(R_a: Array, R_b: Array, share: Array) -> Array:
+def slerp(R_a: Array, R_b: Array, share: Array) -> Array:
     """(N, 3, 3) rotations on the shortest path from one (3, 3) matrix to another, at (N,) shares of it."""
     from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
 
@@ -96,7 +96,7 @@ def rotate(q: Array, v: Array) -> Array:
     return v + w * t + np.cross(u, t)
 
 
-def _rows(*rows: tuple[Array, Array, Array]) -> Array:
+def _stack_rows(*rows: tuple[Array, Array, Array]) -> Array:
     out = np.empty((*np.shape(rows[0][0]), 3, 3))
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):

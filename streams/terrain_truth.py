@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stridetwin.streams.errors import invalid_metadata
+from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.samples import Array
 from stridetwin.streams.way import CurveSegment, Way
 
@@ -140,4 +140,4 @@ def terrain_layout(metadata: Mapping[str, str]) -> Layout | None:
             slabs=tuple(Slab(**row) for row in rows["slabs"]),
         )
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise invalid_metadata(_KEY, "a terrain written by StrideTwin", error) from error
+        raise metadata_error(_KEY, "a terrain written by StrideTwin", error) from error

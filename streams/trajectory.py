@@ -40,13 +40,13 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __getitem__(self, which: slice | Mask) -> Trajectory:
+    def __getitem__(self, index: slice | Mask) -> Trajectory:
         """Some of the poses: a slice, or those of a (N,) mask."""
         return Trajectory(
-            t_ns=self.t_ns[which],
-            p_frame_in_world=self.p_frame_in_world[which],
-            q_world_frame=self.q_world_frame[which],
-            covariance=None if self.covariance is None else self.covariance[which],
+            t_ns=self.t_ns[index],
+            p_frame_in_world=self.p_frame_in_world[index],
+            q_world_frame=self.q_world_frame[index],
+            covariance=None if self.covariance is None else self.covariance[index],
         )
 
 
@@ -75,14 +75,14 @@ class Pose:
     def q_world_frame(self) -> Array:
         """(4,) unit quaternion (w, x, y, z), frame to world."""
         rotation = np.asarray(self.rotation)
-        return rotation if rotation.ndim == 1 else _quaternions(rotation)
+        return rotation if rotation.ndim == 1 else _to_quaternions(rotation)
 
     @property
     def T_world_frame(self) -> Array:
         """(4, 4) frame to world, m."""
         T, rotation = np.eye(4), np.asarray(self.rotation)
         T[:3, 3] = self.p_frame_in_world
-        T[:3, :3] = rotation if rotation.ndim == 2 else _matrices(rotation)
+        T[:3, :3] = rotation if rotation.ndim == 2 else _to_matrices(rotation)
         return T
 
 
@@ -94,7 +94,7 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
     """
     n = len(poses)
     if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # one conversion is much faster than N
-        q = _quaternions(np.array([pose.rotation for pose in poses]))
+        q = _to_quaternions(np.array([pose.rotation for pose in poses]))
     else:
         q = np.array([pose.q_world_frame for pose in poses], float).reshape(n, -1 if n else 4)
     known = [pose.covariance for pose in poses if pose.covariance is not None]
@@ -106,13 +106,13 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
     )
 
 
-def _quaternions(R: Array) -> Array:
+def _to_quaternions(R: Array) -> Array:
     from scipy.spatial.transform import Rotation  # half of the start of the command line
 
     return Rotation.from_matrix(R).as_quat(scalar_first=True)
 
 
-def _matrices(q: Array) -> Array:
+def _to_matrices(q: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(q, scalar_first=True).as_matrix()

@@ -24,7 +24,7 @@ _COUNTED = {2: "two", 3: "three", 4: "four"}
 Schema = Mapping[str, Any]
 
 
-def validated(kind: type[T], data: object, source: object, *, at: str = _ROOT, context: Any = None) -> T:
+def validate(kind: type[T], data: object, source: object, *, at: str = _ROOT, context: Any = None) -> T:
     """An object from plain data.
 
     Args:
@@ -38,14 +38,14 @@ def validated(kind: type[T], data: object, source: object, *, at: str = _ROOT, c
         ConfigError: One line for each error (`ConfigFileError` if there are several).
     """
     try:
-        found: T = adapter(kind).validate_python(data, context=context)  # type: ignore[arg-type]
-        return found
+        instance: T = type_adapter(kind).validate_python(data, context=context)  # type: ignore[arg-type]
+        return instance
     except ValidationError as error:
         raise config_error(error, kind, data, source, at) from None
 
 
 @cache
-def adapter(kind: Any) -> TypeAdapter[Any]:
+def type_adapter(kind: Any) -> TypeAdapter[Any]:
     """The validator of a type, built once."""
     return TypeAdapter(kind)
 
@@ -53,14 +53,14 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
 def config_error(error: ValidationError, kind: Any, data: object, source: object, at: str = _ROOT) -> StrideTwinError:
     """A pydantic error as errors of ours."""
     root = schema_of(kind)
-    every = [_one(entry, root, data, source, at) for entry in error.errors(include_url=False)]
-    return combined([e for e in every if e is not None])
+    every = [_to_error(entry, root, data, source, at) for entry in error.errors(include_url=False)]
+    return combine_errors([e for e in every if e is not None])
 
 
-def combined(errors: Iterable[StrideTwinError]) -> StrideTwinError:
+def combine_errors(errors: Iterable[StrideTwinError]) -> StrideTwinError:
     """One error of several, at least one; each message once."""
-    found = list({str(e): e for e in errors}.values())
-    return found[0] if len(found) == 1 else ConfigFileError(found)
+    unique = list({str(e): e for e in errors}.values())
+    return unique[0] if len(unique) == 1 else ConfigFileError(unique)
 
 
 def suggest(value: object, names: Iterable[str]) -> str:
@@ -70,49 +70,51 @@ def suggest(value: object, names: Iterable[str]) -> str:
     return ", ".join(names) + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
-def _one(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
+def _to_error(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
     """One line of a pydantic error; None if another one covers it."""
     kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
     if kind == "elsewhere":
         return context["error"]
     last = steps.pop() if kind in _MISSING + _UNKNOWN else None
-    path, value = _place(data, [*steps, *context.get("below", ())], at), entry["input"]
-    schemas = _below(root, steps)
+    path, value = _path_in_data(data, [*steps, *context.get("below", ())], at), entry["input"]
+    schemas = _schemas_at(root, steps)
     if kind == "refused":
         absent = context["below"][-1] if isinstance(context["value"], Missing) else None
-        return ConfigError(source, _joined(path, absent), context["value"], context["valid"])
+        return ConfigError(source, _join_path(path, absent), context["value"], context["valid"])
     if isinstance(last, int):  # an item of a list of fixed length
-        value = [data, *(inner for _, inner in _walk(data, steps))][-1]
+        value = [data, *(inner for _, inner in _walk_data(data, steps))][-1]
     if kind == "too_short" and value:  # items of it are wrong
         return None
     if isinstance(last, int) or not (last or isinstance(value, dict)):
-        return ConfigError(source, path, value, expected(schemas, root, value))
+        return ConfigError(source, path, value, describe_expected(schemas, root, value))
     if kind in _MISSING:
-        return ConfigError(source, _joined(path, last), Missing(), expected(_below(root, [*steps, last]), root))
+        return ConfigError(
+            source, _join_path(path, last), Missing(), describe_expected(_schemas_at(root, [*steps, last]), root)
+        )
     if kind in _UNKNOWN or kind == "invalid_key":
         return ConfigError(source, path, last, f"keys {suggest(last, _keys(schemas))}")
     if kind == "union_tag_invalid":
         if kinds := [s["properties"]["kind"]["const"] for s in schemas if "kind" in s.get("properties", {})]:
             return ConfigError(source, f"{path}.kind" if path else "kind", value["kind"], suggest(value["kind"], kinds))
         value = next(iter(value))
-    return ConfigError(source, path, value, expected(schemas, root, value))
+    return ConfigError(source, path, value, describe_expected(schemas, root, value))
 
 
-def _place(data: object, steps: Iterable[Any], at: str) -> str:
+def _path_in_data(data: object, steps: Iterable[Any], at: str) -> str:
     """The path of a location in the data; steps missing in the data, such as those of short forms, are left out."""
-    for step, _ in _walk(data, steps):
-        at = _joined(at, step)
+    for step, _ in _walk_data(data, steps):
+        at = _join_path(at, step)
     return at
 
 
-def _joined(path: str, step: Any) -> str:
+def _join_path(path: str, step: Any) -> str:
     """The path of a key or an item; None for the place itself."""
     if step is None:
         return path
     return f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
 
 
-def _walk(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+def _walk_data(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
     for step in steps:
         if (
             step in data
@@ -123,16 +125,16 @@ def _walk(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
             yield step, data
 
 
-def _below(root: Schema, steps: list[Any]) -> list[Schema]:
+def _schemas_at(root: Schema, steps: list[Any]) -> list[Schema]:
     """The schemas that a place may have."""
-    found = _forms(root, root)
+    schemas = _resolve_alternatives(root, root)
     for step in steps:
         if isinstance(step, str) and step.startswith(TAG):
-            found = [schema for schema in found if _is_tagged(schema, step[len(TAG) :])] or found
+            schemas = [schema for schema in schemas if _is_tagged(schema, step[len(TAG) :])] or schemas
             continue
-        inner = [child for schema in found for child in _children(schema, step)]
-        found = [form for child in inner for form in _forms(child, root)] or found
-    return found
+        inner = [child for schema in schemas for child in _child_schemas(schema, step)]
+        schemas = [form for child in inner for form in _resolve_alternatives(child, root)] or schemas
+    return schemas
 
 
 def _is_tagged(schema: Schema, tag: str) -> bool:
@@ -141,28 +143,28 @@ def _is_tagged(schema: Schema, tag: str) -> bool:
     return tag in named or named.get("kind", {}).get("const") == tag
 
 
-def _children(schema: Schema, step: str | int) -> list[Schema]:
+def _child_schemas(schema: Schema, step: str | int) -> list[Schema]:
     if isinstance(step, int):
         ahead = schema.get("prefixItems", [])
         return [ahead[step]] if step < len(ahead) else [schema["items"]] if schema.get("items") else []
     named = schema.get("properties", {})
-    rest = schema.get("additionalProperties")
-    return [named[step]] if step in named else [rest] if isinstance(rest, dict) else []
+    additional = schema.get("additionalProperties")
+    return [named[step]] if step in named else [additional] if isinstance(additional, dict) else []
 
 
-def _forms(schema: Schema, root: Schema) -> list[Schema]:
+def _resolve_alternatives(schema: Schema, root: Schema) -> list[Schema]:
     """A schema with its references and alternatives written out."""
     if "$ref" in schema:
-        return _forms(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
+        return _resolve_alternatives(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
     either = schema.get("anyOf") or schema.get("oneOf")
-    return [form for one in either for form in _forms(one, root)] if either else [schema]
+    return [form for one in either for form in _resolve_alternatives(one, root)] if either else [schema]
 
 
 def _keys(schemas: list[Schema]) -> list[str]:
     return list(dict.fromkeys(key for schema in schemas for key in schema.get("properties", {})))
 
 
-def expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
+def describe_expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
     """Description of valid values at a location.
 
     Args:
@@ -170,38 +172,38 @@ def expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
         root: The schema with the definitions.
         value: The present value; a similar valid word is suggested.
     """
-    names = list(dict.fromkeys(word for schema in schemas for word in _enumerated(schema)))
-    said = [suggest(value, names)] if names else []
-    said += [words for schema in schemas if (words := _in_words(schema, root))]
+    names = list(dict.fromkeys(word for schema in schemas for word in _enum_values(schema)))
+    alternatives = [suggest(value, names)] if names else []
+    alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
         one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
-        said.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
-    return ", or ".join(dict.fromkeys(said))
+        alternatives.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
+    return ", or ".join(dict.fromkeys(alternatives))
 
 
-def _enumerated(schema: Schema) -> list[str]:
+def _enum_values(schema: Schema) -> list[str]:
     return [schema["const"]] if "const" in schema else list(schema.get("enum", ()))
 
 
-def _in_words(schema: Schema, root: Schema) -> str:
+def _describe_type(schema: Schema, root: Schema) -> str:
     """A schema that has neither words nor keys to list."""
     kind = schema.get("type")
-    if _enumerated(schema) or "properties" in schema or kind == "null":
+    if _enum_values(schema) or "properties" in schema or kind == "null":
         return ""
     if kind in ("number", "integer"):
-        return ("a whole number, " if kind == "integer" else "") + _range(schema)
+        return ("a whole number, " if kind == "integer" else "") + _describe_range(schema)
     if kind == "array":
         each = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
-        items = [expected(_forms(one, root), root) for one in each]
+        items = [describe_expected(_resolve_alternatives(one, root), root) for one in each]
         least, alike = schema.get("minItems", 0), len(set(items)) == 1
         if least and least == schema.get("maxItems"):
-            words = f", each {items[0]}" if alike else f": {', '.join(items)}"
-            return f"a list of {_COUNTED.get(least, least)} items{words}"
+            contents = f", each {items[0]}" if alike else f": {', '.join(items)}"
+            return f"a list of {_COUNTED.get(least, least)} items{contents}"
         return f"a list with at least one item, each {items[0]}" if least else f"a list of {items[0]}"
     return {"boolean": "true, false", "string": "text", "object": "keys with values"}.get(str(kind), "a value")
 
 
-def _range(schema: Schema) -> str:
+def _describe_range(schema: Schema) -> str:
     low, high = schema.get("minimum"), schema.get("maximum")
     if low is not None and high is not None:
         low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))

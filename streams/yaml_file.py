@@ -63,15 +63,15 @@ def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any
     """The plain data of a YAML text; `source` names it in errors, which are those of `read_yaml`."""
     check_yaml(text, source, most_values=most_values)
     try:
-        return _plain(yaml.load(text, _StrictLoader), source, "")
+        return _to_plain_data(yaml.load(text, _StrictLoader), source, "")
     except yaml.YAMLError as error:
-        raise _no_yaml(source, error) from error
+        raise _yaml_error(source, error) from error
     except _UNFIT as error:
         raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
 
 
 @dataclass
-class _Open:
+class _OpenCollection:
     """A list or mapping that is being scanned; `keys` is None for a list."""
 
     anchor: str | None
@@ -93,7 +93,7 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
         raise ConfigError(source, "length in characters", len(text), f"up to {LARGEST_SETTING}")
     most_aliases = most_values if most_aliases is None else most_aliases
     sizes: dict[str | None, int] = {}
-    open_: list[_Open] = []
+    open_: list[_OpenCollection] = []
     count = aliases = 0
     try:
         for event in yaml.parse(text, Loader=SafeLoader):
@@ -109,17 +109,17 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
                     count += sizes.get(event.anchor, most_values + 1) - 1  # one inside itself has no end
                 elif isinstance(event, yaml.CollectionStartEvent):
                     keys: set[str] | None = set() if isinstance(event, yaml.MappingStartEvent) else None
-                    open_.append(_Open(event.anchor, count, keys))
+                    open_.append(_OpenCollection(event.anchor, count, keys))
                 elif event.anchor is not None:
                     sizes[event.anchor] = 1
             if count > most_values or len(open_) > DEEPEST or aliases > most_aliases:
                 valid = f"up to {most_values} values, {DEEPEST} levels, {most_aliases} aliases"
                 raise ConfigError(source, _line_of(event), "...", valid)
     except yaml.YAMLError as error:
-        raise _no_yaml(source, error) from error
+        raise _yaml_error(source, error) from error
 
 
-def _check_key(event: yaml.NodeEvent, inside: _Open | None, source: str) -> None:
+def _check_key(event: yaml.NodeEvent, inside: _OpenCollection | None, source: str) -> None:
     """Refuses a key that is repeated or no scalar, and text with a NUL, which no file name can hold."""
     if isinstance(event, yaml.ScalarEvent) and "\0" in event.value:
         raise ConfigError(source, _line_of(event), event.value, "text without NUL")
@@ -134,15 +134,15 @@ def _check_key(event: yaml.NodeEvent, inside: _Open | None, source: str) -> None
     inside.key_next = not inside.key_next
 
 
-def _plain(node: Any, source: str, path: str) -> Any:
+def _to_plain_data(node: Any, source: str, path: str) -> Any:
     """A copy without shared objects; `check_yaml` has bounded its size."""
     if isinstance(node, dict):
         for key in node:
             if not isinstance(key, str):
                 raise ConfigError(source, path, key, "keys that are text")
-        return {k: _plain(v, source, f"{path}.{k}" if path else k) for k, v in node.items()}
+        return {k: _to_plain_data(v, source, f"{path}.{k}" if path else k) for k, v in node.items()}
     if isinstance(node, list):
-        return [_plain(v, source, f"{path}[{i}]") for i, v in enumerate(node)]
+        return [_to_plain_data(v, source, f"{path}[{i}]") for i, v in enumerate(node)]
     if node is None or isinstance(node, (str, bool, int, float)):
         return node
     raise ConfigError(source, path, str(node), "text, numbers, true, false, lists and keys with values")
@@ -152,7 +152,7 @@ def _line_of(event: yaml.Event) -> str:
     return f"line {event.start_mark.line + 1}" if event.start_mark else ""
 
 
-def _no_yaml(source: str, error: yaml.YAMLError) -> StrideTwinError:
+def _yaml_error(source: str, error: yaml.YAMLError) -> StrideTwinError:
     mark = getattr(error, "problem_mark", None)
     where = f" line {mark.line + 1}:" if mark else ""
     what = " ".join(str(getattr(error, "problem", error)).split())

@@ -29,8 +29,8 @@ from stridetwin.scenarios.campaign.named_files import (
 )
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.scenario_model import FaultInFile
-from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
-from stridetwin.streams.fields import FileModel, text, whole
+from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
+from stridetwin.streams.fields import FileModel, int_field, text_field
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.seeds import SeedsInFile
 
@@ -61,7 +61,7 @@ class Turn(FileModel):
         add: Other factors that take turns; the level moves on with theirs, as in a Latin square.
     """
 
-    every: Annotated[int, whole(1, 10_000)] = 1
+    every: Annotated[int, int_field(1, 10_000)] = 1
     add: tuple[str, ...] = ()
 
 
@@ -80,8 +80,8 @@ class DesignFile(FileModel):
         faults: Levels by name, each a list of faults, which are added to those of the scenario.
     """
 
-    study: Annotated[str, text()]
-    scenarios: tuple[Annotated[str, text()], ...] = Field(default=())
+    study: Annotated[str, text_field()]
+    scenarios: tuple[Annotated[str, text_field()], ...] = Field(default=())
     seeds: SeedsInFile
     set: _Values = Field(default={})
     vary: dict[str, _Levels] = Field(default={})
@@ -102,7 +102,7 @@ class FactorLevel:
     """
 
     name: str
-    at: Where
+    at: FieldLocation
     variables: tuple[Variable, ...] = ()
     faults: tuple[Any, ...] = ()
     base: Base | None = None
@@ -181,7 +181,7 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
     Raises:
         ConfigError: The message names the file, the field, the value and what is valid.
     """
-    where = Where(source=str(path))
+    where = FieldLocation(source=str(path))
     files = NamedFiles(path, "the study's folder")
     named = [NamedBase(scenario=name) for name in file.scenarios]
     bases = files.bases(named, data.get("scenarios", []), where.key("scenarios"))
@@ -212,7 +212,7 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
     )
 
 
-def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: Where) -> tuple[Base, ...]:
+def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLocation) -> tuple[Base, ...]:
     """The scenario of a design without the key `scenarios`: a factor sets it."""
     for levels in factors:
         if levels[0].base is not None and all(level.base for level in levels):
@@ -220,7 +220,7 @@ def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: Where) ->
     raise where.key("scenarios").error([], "one or more scenarios, or a factor of `vary` that sets `scenario`")
 
 
-def _check_turns(file: DesignFile, where: Where) -> dict[str, Turn]:
+def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, Turn]:
     """The factors that take turns, after those that move them on."""
     for name, turn in file.turns.items():
         at = where.key("turns").key(name)
@@ -233,7 +233,7 @@ def _check_turns(file: DesignFile, where: Where) -> dict[str, Turn]:
     return file.turns
 
 
-def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str, tuple[FactorLevel, ...]]:
+def _read_factors(file: DesignFile, files: NamedFiles, where: FieldLocation) -> dict[str, tuple[FactorLevel, ...]]:
     """The levels of each factor of the block `vary`."""
     factors = {}
     for name, levels in file.vary.items():
@@ -244,7 +244,7 @@ def _read_factors(file: DesignFile, files: NamedFiles, where: Where) -> dict[str
     return factors
 
 
-def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> FactorLevel:
+def _read_level(name: str, values: _Values, files: NamedFiles, at: FieldLocation) -> FactorLevel:
     """A level from its values; the key `scenario` among them replaces the whole scenario."""
     values = dict(values)
     scenario = values.pop(_SCENARIO, None)
@@ -254,7 +254,7 @@ def _read_level(name: str, values: _Values, files: NamedFiles, at: Where) -> Fac
     return FactorLevel(name=name, at=at, variables=_read_values(values, files, at), base=base)
 
 
-def _read_values(values: _Values, files: NamedFiles, at: Where) -> tuple[Variable, ...]:
+def _read_values(values: _Values, files: NamedFiles, at: FieldLocation) -> tuple[Variable, ...]:
     """Variables with fixed values, from field paths."""
     return files.variables({path: Fixed(fixed=value) for path, value in values.items()}, at)
 
@@ -290,7 +290,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
         raise errors_in_user_files(error, design.user_files) or _locate(error, base, variables, places) from error
 
 
-def _fill_factors(value: Any, labels: Mapping[str, str], at: Where) -> Any:
+def _fill_factors(value: Any, labels: Mapping[str, str], at: FieldLocation) -> Any:
     """A value with `{FACTOR}` in a text replaced by the level of that factor."""
     if not isinstance(value, str) or "{" not in value:
         return value
@@ -300,7 +300,7 @@ def _fill_factors(value: Any, labels: Mapping[str, str], at: Where) -> Any:
         raise at.error(value, f"names of factors between braces: {', '.join(labels)}") from None
 
 
-def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: list[Where]) -> StrideTwinError:
+def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: list[FieldLocation]) -> StrideTwinError:
     """An error of a scenario at the place in the study file that causes it."""
     for variable in reversed(variables):
         if any(_is_about(path, error) for path in variable.paths):

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 from stridetwin.scenarios.built_in import experiments
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import FileModel
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
@@ -131,7 +131,7 @@ def read_experiment(path: Path) -> Experiment:
         ConfigError: The message names the file, the field, the value and what is valid.
     """
     data = _read(path)
-    file = validated(ExperimentFile, data, path)
+    file = validate(ExperimentFile, data, path)
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
     hook, tables = file.run, file.tables or file.run

@@ -17,7 +17,7 @@ from stridetwin.batch.run import Batch, Progress
 from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import Experiment, experiment
 
@@ -90,7 +90,7 @@ def run_experiment(name: str, options: ExperimentOptions, progress: Progress) ->
         rows = [read_row(store.path(job)) for job in jobs]
         result = study.result(rows)
         if study.report is not None:
-            with whole_file(folder / "report.html") as file:
+            with atomic_file(folder / "report.html") as file:
                 file.write_text(study.report(result), encoding="utf-8")
     return result
 
@@ -164,7 +164,7 @@ def _run_case(task: _CaseTask) -> Row:
     if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
         for recording in task.case.recordings:
             recording.unlink()
-        with whole_file(mark) as file:
+        with atomic_file(mark) as file:
             file.write_text(task.walks_key, encoding="utf-8")
     row = task.run(task.case)
     if not task.case.keep:

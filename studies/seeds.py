@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from stridetwin.streams.fields import FileModel, refused, whole
+from stridetwin.streams.fields import FileModel, field_error, int_field
 
 
 def _check_unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
     """Returns seeds that are all different; refuses others."""
     if len(set(seeds)) < len(seeds):
-        raise refused(list(seeds), "every seed once")
+        raise field_error(list(seeds), "every seed once")
     return seeds
 
 
@@ -24,8 +24,8 @@ class _SeedRange(FileModel):
         count: Their number.
     """
 
-    first: Annotated[int, whole(0, 2**31)]
-    count: Annotated[int, whole(1, 10_000)]
+    first: Annotated[int, int_field(0, 2**31)]
+    count: Annotated[int, int_field(1, 10_000)]
 
     def build(self) -> tuple[int, ...]:
         """The consecutive seeds."""
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     SeedsInFile = tuple[int, ...]
 else:
     SeedsInFile = Annotated[
-        Annotated[int, whole(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
+        Annotated[int, int_field(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
         | Annotated[_SeedRange, AfterValidator(_SeedRange.build), Tag("=range")]
         | Annotated[
-            tuple[Annotated[int, whole(0, 2**31)], ...],
+            tuple[Annotated[int, int_field(0, 2**31)], ...],
             Field(min_length=1),
             AfterValidator(_check_unique),
             Tag("=list"),

@@ -25,41 +25,41 @@ from stridetwin.streams.fields import (
     ReadAs,
     RigidTransform,
     RotationMatrix,
-    flag,
-    number,
-    refused,
-    whole,
+    bool_field,
+    field_error,
+    float_field,
+    int_field,
 )
 from stridetwin.streams.samples import Array
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml
 
 SIDES = ("l", "r")
 METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
 _JOINTS_MAX, _FRAMES_MAX = 3, 99
-_Angle = Annotated[float, number(scale=DEG)]
+_Angle = Annotated[float, float_field(scale=DEG)]
 _Place = tuple[Number, Number]
 
 
 def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:
     """The stops (rad), or an error if the least angle is not below the greatest."""
     if stops[0] >= stops[1]:
-        raise refused([round(math.degrees(q), 9) for q in stops], "the least and the greatest angle")
+        raise field_error([round(math.degrees(q), 9) for q in stops], "the least and the greatest angle")
     return stops
 
 
 def _check_sign(sign: float) -> float:
     """The sign, or an error if it is not 1 or -1."""
     if abs(sign) != 1.0:
-        raise refused(sign, "1 or -1")
+        raise field_error(sign, "1 or -1")
     return sign
 
 
 def _check_order(sole: Sole) -> Sole:
     """The sole, or an error if heel, hinge and tip do not follow one another forwards."""
     if not sole.heel_x < sole.hinge_x < sole.tip_x:
-        raise refused(sole.hinge_x, "a number between heel_x_m and tip_x_m", "hinge_x_m")
+        raise field_error(sole.hinge_x, "a number between heel_x_m and tip_x_m", "hinge_x_m")
     return sole
 
 
@@ -76,11 +76,11 @@ class DhRow:
         stops: Smallest and largest angle of that joint; infinite if not given.
     """
 
-    alpha: Annotated[float, number(key="alpha_deg", scale=DEG)]
-    a: Annotated[float, number(key="a_m")]
-    d: Annotated[float, number(key="d_m")]
-    theta: Annotated[float, number(key="theta_deg", scale=DEG)]
-    turns: Annotated[bool, flag()] = False
+    alpha: Annotated[float, float_field(key="alpha_deg", scale=DEG)]
+    a: Annotated[float, float_field(key="a_m")]
+    d: Annotated[float, float_field(key="d_m")]
+    theta: Annotated[float, float_field(key="theta_deg", scale=DEG)]
+    turns: Annotated[bool, bool_field()] = False
     stops: Annotated[
         tuple[float, float], ReadAs(tuple[_Angle, _Angle], _check_increasing), Field(alias="range_deg")
     ] = (
@@ -115,8 +115,8 @@ class Knee:
     """
 
     topic: str
-    frame: Annotated[int, whole(1, _FRAMES_MAX)]
-    sign: Annotated[float, number(), AfterValidator(_check_sign)] = 1.0
+    frame: Annotated[int, int_field(1, _FRAMES_MAX)]
+    sign: Annotated[float, float_field(), AfterValidator(_check_sign)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,10 +136,10 @@ class Sole:
     topic: str
     T_foot_sole: RigidTransform
     cells: Annotated[Array, ReadAs(tuple[_Place, _Place, _Place, _Place], np.array), Field(alias="cells_m")]
-    heel_x: Annotated[float, number(key="heel_x_m")]
-    hinge_x: Annotated[float, number(key="hinge_x_m")]
-    hinge_z: Annotated[float, number(0, key="hinge_z_m")]
-    tip_x: Annotated[float, number(key="tip_x_m")]
+    heel_x: Annotated[float, float_field(key="heel_x_m")]
+    hinge_x: Annotated[float, float_field(key="hinge_x_m")]
+    hinge_z: Annotated[float, float_field(0, key="hinge_z_m")]
+    tip_x: Annotated[float, float_field(key="tip_x_m")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,16 +176,16 @@ class Compliance:
     """Standard deviation of a loaded heel's sag in its holder, relative to push-off."""
     climb_share: NotNegative = 0.04
     """Yielding of holder and cuffs under the lifting leg, as a share of the height climbed."""
-    slope_sd_rad: Annotated[float, number(0, key="slope_sd_deg", scale=DEG)] = math.radians(0.32)
+    slope_sd_rad: Annotated[float, float_field(0, key="slope_sd_deg", scale=DEG)] = math.radians(0.32)
     """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
     slope_share: NotNegative = 0.06
     """Standard deviation of that pitch as a share of the slope: the steeper the ground, the more the holder yields."""
     sloping_sd_m: NotNegative = 0.002
     """How holders and cuffs yield differently on a slope than on the level, in the same way at every step: +2 mm up and
     -2 mm down a ramp of 5°, the mean errors of the walks named above."""
-    stop_margin_rad: Annotated[float, number(0, key="stop_margin_deg", scale=DEG)] = math.radians(2.0)
+    stop_margin_rad: Annotated[float, float_field(0, key="stop_margin_deg", scale=DEG)] = math.radians(2.0)
     """An ankle this close to a stop may be at it: rubber stops yield by up to 0.7° (docs/design.md)."""
-    strained_slope_sd_rad: Annotated[float, number(0, key="strained_slope_sd_deg", scale=DEG)] = math.radians(8.0)
+    strained_slope_sd_rad: Annotated[float, float_field(0, key="strained_slope_sd_deg", scale=DEG)] = math.radians(8.0)
     """Standard deviation of the foot's pitch with the ankle at its stop."""
     strained_sd_m: NotNegative = 0.015
     """Standard deviation of the foot's position with the ankle at its stop."""
@@ -308,7 +308,7 @@ class _ThighAhrs(_Ahrs):
         frame: Number of the frame that carries it.
     """
 
-    frame: Annotated[int, whole(1, _FRAMES_MAX)]
+    frame: Annotated[int, int_field(1, _FRAMES_MAX)]
 
 
 class _Leg(FileModel):
@@ -333,16 +333,16 @@ def _to_leg(leg: _Leg) -> Leg:
     """The leg of a file, after a check of its frames."""
     rows, thigh, knee = leg.frames, leg.thigh.frame, leg.knee.frame
     if not 1 <= thigh < len(rows):
-        raise refused(thigh, f"1-{len(rows) - 1}, a frame before the foot's", "thigh", "frame")
+        raise field_error(thigh, f"1-{len(rows) - 1}, a frame before the foot's", "thigh", "frame")
     turning = [i for i, row in enumerate(rows, 1) if row.turns]
     if knee not in turning or knee <= thigh:
-        raise refused(knee, "a frame beyond the thigh's that a joint turns", "knee", "frame")
+        raise field_error(knee, "a frame beyond the thigh's that a joint turns", "knee", "frame")
     hip = [i for i in turning if i <= thigh]
     ankle = [i for i in turning if i > knee]
     between = len(turning) - len(hip) - len(ankle) - 1
     if between or not all(1 <= len(joints) <= _JOINTS_MAX for joints in (hip, ankle)):
         expected = f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee"
-        raise refused(f"{len(hip)} and {len(ankle)} joints", expected, "frames")
+        raise field_error(f"{len(hip)} and {len(ankle)} joints", expected, "frames")
     return Leg(
         rows=rows,
         thigh=Attitude(topic=leg.thigh.topic, frame=thigh, R_frame_sensor=leg.thigh.R_frame_sensor),
@@ -381,7 +381,7 @@ class ExoskeletonFile(FileModel):
 
 def _to_exoskeleton(data: object, source: object) -> Exoskeleton:
     """An exoskeleton from the values of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
-    file = validated(ExoskeletonFile, data, source)
+    file = validate(ExoskeletonFile, data, source)
     return Exoskeleton(
         description=file.description,
         back=Attitude(topic=file.back.topic, frame=0, R_frame_sensor=file.back.R_frame_sensor),

@@ -23,7 +23,7 @@ from stridetwin.estimators.terrain_map.plane_set import COLUMNS, NONE, TopView
 from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.estimators.terrain_map.volume import HEADROOM_M, VIEW, min_noise_m, view_corner
 from stridetwin.estimators.terrain_map.voxel_blocks import CAPACITY, EDGE
-from stridetwin.streams.errors import needing
+from stridetwin.streams.errors import explain_import_error
 from stridetwin.streams.samples import Array
 
 _SMOOTHED = 2
@@ -48,7 +48,7 @@ class Open3dVolume:
     keeps_unobserved = True
 
     def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
-        with needing("the backend open3d needs it", "open3d"):
+        with explain_import_error("the backend open3d needs it", "open3d"):
             import open3d
         self._o3d: Any = open3d
         self._camera, self._p = camera, parameters

@@ -13,8 +13,8 @@ from stridetwin.estimators.base import Estimator
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.outputs.base import LiveOutput
 from stridetwin.outputs.terrain.grid import GroundGrid
-from stridetwin.streams.errors import RecordingError, needing
-from stridetwin.streams.files import json_text, whole_file
+from stridetwin.streams.errors import RecordingError, explain_import_error
+from stridetwin.streams.files import atomic_file, to_json
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
@@ -49,12 +49,12 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     mesh_files = _meshes(terrain_map, estimate, file) if mesh else {}
     points, plane = terrain_map.surface_points()
     cloud = file.with_suffix(".ply")
-    with whole_file(cloud) as out:
+    with atomic_file(cloud) as out:
         _write_ply(points, [_terrain_name(estimate.terrain_of(int(p))) for p in plane], plane, out)
-    with whole_file(file) as out:
-        out.write_text(json_text(terrain_document(estimate)), encoding="utf-8")
+    with atomic_file(file) as out:
+        out.write_text(to_json(terrain_document(estimate)), encoding="utf-8")
     for surface, content in mesh_files.items():
-        with whole_file(surface) as out:
+        with atomic_file(surface) as out:
             out.write_bytes(content)
     return [file, cloud, *mesh_files]
 
@@ -65,7 +65,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     Raises:
         StrideTwinError: trimesh is not installed.
     """
-    with needing("a mesh needs it", "twin"):
+    with explain_import_error("a mesh needs it", "twin"):
         import trimesh
     scene = trimesh.Scene()
     scene.add_geometry(_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)

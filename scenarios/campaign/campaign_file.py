@@ -18,9 +18,18 @@ from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
 from stridetwin.sim.wearer.anthropometry import PEOPLE
-from stridetwin.streams.errors import StrideTwinError, Where
-from stridetwin.streams.fields import FileModel, ReadAs, number, refused, text, unique, whole, words
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
+from stridetwin.streams.fields import (
+    FileModel,
+    ReadAs,
+    check_unique,
+    enum_field,
+    field_error,
+    float_field,
+    int_field,
+    text_field,
+)
+from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
@@ -29,7 +38,7 @@ MOST_WALKS = 1_000_000
 _SUFFIXES = (".yaml", ".yml")
 _CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}
 _MOST_PEOPLE = 10_000
-_NOWHERE = Where(source="")
+_NOWHERE = FieldLocation(source="")
 _BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
 _MASS_KG = (45.0, 110.0)
 _MM = 1e-3
@@ -40,9 +49,9 @@ def _check_shares(shares: dict[str, float]) -> dict[str, float]:
     """Returns shares that add up to 1 and whose parts have plain names; refuses others."""
     for name in shares:
         if not _WORD.fullmatch(name):
-            raise refused(name, "names of lower-case letters, digits and _")
+            raise field_error(name, "names of lower-case letters, digits and _")
     if abs(sum(shares.values()) - 1.0) > 1e-6:
-        raise refused(shares, "shares whose sum is 1")
+        raise field_error(shares, "shares whose sum is 1")
     return shares
 
 
@@ -56,9 +65,9 @@ class Quality:
         help_pct: Largest mean external force at the root, % of the body weight; walks above it are rejected.
     """
 
-    falls: Annotated[str, words(_WHETHER)] = "reject"
-    sensors: Annotated[str, words(_WHETHER)] = "reject"
-    help_pct: Annotated[float, number(0, 1000)] = 3.0
+    falls: Annotated[str, enum_field(_WHETHER)] = "reject"
+    sensors: Annotated[str, enum_field(_WHETHER)] = "reject"
+    help_pct: Annotated[float, float_field(0, 1000)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,9 +80,9 @@ class Splits:
     """
 
     shares: Annotated[
-        dict[str, Annotated[float, number(0.001, 1)]], Field(min_length=1), AfterValidator(_check_shares)
+        dict[str, Annotated[float, float_field(0.001, 1)]], Field(min_length=1), AfterValidator(_check_shares)
     ] = field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
-    terrain_by: Annotated[str, words(("geometry", "scenario"))] = "geometry"
+    terrain_by: Annotated[str, enum_field(("geometry", "scenario"))] = "geometry"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +99,9 @@ class Group:
     count: int
     body: dict[str, Distribution]
     names: tuple[str, ...] = ()
-    at: Where = _NOWHERE
+    at: FieldLocation = _NOWHERE
 
-    def with_position(self, node: dict[str, Any], at: Where) -> Group:
+    def with_position(self, node: dict[str, Any], at: FieldLocation) -> Group:
         """The group with its position, and its keys in the order of the file, which is that of the draws."""
         return replace(self, body={key: self.body[key] for key in node if key in self.body}, at=at)
 
@@ -121,7 +130,9 @@ class _Named(FileModel):
         named: Their names.
     """
 
-    named: Annotated[tuple[Annotated[str, words(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(unique)]
+    named: Annotated[
+        tuple[Annotated[str, enum_field(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(check_unique)
+    ]
 
     def build(self) -> Group:
         """The group of these predefined people."""
@@ -140,7 +151,7 @@ class _Drawn(FileModel):
         shoe_mm: Shoe size, as the length of a fitting foot.
     """
 
-    count: Annotated[int, whole(1, _MOST_PEOPLE)]
+    count: Annotated[int, int_field(1, _MOST_PEOPLE)]
     bmi: DistributionInFile = None
     sex: DistributionInFile = None
     height_m: DistributionInFile = None
@@ -154,10 +165,10 @@ class _Drawn(FileModel):
         """
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
-            raise refused(body["bmi"].description, "either bmi or mass_kg", "bmi")
+            raise field_error(body["bmi"].description, "either bmi or mass_kg", "bmi")
         for end in body["bmi"].ends if "bmi" in body else ():
             if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
-                raise refused(end, "15-45 (kg/m²)", "bmi")
+                raise field_error(end, "15-45 (kg/m²)", "bmi")
         return Group(count=self.count, body=body)
 
 
@@ -225,10 +236,10 @@ class CampaignFile(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    campaign: Annotated[str, text()]
-    walks: Annotated[int, whole(1, MOST_WALKS)]
-    seed: Annotated[int, whole(0, 2**31)] = 0
-    sampling: Annotated[str, words(SAMPLINGS)] = "sobol"
+    campaign: Annotated[str, text_field()]
+    walks: Annotated[int, int_field(1, MOST_WALKS)]
+    seed: Annotated[int, int_field(0, 2**31)] = 0
+    sampling: Annotated[str, enum_field(SAMPLINGS)] = "sobol"
     scenarios: Annotated[tuple[WeighedBase, ...], Field(min_length=1)]
     people: Annotated[tuple[GroupInFile, ...], Field(min_length=1)] = ()
     set: dict[str, DistributionInFile] = {}
@@ -263,9 +274,9 @@ def read_campaign(path: Path) -> Campaign:
         ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: A file cannot be read.
     """
-    where = Where(source=str(path))
+    where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
-    file = validated(CampaignFile, data, path)
+    file = validate(CampaignFile, data, path)
     files = NamedFiles(path, "the campaign's folder")
     campaign = Campaign(
         path=path,

@@ -17,19 +17,19 @@ from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaH
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from stridetwin.streams.fields import TAG, FileModel, number, refused, whole
+from stridetwin.streams.fields import TAG, FileModel, field_error, float_field, int_field
 
 _MAX_SIZE = 1e9
 _TAIL_SD = 6.0
-_Number = Annotated[float, number(-_MAX_SIZE, _MAX_SIZE)]
-_Above0 = Annotated[float, number(1e-9, _MAX_SIZE)]
-_Whole = Annotated[int, whole(-int(_MAX_SIZE), int(_MAX_SIZE))]
+_Number = Annotated[float, float_field(-_MAX_SIZE, _MAX_SIZE)]
+_Above0 = Annotated[float, float_field(1e-9, _MAX_SIZE)]
+_Whole = Annotated[int, int_field(-int(_MAX_SIZE), int(_MAX_SIZE))]
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
     """Returns two numbers if the first is lower; refuses others."""
     if not span[0] < span[1]:
-        raise refused(list(span), "two numbers, the lower first")
+        raise field_error(list(span), "two numbers, the lower first")
     return span
 
 
@@ -136,9 +136,9 @@ class Normal(Distribution):
     def _check(self) -> Normal:
         (mean, sd), (low, high) = self.normal, self.within
         if sd <= 0:
-            raise refused([mean, sd], "mean and standard deviation, above 0", "normal")
+            raise field_error([mean, sd], "mean and standard deviation, above 0", "normal")
         if high < mean - _TAIL_SD * sd or low > mean + _TAIL_SD * sd:
-            raise refused([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean", "within")
+            raise field_error([low, high], f"limits no farther than {_TAIL_SD:g} SD from the mean", "within")
         return self
 
     def at(self, u: float) -> float:
@@ -194,7 +194,7 @@ class Choice(Distribution):
     @model_validator(mode="after")
     def _check(self) -> Choice:
         if self.weights is not None and len(self.weights) != len(self.choice):
-            raise refused(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
+            raise field_error(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
         return self
 
     def at(self, u: float) -> Any:

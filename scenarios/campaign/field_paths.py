@@ -10,7 +10,7 @@ from typing import Any
 
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import FieldLocation
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
@@ -24,7 +24,7 @@ class FieldPath:
     keys: tuple[str | int, ...]
 
 
-def field_path(text: str, where: Where) -> FieldPath:
+def field_path(text: str, where: FieldLocation) -> FieldPath:
     """Parses the path of a field, such as `terrain[1].stairs.riser_mm`.
 
     Raises:
@@ -39,7 +39,7 @@ def field_path(text: str, where: Where) -> FieldPath:
     return FieldPath(text=text, keys=tuple(keys))
 
 
-def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Where) -> None:
+def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: FieldLocation) -> None:
     """Sets a value in a scenario's plain data and creates missing keys on the way.
 
     A list of sensor groups, and the short forms of a group, become mappings first.
@@ -59,7 +59,7 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Wher
     node[path.keys[-1]] = value
 
 
-def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: Where) -> None:
+def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: FieldLocation) -> None:
     """Sets a value at several fields of a scenario, each with a copy of its own.
 
     Args:
@@ -75,7 +75,7 @@ def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any,
         set_value(scenario, path, deepcopy(value), where)
 
 
-def _check_place(node: Any, path: FieldPath, depth: int, where: Where) -> None:
+def _check_place(node: Any, path: FieldPath, depth: int, where: FieldLocation) -> None:
     """Raises ConfigError if a node has no place for the key of a path at this depth."""
     key, node_text = path.keys[depth], _text(path.keys[:depth])
     if not isinstance(node, list if isinstance(key, int) else dict):

@@ -37,7 +37,7 @@ from stridetwin.scenarios.campaign.walk import (
 )
 from stridetwin.scenarios.files import sha256
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import json_text, whole_file
+from stridetwin.streams.files import atomic_file, to_json
 
 _USED = "another process generates walks there: expected another folder"
 _RESUME = "the same command continues"
@@ -147,8 +147,8 @@ def generate(
             for job, result in zip(jobs, results)
         ]
         content = manifests.manifest(campaign, rows, versions, file_digests)
-        for name, text in ((manifests.CARD_NAME, manifests.card_text(content)), (manifests.NAME, json_text(content))):
-            with whole_file(folder / name) as file:
+        for name, text in ((manifests.CARD_NAME, manifests.card_text(content)), (manifests.NAME, to_json(content))):
+            with atomic_file(folder / name) as file:
                 file.write_text(text, encoding="utf-8")
     return CampaignResult(manifest=content, generated=generated)
 

@@ -17,9 +17,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
-from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError, Where
-from stridetwin.streams.fields import number, text
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.errors import ConfigError, ConfigFileError, FieldLocation, StrideTwinError
+from stridetwin.streams.fields import float_field, text_field
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.validation import suggest
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
@@ -47,7 +47,7 @@ class Variable:
     name: str
     paths: tuple[FieldPath, ...]
     distribution: Distribution
-    at: Where
+    at: FieldLocation
 
     @property
     def varies(self) -> bool:
@@ -73,7 +73,7 @@ class Base:
     scenario: dict[str, Any]
     weight: float
     variables: tuple[Variable, ...]
-    at: Where
+    at: FieldLocation
     file: Path
     written: str
 
@@ -87,7 +87,7 @@ class NamedBase(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    scenario: Annotated[str, text()]
+    scenario: Annotated[str, text_field()]
     set: dict[str, DistributionInFile] = {}
 
 
@@ -98,7 +98,7 @@ class _Weighed(NamedBase):
         weight: Frequency relative to the other scenarios.
     """
 
-    weight: Annotated[float, number(1e-6, 1e6)] = 1.0
+    weight: Annotated[float, float_field(1e-6, 1e6)] = 1.0
 
 
 def short_base(node: object) -> object:
@@ -126,7 +126,7 @@ class NamedFiles:
         self._bases: set[str] = set()
         self.user_files: dict[str, Path] = {}
 
-    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: Where) -> tuple[Base, ...]:
+    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: FieldLocation) -> tuple[Base, ...]:
         """The scenarios of a list, each with its own variables.
 
         Args:
@@ -139,7 +139,7 @@ class NamedFiles:
             for i, (item, node) in enumerate(zip(items, nodes))
         )
 
-    def base(self, item: NamedBase, where: Where, *, short: bool) -> Base:
+    def base(self, item: NamedBase, where: FieldLocation, *, short: bool) -> Base:
         """A scenario by its name in the catalogue or the path of its file, with its own variables.
 
         Args:
@@ -175,7 +175,7 @@ class NamedFiles:
         self._bases.add(unique_name)
         return unique_name
 
-    def variables(self, values: Mapping[str, Distribution], where: Where) -> tuple[Variable, ...]:
+    def variables(self, values: Mapping[str, Distribution], where: FieldLocation) -> tuple[Variable, ...]:
         """The variables of a block `set`.
 
         Args:
@@ -196,7 +196,7 @@ class NamedFiles:
             variables.append(Variable(name=canonical_name, paths=paths, distribution=varied, at=at))
         return tuple(variables)
 
-    def _with_output_names(self, values: Distribution, at: Where) -> Distribution:
+    def _with_output_names(self, values: Distribution, at: FieldLocation) -> Distribution:
         """A distribution whose file names are replaced by those that the files get in the output folder."""
         if isinstance(values, Fixed):
             return Fixed(fixed=self.with_output_names(values.fixed, at))
@@ -204,7 +204,7 @@ class NamedFiles:
             return Choice(choice=tuple(self.with_output_names(list(values.choice), at)), weights=values.weights)
         return values
 
-    def with_output_names(self, node: Any, where: Where, home: Path | None = None) -> Any:
+    def with_output_names(self, node: Any, where: FieldLocation, home: Path | None = None) -> Any:
         """Plain data of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
 
         The files, and those that they name in turn, are added to `user_files`.
@@ -226,7 +226,7 @@ class NamedFiles:
             return node
         return f"../{FILES}/{self._add_file(home, node, where)}"
 
-    def _add_file(self, home: Path, name: str, where: Where) -> str:
+    def _add_file(self, home: Path, name: str, where: FieldLocation) -> str:
         """Adds a file and the files that it names to `user_files`; returns its name in the output folder."""
         path = self._find_file(home, name, where)
         output_name = path.relative_to(self._home).as_posix()
@@ -236,7 +236,7 @@ class NamedFiles:
                 self._add_file(path.parent, inner_name, where)
         return output_name
 
-    def _find_file(self, home: Path, name: str, where: Where) -> Path:
+    def _find_file(self, home: Path, name: str, where: FieldLocation) -> Path:
         """Path of a file that must exist in the naming file's folder or below it.
 
         Raises:
@@ -285,7 +285,7 @@ def copy_files(folder: Path, user_files: Mapping[str, Path]) -> None:
     for name, source in user_files.items():
         place = folder / FILES / name
         place.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(place) as file:
+        with atomic_file(place) as file:
             shutil.copyfile(source, file)
 
 

@@ -25,7 +25,7 @@ from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import between, rot_y
+from stridetwin.streams.so3 import rot_y, slerp
 
 _REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there
 _AT_REST: Any = [(1, 0.0), (2, 0.0)]  # SciPy's stubs do not allow pairs
@@ -265,7 +265,7 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
 
 def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
     """(N, 3, 3) rotation of a swinging foot at (N,) shares of swing: from sole to sole, then by the pitch (N,) rad."""
-    return between(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
+    return slerp(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
 
 
 def _swing_positions(

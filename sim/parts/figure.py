@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from stridetwin.streams.errors import Missing
-from stridetwin.streams.fields import number, refused, words
+from stridetwin.streams.fields import enum_field, field_error, float_field
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 DEG = math.pi / 180
@@ -46,9 +46,9 @@ class Figure:
     def type(self) -> Any:
         """Type of the value in the file: bare, or `{value: ..., source: ...}`."""
         if self.words:
-            bare: Any = Annotated[str, words(self.words)]
+            bare: Any = Annotated[str, enum_field(self.words)]
         else:
-            bare = Annotated[float, number(self.low, self.high, scale=self.scale)]
+            bare = Annotated[float, float_field(self.low, self.high, scale=self.scale)]
             if self.count:
                 bare = tuple[(bare,) * self.count]  # type: ignore[misc]
         return Annotated[bare, BeforeValidator(_strip_source, json_schema_input_type=bare | _type_with_source(bare))]
@@ -65,9 +65,9 @@ def _strip_source(node: object) -> object:
         return node
     for key in node:
         if key not in _SOURCED:
-            raise refused(key, f"keys {', '.join(_SOURCED)}")
+            raise field_error(key, f"keys {', '.join(_SOURCED)}")
     if "value" not in node:
-        raise refused(Missing(), "this key", "value")
+        raise field_error(Missing(), "this key", "value")
     return node["value"]
 
 

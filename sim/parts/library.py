@@ -12,7 +12,7 @@ from stridetwin.sim.parts.figure import build_part, file_model, make_ideal
 from stridetwin.sim.parts.kinds import PART_CLASSES, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import OneKind
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
@@ -49,7 +49,7 @@ def read_part(path: Path) -> Part:
         StrideTwinError: The file cannot be read or is not YAML.
     """
     data = read_yaml(path)
-    read = validated(PartFile, data, path)
+    read = validate(PartFile, data, path)
     return build_part(PART_CLASSES[data["kind"]], read, name=path.stem)
 
 

@@ -12,7 +12,7 @@ from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import load_part, make_ideal
 from stridetwin.sim.parts.nominal import CalibrationSd
-from stridetwin.streams.fields import DEG, MM, flag, number, words
+from stridetwin.streams.fields import DEG, MM, bool_field, enum_field, float_field
 
 _GROUPS = {
     "foot_imu": ("imu", "ADIS16485"),
@@ -32,8 +32,8 @@ KIND = {group: kind for group, (kind, _) in _GROUPS.items()}
 STANDARD = {group: name for group, (_, name) in _GROUPS.items()}
 """The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
-_Length = Annotated[float, number(-300, 300, scale=MM)]
-_Angle = Annotated[float, number(-180, 180, scale=DEG)]
+_Length = Annotated[float, float_field(-300, 300, scale=MM)]
+_Angle = Annotated[float, float_field(-180, 180, scale=DEG)]
 STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
 
 
@@ -49,11 +49,11 @@ class Clock:
         calibrated: Whether the rig's calibration contains the constant part (offset and latency).
     """
 
-    offset_s: Annotated[float, number(-1, 1)] = 0.0
-    drift_ppm: Annotated[float, number(-1000, 1000)] = 0.0
-    jitter_s: Annotated[float, number(0, 0.1)] = 0.0
-    latency_s: Annotated[float, number(0, 1)] = 0.0
-    calibrated: Annotated[bool, flag()] = False
+    offset_s: Annotated[float, float_field(-1, 1)] = 0.0
+    drift_ppm: Annotated[float, float_field(-1000, 1000)] = 0.0
+    jitter_s: Annotated[float, float_field(0, 0.1)] = 0.0
+    latency_s: Annotated[float, float_field(0, 1)] = 0.0
+    calibrated: Annotated[bool, bool_field()] = False
 
     @property
     def shift_s(self) -> float:
@@ -109,16 +109,16 @@ class SensorConfig:
     """
 
     part: Part | None = None
-    ideal: Annotated[bool, flag()] = False
-    rate_hz: Annotated[float | None, number(1, 2000)] = None
+    ideal: Annotated[bool, bool_field()] = False
+    rate_hz: Annotated[float | None, float_field(1, 2000)] = None
     clock: Clock = field(default_factory=Clock)
-    strike: Annotated[float, number(0, 5, key="strike_g", scale=G)] = 0.0
-    light: Annotated[float, number(0.001, 10)] = 1.0
-    exposure_s: Annotated[float | None, number(0, 100, key="exposure_ms", scale=1e-3)] = None
+    strike: Annotated[float, float_field(0, 5, key="strike_g", scale=G)] = 0.0
+    light: Annotated[float, float_field(0.001, 10)] = 1.0
+    exposure_s: Annotated[float | None, float_field(0, 100, key="exposure_ms", scale=1e-3)] = None
     calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
-    pitch_down_rad: Annotated[float | None, number(-30, 75, key="pitch_down_deg", scale=DEG)] = None
-    frames: Annotated[str, words(("board", "full"))] = "board"
-    shadows: Annotated[bool, flag()] = False
+    pitch_down_rad: Annotated[float | None, float_field(-30, 75, key="pitch_down_deg", scale=DEG)] = None
+    frames: Annotated[str, enum_field(("board", "full"))] = "board"
+    shadows: Annotated[bool, bool_field()] = False
     position_m: Annotated[tuple[_Length, _Length, _Length] | None, Field(alias="position_mm")] = None
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
     mount: Seat | None = None

@@ -22,7 +22,7 @@ from stridetwin.sim.scene.scene_spec import scene_spec
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.world.textures import SIZE
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 
 TEXTURE_PX = SIZE
 """Edge of the twin's own textures, pixels."""
@@ -81,7 +81,7 @@ def write_scene(files: Mapping[str, bytes], name: str, folder: Path) -> None:
             raise StrideTwinError(f"{target}: invalid content: belongs to another scene: expected {valid}")
     for path, data in files.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        with whole_file(folder / path) as file:
+        with atomic_file(folder / path) as file:
             file.write_bytes(data)
 
 

@@ -21,9 +21,18 @@ from stridetwin.sim.parts.library import kind_of, load_part, part_files, read_pa
 from stridetwin.sim.wearer.exo_couplings import coupling_law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import MM, FileModel, ReadAs, elsewhere, flag, folder_of, number, refused
+from stridetwin.streams.fields import (
+    MM,
+    FileModel,
+    ReadAs,
+    bool_field,
+    context_folder,
+    field_error,
+    float_field,
+    other_file_error,
+)
 from stridetwin.streams.samples import Array
-from stridetwin.streams.validation import combined, suggest, validated
+from stridetwin.streams.validation import combine_errors, suggest, validate
 from stridetwin.streams.yaml_file import read_yaml
 
 _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
@@ -36,7 +45,7 @@ _FARTHEST_MM = 2000.0
 
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
     """Annotation of an array (3,): three numbers of the file from `low` (-most) to `most`, scaled."""
-    entry = Annotated[float, number(-most if low is None else low, most)]
+    entry = Annotated[float, float_field(-most if low is None else low, most)]
     return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
 
@@ -48,14 +57,14 @@ def _part_field(kind: str) -> Any:
         read = None
         if isinstance(name, str) and name.endswith((".yaml", ".yml")):
             try:
-                read = read_part(folder_of(info) / name)
+                read = read_part(context_folder(info) / name)
             except StrideTwinError as error:
-                raise elsewhere(error) from None
+                raise other_file_error(error) from None
         elif isinstance(name, str) and name in part_files():
             read = load_part(name)
         if read is None or kind_of(read) != kind:
             names = ", ".join(n for n in part_files() if kind_of(load_part(n)) == kind)
-            raise refused(name, f"{names}, or the path of a .yaml file of kind {kind}")
+            raise field_error(name, f"{names}, or the path of a .yaml file of kind {kind}")
         return read
 
     return BeforeValidator(read_named_part, json_schema_input_type=str)
@@ -72,7 +81,7 @@ def _check_short_names(valid: str, *more: str) -> AfterValidator:
     def check(named: dict[str, Any]) -> dict[str, Any]:
         for name in named:
             if name not in more and not _SHORT.fullmatch(name):
-                raise refused(name, f"names such as {valid}")
+                raise field_error(name, f"names such as {valid}")
         return named
 
     return AfterValidator(check)
@@ -82,7 +91,7 @@ def _check_unique(joints: dict[str, str]) -> dict[str, str]:
     """Refuses a joint of the model that two short names share."""
     names = list(joints.values())
     if twice := [name for name in names if names.count(name) > 1]:
-        raise refused(twice[0], "every joint once")
+        raise field_error(twice[0], "every joint once")
     return joints
 
 
@@ -92,7 +101,7 @@ def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
     for i, name in enumerate(names):
         if joints is not None and name not in joints:
             below = () if isinstance(names, dict) else (i,)
-            raise refused(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
+            raise field_error(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
     return names
 
 
@@ -100,9 +109,9 @@ def _check_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
     """Refuses cuffs on anything but thighs, shanks and feet, and cuffs on one leg only."""
     for body in cuffs:
         if body not in _BODIES:
-            raise refused(body, f"keys {suggest(body, _BODIES)}")
+            raise field_error(body, f"keys {suggest(body, _BODIES)}")
     if {body[-1] for body in cuffs} != {"l", "r"}:
-        raise refused(list(cuffs), "cuffs on both legs, such as thigh_l and thigh_r")
+        raise field_error(list(cuffs), "cuffs on both legs, such as thigh_l and thigh_r")
     return cuffs
 
 
@@ -155,7 +164,7 @@ class _CuffFile(FileModel):
     link: str
     at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]
     kind: Literal["strap", "holder"] | None = None
-    force_cells: Annotated[bool, flag()] = False
+    force_cells: Annotated[bool, bool_field()] = False
     stiffness_n_m: Annotated[Array, _vector(1e5, 0.0)] | None = None
     damping_ns_m: Annotated[Array, _vector(1e4, 0.0)] | None = None
     turn_stiffness_nm: Annotated[Array, _vector(1e4, 0.0)] | None = None
@@ -176,8 +185,8 @@ class _Motor(FileModel):
         part: Part of the library that senses it, or the path of a .yaml file.
     """
 
-    torque_max_nm: Annotated[float, number(above=0)]
-    speed_max_radps: Annotated[float, number(above=0)] = 10.0
+    torque_max_nm: Annotated[float, float_field(above=0)]
+    speed_max_radps: Annotated[float, float_field(above=0)] = 10.0
     part: Annotated[ActuatorPart, _part_field("actuator")] = Field("actuation-module", validate_default=True)
 
 
@@ -224,12 +233,12 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         ConfigError: A value in one of them is invalid.
         StrideTwinError: One of them cannot be read.
     """
-    file = validated(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
+    file = validate(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
     names = {joint: hinge_of(short) for short, joint in file.joints.items()}
     T_base = file.base.pose
     chains = read_model(model, file.base.link, T_base[:3, 3], T_base[:3, :3], names)
     if errors := list(_find_unknown_names(file, chains, rig, model)):
-        raise combined(errors)
+        raise combine_errors(errors)
     cuffs, sides = _cuffs(file, chains, rig)
     legs = {side: chains.legs[sides[side]] for side in "lr"}
     for short, joint in file.joints.items():

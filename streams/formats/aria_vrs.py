@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.errors import StrideTwinError, needing
+from stridetwin.streams.errors import StrideTwinError, explain_import_error
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import Rig
@@ -32,7 +32,7 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
     Raises:
         StrideTwinError: The package is not installed, or cannot read the file.
     """
-    with needing(f"{path}: recordings of Aria glasses need their own reader", EXTRA):
+    with explain_import_error(f"{path}: recordings of Aria glasses need their own reader", EXTRA):
         from projectaria_tools.core import data_provider
         from projectaria_tools.core.sensor_data import TimeDomain
     try:

@@ -207,7 +207,7 @@ def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]
             unread[channel.topic] = channel.typename
             continue
         try:
-            definitions.take(channel.definition)
+            definitions.add(channel.definition)
             streams[channel.topic] = _Stream(channel)
         except ValueError as error:
             unread[channel.topic] = channel.typename

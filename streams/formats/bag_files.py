@@ -22,7 +22,7 @@ from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1.reader import Compression, Header, decompressors
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from stridetwin.streams.errors import RecordingError, StrideTwinError, unreadable
+from stridetwin.streams.errors import RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats.bag import Channel
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import (
@@ -30,7 +30,7 @@ from stridetwin.streams.recording.mcap_scan import (
     CutOffError,
     DamagedError,
     Unpacking,
-    parse,
+    parse_record,
     read_chunk,
     top_records,
 )
@@ -96,14 +96,14 @@ class McapBag:
         try:
             yield from top_records(path)
         except OSError as error:
-            raise unreadable(path, error) from error
+            raise read_error(path, error) from error
         except DamagedError as error:
             cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
     def _contents(self, path: Path, opcode: int, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
         try:
-            if opcode == Opcode.CHUNK and not parse(records.Chunk, body).uncompressed_crc:
+            if opcode == Opcode.CHUNK and not parse_record(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
             return unpacking.contents(opcode, body)
         except DamagedError as error:
@@ -293,7 +293,7 @@ class RosBag:
         """A ROS 1 definition converted to ROS 2; "" if it cannot be parsed, which is reported if it is needed."""
         try:
             if name not in self._store.fielddefs:
-                self._definitions.take(text)
+                self._definitions.add(text)
                 types = get_types_from_msg(text, name)
                 check_types(types)
                 # the conversion to CDR drops a header's `seq`, so the types must not have it

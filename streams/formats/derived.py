@@ -9,7 +9,7 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Imu, Odometry, Stamps, increasing
+from stridetwin.streams.samples import Array, Block, Imu, Odometry, Stamps, is_increasing
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -60,7 +60,7 @@ def odometry(
         p, v = p + rotation.apply(T_source_body[:3, 3]), None
         q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
-    rising = np.flatnonzero(increasing(t_ns))  # decreasing stamps are rejected or omitted later
+    rising = np.flatnonzero(is_increasing(t_ns))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
         rates[:, rising] = _rates(t_ns[rising], p[rising], attitude)
@@ -120,7 +120,7 @@ def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu
         gyro: Stream whose rates are used.
         accel: Stream whose forces are used; at least two samples.
     """
-    accel = accel[increasing(accel.t_ns)]
+    accel = accel[is_increasing(accel.t_ns)]
     t, force = accel.t_ns, accel.columns["specific_force"]
     within = (gyro.t_ns >= t[0]) & (gyro.t_ns <= t[-1])
     since: Array = (gyro.t_ns[within] - t[0]) * 1e-9

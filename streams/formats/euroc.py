@@ -25,7 +25,7 @@ from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, words
+from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, enum_field
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import odometry
 from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_image
@@ -37,7 +37,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import parse_yaml
 
 IMU_COLUMNS = ("w_RS_S_x", "w_RS_S_y", "w_RS_S_z", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z")
@@ -196,7 +196,7 @@ class _CameraSensor(_Sensor):
     intrinsics: tuple[Positive, Positive, Number, Number]
     resolution: tuple[Count, Count]
     distortion_coefficients: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0)
-    distortion_model: Annotated[str, words(_DISTORTIONS)] = "radtan"
+    distortion_model: Annotated[str, enum_field(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
     def calibration(self, topic: str) -> CameraCalibration:
@@ -221,7 +221,7 @@ def _sensor(folder: Path, kind: type[S]) -> S | None:
         return None
     # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
     text = re.sub(r"!!opencv-matrix|^%.*$", "", read_text(file, LARGEST_SETTING), flags=re.MULTILINE)
-    return validated(kind, parse_yaml(text, str(file)), file)
+    return validate(kind, parse_yaml(text, str(file)), file)
 
 
 BASELINE_M = (0.001, 1.0)

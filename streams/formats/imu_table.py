@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.derived import joined_at_rates
 from stridetwin.streams.formats.imu_bridging import bridged
 from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis
@@ -196,7 +196,7 @@ def write_imu_table(path: Path, block: Block[Imu]) -> None:
     t, accel, gyro = block.t_ns * 1e-9, block.columns["specific_force"], block.columns["angular_rate"]
     if path.suffix not in TABLES:
         raise ConfigError(path, "", path.suffix, f"a table {' or '.join(TABLES)}")
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path) as temporary, temporary.open("wb") as file:
         if path.suffix == ".npz":
             np.savez_compressed(file, t=t, accel=accel, gyro=gyro)
         else:

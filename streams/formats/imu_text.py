@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.bounded import lines
+from stridetwin.streams.bounded import read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_columns import (
     ACCEL,
@@ -101,7 +101,7 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
         StrideTwinError: The table cannot be read, or lacks stamps, an axis or a unit; names file and column.
     """
     quantity = quantity_of(path.stem) if quantity is None else quantity
-    text = lines(path, "utf-8-sig")
+    text = read_lines(path, "utf-8-sig")
     if path.suffix == ".sto":
         return _vectors(path, text, quantity)
     try:
@@ -302,7 +302,7 @@ def _tables(path: Path) -> list[Path]:
 def _is_raw_iphone(file: Path) -> bool:
     """Whether Sensor Logger's metadata name an iPhone whose frames are not those of Android."""
     try:
-        rows = list(csv.reader(lines(file, "utf-8-sig")))
+        rows = list(csv.reader(read_lines(file, "utf-8-sig")))
     except csv.Error as error:
         raise StrideTwinError(f"{file}: cannot be read: {error}") from error
     row = dict(zip(*rows[:2])) if len(rows) > 1 else {}

@@ -23,7 +23,7 @@ from pydantic import BaseModel, Field
 
 from stridetwin.streams.bounded import LARGEST_TEXT, read_bytes, read_text
 from stridetwin.streams.bounded_images import check_pixels
-from stridetwin.streams.errors import ConfigError, StrideTwinError, needing
+from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.fields import Count, Number, Positive
 from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
 from stridetwin.streams.formats.derived import odometry
@@ -36,7 +36,7 @@ from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 
 COLOR, DEPTH, IMU = "/head/color", "/head/depth", "/head/imu"
 """Topics of a scan."""
@@ -197,7 +197,7 @@ def read_record3d(path: Path, notes: Notes) -> Source:
         content = json.loads(read_text(file, LARGEST_TEXT))
     except ValueError as error:
         raise StrideTwinError(f"{file}: {error}") from error
-    known = validated(_Metadata, content, file)
+    known = validate(_Metadata, content, file)
     count = len(known.poses)
     given = known.frameTimestamps if len(known.frameTimestamps) == count else []
     t = np.array(given) if given else np.arange(count) / known.fps
@@ -233,7 +233,7 @@ def _depth_of(file: Path, shape: tuple[int, int]) -> Any:
     size = 4 * shape[0] * shape[1]
     data = read_bytes(file, size + 4096)
     if data.startswith(_LZFSE):
-        with needing(f"{file}: depth compressed with LZFSE", "record3d"):
+        with explain_import_error(f"{file}: depth compressed with LZFSE", "record3d"):
             import lzfse
         try:
             data = lzfse.decompress(data)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, unreadable
+from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import completed
@@ -25,12 +25,12 @@ from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_f
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, implausible_imu, implausible_rates
 from stridetwin.streams.recording.imported import ImportedContents, Source
-from stridetwin.streams.recording.index import Notes, Problem, is_ours, read_calibration
+from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, increasing
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, is_increasing
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -93,7 +93,7 @@ def recognise(path: Path) -> str:
         with path.open("rb") as file:
             head = file.read(16)
     except OSError as error:
-        raise unreadable(path, error) from error
+        raise read_error(path, error) from error
     if not head:
         raise StrideTwinError(f"{path}: the file is empty")
     for first_bytes, kind in _HEADS.items():
@@ -140,7 +140,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
             rig, metadata = read_calibration(own, notes)  # first, because recordings of newer releases are rejected
         source = _read(path, kind, options, notes)
     except OSError as error:
-        raise unreadable(Path(error.filename or path), error) from error
+        raise read_error(Path(error.filename or path), error) from error
     if own is not None:
         source = replace(source, rig=rig, names={}, assumed={})
     topics = _topics(source, options.names)
@@ -210,7 +210,11 @@ def _own_file(path: Path, is_plain: bool) -> Path | None:
     A damaged file counts, too, if nothing else is known about it: `Recording` gives the best error message.
     """
     files = _files_of_bag(path) if path.is_dir() else [path]
-    return files[0] if len(files) == 1 and files[0].suffix != ".db3" and is_ours(files[0], is_plain) else None
+    return (
+        files[0]
+        if len(files) == 1 and files[0].suffix != ".db3" and is_stridetwin_recording(files[0], is_plain)
+        else None
+    )
 
 
 def _bag(path: Path, kind: str, notes: Notes) -> Bag:
@@ -328,11 +332,11 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
-            sound = block[increasing(block.t_ns) & block.finite]
+            sound = block[is_increasing(block.t_ns) & block.finite]
             for found in implausible_imu(sound) if len(sound) >= _FEWEST else ():
                 notes.problem(Problem(topic, int(sound.t_ns[0]), str(found)))
     for topic, images in source.images.items():
-        rising = images.t_ns[increasing(images.t_ns)]
+        rising = images.t_ns[is_increasing(images.t_ns)]
         for found in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
             notes.problem(Problem(topic, int(rising[0]), str(found)))
 

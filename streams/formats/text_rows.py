@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stridetwin.streams.bounded import lines
+from stridetwin.streams.bounded import read_lines
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Stamps
@@ -45,7 +45,7 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
     """
     header: list[str] = []
     rows: list[Row] = []
-    for number, line in enumerate(lines(path, "utf-8-sig"), 1):
+    for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
         content, mark, comment = line.partition("#")
         if content := content.strip():
             rows.append(Row(number, content, separator))

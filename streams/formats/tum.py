@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.bounded import lines
+from stridetwin.streams.bounded import read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.files import whole_file
+from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.text_rows import row_stamp
 from stridetwin.streams.trajectory import Trajectory
 
@@ -21,7 +21,7 @@ _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
     """Writes a trajectory, atomically. Its covariance is not part of the format."""
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
-    with whole_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
+    with atomic_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):
             file.write(f"{seconds(t)} {' '.join(f'{v:.9g}' for v in pose)}\n")
 
@@ -57,7 +57,7 @@ def read_tum(path: str | Path) -> Trajectory:
     """
     stamps: list[int] = []
     rows: list[list[float]] = []
-    for number, line in enumerate(lines(Path(path)), 1):
+    for number, line in enumerate(read_lines(Path(path)), 1):
         words = line.partition("#")[0].replace(",", " ").split()
         if words:
             rows.append(_row(path, number, words))

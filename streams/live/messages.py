@@ -14,7 +14,7 @@ from stridetwin.streams.bounded_images import check_pixels, image_size
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.recording.cdr import Layout, layout_of
+from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter
 from stridetwin.streams.recording.reader import Recording
@@ -32,7 +32,14 @@ from stridetwin.streams.recording.ros_images import (
     raw_image_message,
     read_image_message,
 )
-from stridetwin.streams.recording.ros_samples import SMALL, Small, block_of, fill, small_for, stamps
+from stridetwin.streams.recording.ros_samples import (
+    SAMPLE_MAPPINGS,
+    SampleMapping,
+    block_of,
+    fill_rows,
+    find_mapping,
+    read_stamps,
+)
 from stridetwin.streams.recording.ros_types import definition, deserialise, typestore
 from stridetwin.streams.recording.topic_reader import READABLE
 from stridetwin.streams.rig import Rig
@@ -60,7 +67,7 @@ class Encoder:
         if depth_encoding not in DEPTH_ENCODINGS:
             raise ConfigError("Encoder", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
-        self._templates: dict[str, tuple[Small, bytes, Layout]] = {}
+        self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
     def message(self, sample: Sample) -> Message:
         """The message of a sample."""
@@ -70,18 +77,18 @@ class Encoder:
         elif isinstance(sample, Depth):
             typename, payload = RAW, depth_message(sample, self._depth_encoding)
         else:
-            typename, payload = self._small(sample)
+            typename, payload = self._encode_small(sample)
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
 
-    def _small(self, sample: Sample) -> tuple[str, bytes]:
+    def _encode_small(self, sample: Sample) -> tuple[str, bytes]:
         block = block_of([sample])
         if sample.topic not in self._templates:
-            small = SMALL[type(sample)]
-            self._templates[sample.topic] = small, *small.template(sample.topic, self._rig, block.constants)
-        small, template, layout = self._templates[sample.topic]
+            mapping = SAMPLE_MAPPINGS[type(sample)]
+            self._templates[sample.topic] = mapping, *mapping.template(sample.topic, self._rig, block.constants)
+        mapping, template, layout = self._templates[sample.topic]
         payload = bytearray(template)
-        fill(np.frombuffer(payload, layout.dtype), small, block)
-        return small.typename, bytes(payload)
+        fill_rows(np.frombuffer(payload, layout.dtype), mapping, block)
+        return mapping.typename, bytes(payload)
 
 
 class Decoder:
@@ -100,7 +107,7 @@ class Decoder:
             expected = ", ".join(sorted(READABLE))
             raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
         self.topic, self.typename = topic, typename
-        self._known: tuple[Layout, Small] | None = None
+        self._previous: tuple[MessageLayout, SampleMapping] | None = None
 
     def sample(self, message: Message) -> Sample | None:
         """The sample in a message of the topic; None if one of its numbers is not finite.
@@ -109,32 +116,32 @@ class Decoder:
             ValueError: The bytes are not such a message, or the image has more than `MOST_PIXELS`.
         """
         if self.typename in IMAGES:
-            return self._image(message)
-        known = self._known
+            return self._decode_image(message)
+        known = self._previous
         if known is None or not known[0].fits_message(message.payload):
-            self._known = known = self._learn(message.payload)
-        layout, small = known
+            self._previous = known = self._parse_layout(message.payload)
+        layout, mapping = known
         rows = np.frombuffer(message.payload, layout.dtype)
         try:
-            columns = small.read(rows)
+            columns = mapping.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.topic}: a {self.typename} with an invalid value: {error}") from error
-        t_ns = int(stamps(rows, np.array([message.t_ns]))[0])
+        t_ns = int(read_stamps(rows, np.array([message.t_ns]))[0])
         values = {name: column[0] for name, column in columns.items()}
         for value in values.values():
             if isinstance(value, np.ndarray | np.floating) and not np.isfinite(value).all():
                 return None
-        return small.kind(topic=self.topic, t_ns=t_ns, **values, **small.constants(layout))
+        return mapping.kind(topic=self.topic, t_ns=t_ns, **values, **mapping.constants(layout))
 
-    def _learn(self, payload: bytes) -> tuple[Layout, Small]:
+    def _parse_layout(self, payload: bytes) -> tuple[MessageLayout, SampleMapping]:
         layout = layout_of(payload, self.typename, typestore())
-        small = small_for(self.typename, np.frombuffer(payload, layout.dtype))
-        if self._known is not None and small.kind is not self._known[1].kind:
-            before = self._known[1].kind.__name__
-            raise ValueError(f"{self.topic}: invalid {small.kind.__name__}: expected {before} as before")
-        return layout, small
+        mapping = find_mapping(self.typename, np.frombuffer(payload, layout.dtype))
+        if self._previous is not None and mapping.kind is not self._previous[1].kind:
+            before = self._previous[1].kind.__name__
+            raise ValueError(f"{self.topic}: invalid {mapping.kind.__name__}: expected {before} as before")
+        return layout, mapping
 
-    def _image(self, message: Message) -> Image | Depth:
+    def _decode_image(self, message: Message) -> Image | Depth:
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == COMPRESSED:
@@ -168,7 +175,7 @@ class LiveRecorder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.count = 0
-        self._known: tuple[str, dict[str, str]] | None = None
+        self._previous: tuple[str, dict[str, str]] | None = None
         self._infos = CameraInfos(Rig())
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
@@ -187,12 +194,12 @@ class LiveRecorder:
             self._file.abandon()
             partial_path(self.path).unlink()
 
-    def know(self, rig: Rig, metadata: Mapping[str, str]) -> None:
+    def set_rig(self, rig: Rig, metadata: Mapping[str, str]) -> None:
         """Sets rig and metadata of the senders: before their first message, and when further senders connect."""
         known = rig_to_yaml(rig), dict(metadata)
-        if known == self._known:
+        if known == self._previous:
             return
-        self._known = known
+        self._previous = known
         self._file.attachment(RIG_NAME, "application/yaml", known[0].encode())
         self._file.metadata(METADATA_NAME, known[1])
         self._infos.rig = rig
@@ -205,14 +212,14 @@ class LiveRecorder:
             t_ns: Stamp of its sample.
         """
         lane = IMAGE_LANE if message.typename in IMAGES else 0
-        if (camera := self._infos.due(message.topic, t_ns)) is not None:
+        if (camera := self._infos.camera_if_due(message.topic, t_ns)) is not None:
             info = camera_info_message(camera, message.topic, t_ns)
             self._file.message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
         self._file.message(message.topic, message.typename, message.payload, t_ns, lane)
         self.count += 1
 
 
-def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
+def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
     """Messages of some topics in time order, at equal stamps IMUs first and images last.
 
     Args:
@@ -223,12 +230,12 @@ def stored_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Mes
     if not recording.is_mcap:
         rig = recording.rig if recording.has_rig else Rig()
         encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
-        yield from _sorted(map(encoder.message, recording.samples(topics)), recording)
+        yield from _sort_by_rank(map(encoder.message, recording.samples(topics)), recording)
         return
-    yield from recording.stored_messages(topics, rank_of)
+    yield from recording.raw_messages(topics, rank_of)
 
 
-def _sorted(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
+def _sort_by_rank(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
     """Messages in time order; those of one instant by rank."""
     for _, group in groupby(messages, key=lambda m: m.t_ns):
         yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.live.messages import Decoder, Message, rank_of
-from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, read, read_message
+from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, parse_json, read_message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
 
@@ -101,7 +101,7 @@ class Receiver:
     """
 
     def __init__(self, address: tuple[str, int]) -> None:
-        self.address = address if address[1] else (address[0], _free_port(address[0]))
+        self.address = address if address[1] else (address[0], _find_free_port(address[0]))
         self._link = Link(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
         self.traffic: dict[str, Traffic] = {}
@@ -118,11 +118,11 @@ class Receiver:
 
     def __enter__(self) -> Self:
         link = self._link
-        link.answer("*/hello", self._answering(self._begin))
-        link.answer("*/end", self._answering(self._end))
-        link.hear("*/samples/**", self._on_sample)
-        link.when_gone(self._leave)
-        link.appear(f"receiver/{link.name}")
+        link.answer_queries("*/hello", self._answer_with(self._on_hello))
+        link.answer_queries("*/end", self._answer_with(self._on_end))
+        link.subscribe("*/samples/**", self._on_sample)
+        link.on_disconnect(self._disconnect)
+        link.declare_presence(f"receiver/{link.name}")
         return self
 
     def __exit__(
@@ -147,41 +147,41 @@ class Receiver:
     @property
     def ended(self) -> bool:
         """Whether a sender has ended, no sender is connected and the inbox is empty."""
-        return self._has_ended and not self._inbox and not self._connected()
+        return self._has_ended and not self._inbox and not self._count_connected()
 
-    def _connected(self) -> int:
+    def _count_connected(self) -> int:
         return sum(sender.is_connected for sender in self._senders.values())
 
-    def _answering(self, act: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:
+    def _answer_with(self, handle: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:
         """The answer to a query: what was received from the sender, or why it is refused."""
 
         def answer(name: str, body: bytes) -> tuple[str, bool]:
             try:
-                return json.dumps(act(name, body).received), True
+                return json.dumps(handle(name, body).received), True
             except Exception as error:  # whatever unexpected bytes lead to
                 return self._refuse(name, error), False
 
         return answer
 
-    def _begin(self, name: str, body: bytes) -> _Sender:
+    def _on_hello(self, name: str, body: bytes) -> _Sender:
         """Accepts a new sender, or a reconnecting one."""
-        hello: Hello = read(Hello, body, "hello")
+        hello: Hello = parse_json(Hello, body, "hello")
         _ = hello.calibration  # an invalid one is refused
         with self._changed:
-            if self._connected() >= MOST_SENDERS:
+            if self._count_connected() >= MOST_SENDERS:
                 raise WireError(f"{MOST_SENDERS} senders are there already")
             sender = self._senders.pop(name, None) or _Sender(expected=dict(hello.next))
-            gone = [known for known, other in self._senders.items() if not other.is_connected]
+            gone = [known for known, sender_state in self._senders.items() if not sender_state.is_connected]
             for known in gone[: max(0, len(gone) - _SENDERS_KNOWN)]:
                 del self._senders[known]
             self._senders[name] = sender
             sender.epoch_ns, sender.is_connected = hello.epoch_ns, True
-            self._put(hello)
+            self._enqueue(hello)
         return sender
 
-    def _end(self, name: str, body: bytes) -> _Sender:
+    def _on_end(self, name: str, body: bytes) -> _Sender:
         """Settles what a sender had; it hangs up itself once it has the answer."""
-        numbers = read(Counts, body, "end")
+        numbers = parse_json(Counts, body, "end")
         with self._changed:
             sender = self._senders.get(name)
             if sender is None:
@@ -203,19 +203,19 @@ class Receiver:
             if sample is not None and not 0 <= sample.t_ns < LATEST_NS:
                 raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
             with self._changed:
-                if self._counted(sender, message.topic, number, sample) and sample is not None:
+                if self._count_sample(sender, message.topic, number, sample) and sample is not None:
                     travel_ns = None if sender.epoch_ns is None else system_ns - sender.epoch_ns - sample.t_ns
                     arrival = Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns)
-                    self._put(arrival, _size(arrival))
+                    self._enqueue(arrival, _size_in_bytes(arrival))
         except Exception as error:  # whatever unexpected bytes lead to
-            self._link.say(f"{name}/refused", self._refuse(name, error))
+            self._link.publish_text(f"{name}/refused", self._refuse(name, error))
 
-    def _counted(self, sender: _Sender, topic: str, number: int, sample: Sample | None) -> bool:
+    def _count_sample(self, sender: _Sender, topic: str, number: int, sample: Sample | None) -> bool:
         """Counts a sample; returns whether it is passed on. The lock is held."""
         self._count_gap(sender, topic, number)
         sender.expected[topic] = max(number + 1, sender.expected.get(topic, 0))
         sender.received[topic] += 1
-        traffic = self._of(topic)
+        traffic = self._traffic_of(topic)
         if sample is None:
             traffic.not_finite += 1
         elif sample.t_ns <= self._last_ns.get(topic, -1):
@@ -230,10 +230,10 @@ class Receiver:
         """Counts the samples before a number that have not arrived."""
         expected = sender.expected.get(topic, 0)
         if number > expected:
-            self._of(topic).lost += number - expected
+            self._traffic_of(topic).lost += number - expected
             sender.expected[topic] = number
 
-    def _of(self, topic: str) -> Traffic:
+    def _traffic_of(self, topic: str) -> Traffic:
         if topic not in self.traffic and len(self.traffic) >= MOST_SENDERS * MOST_TOPICS:
             raise WireError("too many topics")
         return self.traffic.setdefault(topic, Traffic())
@@ -248,13 +248,13 @@ class Receiver:
                 raise WireError(f"more than {MOST_TOPICS} topics")
             known = self._decoders.get(topic)
             if known is None:
-                self._of(topic)
+                self._traffic_of(topic)
                 self._decoders[topic] = known = Decoder(topic, message.typename)
         if known.typename != message.typename:
             raise WireError(f"{topic}: invalid type {message.typename[:60]}: expected {known.typename} as before")
         return known
 
-    def _put(self, item: Arrival | Hello, size: int = 0) -> None:
+    def _enqueue(self, item: Arrival | Hello, size: int = 0) -> None:
         """Puts an item into the inbox; waits for space. The lock is held."""
         while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
             if self._is_closed:
@@ -264,7 +264,7 @@ class Receiver:
         self._bytes += size
         self._changed.notify_all()
 
-    def _leave(self, name: str) -> None:
+    def _disconnect(self, name: str) -> None:
         with self._changed:
             if name in self._senders:
                 self._senders[name].is_connected = False
@@ -274,16 +274,16 @@ class Receiver:
     def _refuse(self, name: str, error: Exception) -> str:
         """Takes nothing more from a sender; returns the reason."""
         is_expected = isinstance(error, StrideTwinError | ValueError)
-        words = str(error) if is_expected else f"{type(error).__name__}: {error}"
+        reason = str(error) if is_expected else f"{type(error).__name__}: {error}"
         with self._changed:
             self.refusals += 1
             if len(self.refused) < _REFUSALS_KEPT:
-                self.refused.append(f"sender {name[:8]}: {words}")
-        self._leave(name)
-        return words[:4096]
+                self.refused.append(f"sender {name[:8]}: {reason}")
+        self._disconnect(name)
+        return reason[:4096]
 
 
-def _size(arrival: Arrival) -> int:
+def _size_in_bytes(arrival: Arrival) -> int:
     """Bytes of a message and its decoded image."""
     sample, size = arrival.sample, len(arrival.message.payload)
     if isinstance(sample, Image | Depth):
@@ -291,7 +291,7 @@ def _size(arrival: Arrival) -> int:
     return size
 
 
-def _free_port(host: str) -> int:
+def _find_free_port(host: str) -> int:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.create_server((host, 0), family=family) as taken:
         port: int = taken.getsockname()[1]
@@ -314,7 +314,7 @@ class Reorder:
 
     def __init__(self, window_s: float) -> None:
         self._window_ns = round(window_s * 1e9)
-        self._held: list[tuple[tuple[int, int, str], int, Arrival]] = []
+        self._heap: list[tuple[tuple[int, int, str], int, Arrival]] = []
         self._newest: dict[str, int] = {}
         self._released_ns = -1
         self._count = 0
@@ -327,27 +327,27 @@ class Reorder:
             self.late[topic] += 1
         self._newest[topic] = t_ns
         self._count += 1
-        heapq.heappush(self._held, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
+        heapq.heappush(self._heap, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
 
     def ready(self, now_ns: int) -> Iterator[Arrival]:
         """The released samples, in order, at a time on the clock of `Arrival.since_ns`."""
-        while self._held:
-            t_ns, since_ns = self._held[0][0][0], self._held[0][2].since_ns
+        while self._heap:
+            t_ns, since_ns = self._heap[0][0][0], self._heap[0][2].since_ns
             passed = min(self._newest.values()) >= t_ns or max(self._newest.values()) - t_ns >= self._window_ns
             if not passed and now_ns - since_ns < self._window_ns:
                 return
             yield self._pop()
 
-    def rest(self) -> Iterator[Arrival]:
+    def flush(self) -> Iterator[Arrival]:
         """All buffered samples, in order."""
-        while self._held:
+        while self._heap:
             yield self._pop()
 
     def due_s(self, now_ns: int) -> float | None:
         """Seconds until the oldest sample is released; None if the buffer is empty."""
-        return max(0.0, (self._held[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._held else None
+        return max(0.0, (self._heap[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._heap else None
 
     def _pop(self) -> Arrival:
-        arrival = heapq.heappop(self._held)[2]
+        arrival = heapq.heappop(self._heap)[2]
         self._released_ns = max(self._released_ns, arrival.sample.t_ns)
         return arrival

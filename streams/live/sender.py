@@ -13,7 +13,16 @@ from typing import Self
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.live.messages import Encoder, Message
-from stridetwin.streams.live.wire import LARGEST_HELLO, VERSION, Counts, Hello, Link, WireError, check_message, read
+from stridetwin.streams.live.wire import (
+    LARGEST_HELLO,
+    VERSION,
+    Counts,
+    Hello,
+    Link,
+    WireError,
+    check_message,
+    parse_json,
+)
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
@@ -55,7 +64,7 @@ class Sender:
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
-        self._where, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
+        self._address_text, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
         self._address = address
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
         if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
@@ -66,9 +75,9 @@ class Sender:
         self._queues: dict[str, deque[tuple[int, int, Message]]] = {}  # order among all, number in the topic
         self._order = 0
         self._numbers: Counter[str] = Counter()
-        self._receiver, self._known = "", ""  # the one that is present, and the one last greeted
+        self._receiver, self._greeted_receiver = "", ""  # the one that is present, and the one last greeted
         self._is_greeted = False
-        self._put: Counter[str] = Counter()  # to this receiver
+        self._put_counts: Counter[str] = Counter()  # to this receiver
         self._next: dict[str, int] = {}  # number of the sample after the last one put, by topic
         self._first: dict[str, int] = {}  # that when the receiver appeared
         self._changed = threading.Condition()
@@ -90,7 +99,7 @@ class Sender:
             self._changed.notify_all()
         self._thread.join()
         if error is None:
-            self._check()
+            self._raise_failure()
 
     def send(self, item: Sample | Message) -> None:
         """Sends a sample, or an existing message unchanged.
@@ -105,7 +114,7 @@ class Sender:
             queue = self._queues.setdefault(topic, deque())
             while self._lossless and len(queue) >= most and not self._failure:
                 self._changed.wait()
-            self._check()
+            self._raise_failure()
             if len(queue) >= most:
                 queue.popleft()
                 self.dropped[topic] += 1
@@ -114,7 +123,7 @@ class Sender:
             self._numbers[topic] += 1
             self._changed.notify_all()
 
-    def _check(self) -> None:
+    def _raise_failure(self) -> None:
         if self._failure:
             raise WireError(self._failure)
 
@@ -122,14 +131,14 @@ class Sender:
         try:
             link = Link(connect=self._address)
             try:
-                link.hear(f"{link.name}/refused", lambda _, sample: self._refused(sample.payload.to_string()))
-                link.watch("receiver/*", self._on_receiver)
+                link.subscribe(f"{link.name}/refused", lambda _, sample: self._on_refusal(sample.payload.to_string()))
+                link.watch_presence("receiver/*", self._on_receiver)
                 while self._has_receiver() and not self._deliver(link):
                     pass
             finally:
                 link.close()
         except WireError as error:
-            self._refused(str(error))
+            self._on_refusal(str(error))
         except Exception as error:  # `send` must fail with it instead of waiting for ever
             self._fail(str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}")
 
@@ -138,9 +147,9 @@ class Sender:
         with self._changed:
             since = time.monotonic()
             while not self._receiver and not self._failure:
-                gives_up = self._ending or not self._known
+                gives_up = self._ending or not self._greeted_receiver
                 if gives_up and time.monotonic() - since > self._patience_s:
-                    self._fail(f"no `stridetwin live` of this version listens at {self._where}")
+                    self._fail(f"no `stridetwin live` of this version listens at {self._address_text}")
                 self._changed.wait(min(_POLL_S, self._patience_s))
             return not self._failure
 
@@ -156,7 +165,7 @@ class Sender:
                 topic = min(waiting, key=lambda t: self._queues[t][0][0])
                 _, number, message = self._queues[topic].popleft()
                 self.sent[topic] += 1
-                self._put[topic] += 1
+                self._put_counts[topic] += 1
                 self._next[topic] = number + 1
                 self._changed.notify_all()
         if not is_greeted:
@@ -164,28 +173,28 @@ class Sender:
         elif waiting:
             link.send(message, number)
         else:
-            return self._settle(link.ask(f"{link.name}/end", json.dumps(self._numbers)))
+            return self._count_losses(link.query(f"{link.name}/end", json.dumps(self._numbers)))
         return False
 
     def _greet(self, link: Link) -> None:
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
-            if self._receiver != self._known:  # another one than before
-                self._put.clear()
-                self._known, self._first = self._receiver, dict(self._next)
+            if self._receiver != self._greeted_receiver:  # another one than before
+                self._put_counts.clear()
+                self._greeted_receiver, self._first = self._receiver, dict(self._next)
             hello = self._hello.model_copy(update={"next": self._first})
-        if not self._settle(link.ask(f"{link.name}/hello", hello.model_dump_json())):
+        if not self._count_losses(link.query(f"{link.name}/hello", hello.model_dump_json())):
             self._is_greeted = False
 
-    def _settle(self, answer: bytes | None) -> bool:
+    def _count_losses(self, answer: bytes | None) -> bool:
         """Counts the samples that the receiver has not received as dropped; returns whether it has answered."""
         if answer is None:
             return False
-        received = read(Counts, answer, "answer")
+        received = parse_json(Counts, answer, "answer")
         with self._changed:
-            missing = self._put - Counter(received)
+            missing = self._put_counts - Counter(received)
             self.sent -= missing
-            self._put -= missing
+            self._put_counts -= missing
             self.dropped += missing
         return True
 
@@ -196,10 +205,10 @@ class Sender:
                 self._receiver, self._is_greeted = name if is_present else "", False
                 self._changed.notify_all()
 
-    def _refused(self, words: str) -> None:
-        self._fail(f"{self._where} refuses: {words}")
+    def _on_refusal(self, reason: str) -> None:
+        self._fail(f"{self._address_text} refuses: {reason}")
 
-    def _fail(self, words: str) -> None:
+    def _fail(self, reason: str) -> None:
         with self._changed:
-            self._failure = self._failure or words
+            self._failure = self._failure or reason
             self._changed.notify_all()

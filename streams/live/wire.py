@@ -24,13 +24,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stridetwin.streams.bounded_images import check_pixels
-from stridetwin.streams.errors import StrideTwinError, needing
+from stridetwin.streams.errors import StrideTwinError, explain_import_error
 from stridetwin.streams.kalibr import rig_from_yaml
 from stridetwin.streams.live.messages import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS
-from stridetwin.streams.validation import adapter
+from stridetwin.streams.validation import type_adapter
 from stridetwin.streams.yaml_file import check_yaml
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class Hello(BaseModel):
         return rig
 
 
-def read(kind: Any, body: bytes, what: str) -> Any:
+def parse_json(kind: Any, body: bytes, what: str) -> Any:
     """A `Hello` or `Counts` from the JSON of a query.
 
     Raises:
@@ -120,11 +120,11 @@ def read(kind: Any, body: bytes, what: str) -> Any:
     if len(body) > LARGEST_HELLO:
         raise WireError(f"invalid {what} of {len(body)} bytes: expected up to {LARGEST_HELLO}")
     try:
-        return adapter(kind).validate_json(body)
+        return type_adapter(kind).validate_json(body)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        place, given = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
-        raise WireError(f"{what}: invalid {place} {given}: {first['msg']}".replace("  ", " ")) from error
+        place, value = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
+        raise WireError(f"{what}: invalid {place} {value}: {first['msg']}".replace("  ", " ")) from error
 
 
 def check_message(message: Message) -> None:
@@ -178,7 +178,7 @@ class Link:
     """
 
     def __init__(self, *, listen: tuple[str, int] | None = None, connect: tuple[str, int] | None = None) -> None:
-        with needing("live and send need it", "live"):
+        with explain_import_error("live and send need it", "live"):
             import zenoh
         self._zenoh, config = zenoh, zenoh.Config()
         endpoints = {"listen/endpoints": _endpoints(listen), "connect/endpoints": _endpoints(connect)}
@@ -187,9 +187,9 @@ class Link:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            words = re.split(r" \(os error| at /", str(error).partition("[")[2] or str(error))[0]  # no lines of Rust
+            reason = re.split(r" \(os error| at /", str(error).partition("[")[2] or str(error))[0]  # no lines of Rust
             where = listen or connect or ("", 0)
-            raise StrideTwinError(f"cannot listen at {where[0]}:{where[1]}: {words.rpartition(': ')[2]}") from error
+            raise StrideTwinError(f"cannot listen at {where[0]}:{where[1]}: {reason.rpartition(': ')[2]}") from error
         self.name = str(self._session.zid())
         self._tokens: list[zenoh.LivelinessToken] = []
 
@@ -204,44 +204,46 @@ class Link:
             attachment=_MARK.pack(message.t_ns, number), congestion_control=self._zenoh.CongestionControl.BLOCK,
         )  # fmt: skip
 
-    def say(self, key: str, text: str) -> None:
+    def publish_text(self, key: str, text: str) -> None:
         """Publishes a text."""
         self._session.put(f"{_ROOT}/{key}", text)
 
-    def hear(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
+    def subscribe(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
         """Calls a function with the sender's ID and each sample of a key."""
-        self._session.declare_subscriber(f"{_ROOT}/{key}", self._direct(lambda s: act(_name_in(s.key_expr), s)))
+        self._session.declare_subscriber(f"{_ROOT}/{key}", self._to_callback(lambda s: act(_sender_id(s.key_expr), s)))
 
-    def when_gone(self, act: Callable[[str], None]) -> None:
+    def on_disconnect(self, act: Callable[[str], None]) -> None:
         """Calls a function with the Zenoh ID of each peer whose connection ends."""
         put = self._zenoh.SampleKind.PUT
-        handler = self._direct(lambda event: None if event.kind == put else act(str(event.transport.zid)))
+        handler = self._to_callback(lambda event: None if event.kind == put else act(str(event.transport.zid)))
         self._session.info.declare_transport_events_listener(handler)
 
-    def appear(self, key: str) -> None:
+    def declare_presence(self, key: str) -> None:
         """Shows a token while the connection lasts."""
         self._tokens.append(self._session.liveliness().declare_token(f"{_ROOT}/{key}"))
 
-    def watch(self, key: str, act: Callable[[str, bool], None]) -> None:
+    def watch_presence(self, key: str, act: Callable[[str, bool], None]) -> None:
         """Calls a function with the key of each token that appears (true) or disappears."""
         put = self._zenoh.SampleKind.PUT
-        handler = self._direct(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
+        handler = self._to_callback(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
         self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
 
-    def answer(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
+    def answer_queries(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
         """Answers queries of a key: a function takes the sender's ID and the body; returns a reply and its success."""
 
         def reply(query: zenoh.Query) -> None:
-            answer, done = act(_name_in(query.key_expr), query.payload.to_bytes() if query.payload is not None else b"")
+            answer, done = act(
+                _sender_id(query.key_expr), query.payload.to_bytes() if query.payload is not None else b""
+            )
             with query:
                 if done:
                     query.reply(query.key_expr, answer)
                 else:
                     query.reply_err(answer)
 
-        self._session.declare_queryable(f"{_ROOT}/{key}", self._direct(reply))
+        self._session.declare_queryable(f"{_ROOT}/{key}", self._to_callback(reply))
 
-    def ask(self, key: str, body: str) -> bytes | None:
+    def query(self, key: str, body: str) -> bytes | None:
         """The receiver's answer to a query; None if the connection is lost.
 
         Raises:
@@ -250,11 +252,11 @@ class Link:
         for reply in self._session.get(f"{_ROOT}/{key}", payload=body, timeout=_ANSWER_S):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
-            if reply.err is not None and (words := reply.err.payload.to_string()) != "Timeout":
-                raise WireError(words)
+            if reply.err is not None and (reason := reply.err.payload.to_string()) != "Timeout":
+                raise WireError(reason)
         return None
 
-    def _direct(self, act: Callable[[Any], None]) -> Any:
+    def _to_callback(self, act: Callable[[Any], None]) -> Any:
         return self._zenoh.handlers.Callback(act, indirect=False)
 
 
@@ -265,7 +267,7 @@ def _endpoints(address: tuple[str, int] | None) -> list[str]:
     return [f"tcp/[{host}]:{port}" if ":" in host else f"tcp/{host}:{port}"]
 
 
-def _name_in(key: zenoh.KeyExpr) -> str:
+def _sender_id(key: zenoh.KeyExpr) -> str:
     return str(key).split("/")[1]
 
 
@@ -275,8 +277,8 @@ def parse_address(text: str, flag: str) -> tuple[str, int]:
     Raises:
         StrideTwinError: The text is not an address.
     """
-    found = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^][:/ \0?#]*)(?::(\d{0,5}))?", text)
-    host, port = (found[1].strip("[]"), int(found[2] or PORT)) if found else ("", -1)
+    match = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^][:/ \0?#]*)(?::(\d{0,5}))?", text)
+    host, port = (match[1].strip("[]"), int(match[2] or PORT)) if match else ("", -1)
     try:
         host.encode("idna")  # rejects empty or too long parts of a name
     except UnicodeError:

@@ -29,7 +29,7 @@ _CODES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MessageLayout:
     """Memory layout of the numbers in one kind of message.
 
     Attributes:
@@ -62,7 +62,7 @@ class Layout:
         return same_size and all(payload.startswith(word, at) for at, word in self.marks)
 
 
-class _Walk:
+class _LayoutParser:
     """One pass over a serialised message that records the offset of everything."""
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
@@ -75,11 +75,11 @@ class _Walk:
         self.lengths: list[tuple[int, int]] = []
         self.strings: dict[str, str | list[str]] = {}
 
-    def align(self, size: int) -> None:
+    def align_to(self, size: int) -> None:
         self.at += -(self.at - ENCAPSULATION) % size
 
     def length(self) -> int:
-        self.align(4)
+        self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
         if value > len(self.payload):
             raise ValueError(f"a length of {value} in a message of {len(self.payload)} bytes")
@@ -97,7 +97,7 @@ class _Walk:
         form = np.dtype(self.order + _CODES[base])
         count = int(np.prod(shape))
         if count:
-            self.align(form.itemsize)
+            self.align_to(form.itemsize)
         self.fields[path] = ((form, shape) if shape else form, self.at)
         self.at += count * form.itemsize
 
@@ -130,25 +130,25 @@ class _Walk:
                 self.numbers(path, inner[1][0], (count,))
 
 
-def layout_of(payload: bytes, typename: str, store: Typestore) -> Layout:
+def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
     """Layout of one serialised message.
 
     Raises:
         ValueError: The bytes are not a message of this type.
     """
-    walk = _Walk(payload, store)
+    parser = _LayoutParser(payload, store)
     try:
-        walk.message("", typename)
+        parser.message("", typename)
     except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: an undefined type
         raise ValueError(f"not a {typename}: {error}") from error
-    if not walk.at <= len(payload) < walk.at + 4:
-        raise ValueError(f"a {typename} of {len(payload)} bytes where {walk.at} were expected")
+    if not parser.at <= len(payload) < parser.at + 4:
+        raise ValueError(f"a {typename} of {len(payload)} bytes where {parser.at} were expected")
     dtype = np.dtype(
         {
-            "names": list(walk.fields),
-            "formats": [form for form, _ in walk.fields.values()],
-            "offsets": [at for _, at in walk.fields.values()],
+            "names": list(parser.fields),
+            "formats": [form for form, _ in parser.fields.values()],
+            "offsets": [at for _, at in parser.fields.values()],
             "itemsize": len(payload),
         }
     )
-    return Layout(dtype, tuple(walk.lengths), walk.strings, payload[:ENCAPSULATION])
+    return MessageLayout(dtype, tuple(parser.lengths), parser.strings, payload[:ENCAPSULATION])

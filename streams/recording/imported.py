@@ -13,7 +13,7 @@ import numpy as np
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_problems
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, increasing
+from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, is_increasing
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,10 +74,10 @@ class ImportedContents:
         self.metadata, self.unread = metadata, unread
         self.problems, self.warnings = notes.problems, notes.warnings
         self._notes = notes
-        self._blocks = {t: kept for t, b in blocks.items() if len(kept := self._sound(t, b))}
-        self._images = {t: seen for t, p in images.items() if len((seen := self._in_order(t, p)).t_ns)}
-        self.topics = {t: _info(b.kind, b.t_ns) for t, b in self._blocks.items()}
-        self.topics |= {t: _info(p.kind, p.t_ns) for t, p in self._images.items()}
+        self._blocks = {t: valid for t, b in blocks.items() if len(valid := self._drop_invalid_samples(t, b))}
+        self._images = {t: ordered for t, p in images.items() if len((ordered := self._drop_late_images(t, p)).t_ns)}
+        self.topics = {t: _to_topic_info(b.kind, b.t_ns) for t, b in self._blocks.items()}
+        self.topics |= {t: _to_topic_info(p.kind, p.t_ns) for t, p in self._images.items()}
         if not self.topics:
             raise RecordingError(f"{notes.path}: no readable sample")
         for problem in rate_problems(rig, self.topics):
@@ -86,7 +86,7 @@ class ImportedContents:
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
         ordered = sorted(topics, key=lambda t: (t in self._images, t))
-        streams = [self._stream(topic, order) for order, topic in enumerate(ordered)]
+        streams = [self._iterate_topic(topic, order) for order, topic in enumerate(ordered)]
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
@@ -100,24 +100,24 @@ class ImportedContents:
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
         count = len(self._images[topic].t_ns)
-        found = {i: self._image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
-        return {i: image for i, image in found.items() if image is not None}
+        loaded = {i: self._load_image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
+        return {i: image for i, image in loaded.items() if image is not None}
 
     def image_times(self, topic: str) -> Stamps | None:
         """(N,) ns, None for a topic without images."""
         return self._images[topic].t_ns if topic in self._images else None
 
-    def _stream(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
+    def _iterate_topic(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
         """A topic's samples after their stamps and the topic's rank among equal stamps."""
         if topic in self._blocks:
             for sample in self._blocks[topic]:
                 yield sample.t_ns, order, sample
         else:
             for i in range(len(self._images[topic].t_ns)):
-                if (image := self._image(topic, i)) is not None:
+                if (image := self._load_image(topic, i)) is not None:
                     yield image.t_ns, order, image
 
-    def _image(self, topic: str, i: int) -> Image | Depth | None:
+    def _load_image(self, topic: str, i: int) -> Image | Depth | None:
         images = self._images[topic]
         try:
             return images.load(topic, i)
@@ -127,29 +127,29 @@ class ImportedContents:
             self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
         return None
 
-    def _sound(self, topic: str, block: Block[Any]) -> Block[Any]:
-        keep = self._rising(topic, block.t_ns)
+    def _drop_invalid_samples(self, topic: str, block: Block[Any]) -> Block[Any]:
+        keep = self._check_stamps(topic, block.t_ns)
         sound = block.finite
         if not sound.all():
             at = int(np.argmin(sound))
             self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
         return block[keep & sound]
 
-    def _in_order(self, topic: str, images: ImageStream) -> ImageStream:
-        keep = self._rising(topic, images.t_ns)
+    def _drop_late_images(self, topic: str, images: ImageStream) -> ImageStream:
+        keep = self._check_stamps(topic, images.t_ns)
         if keep.all():
             return images
         at = np.flatnonzero(keep)
         load = images.load
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
-    def _rising(self, topic: str, t_ns: Stamps) -> Mask:
+    def _check_stamps(self, topic: str, t_ns: Stamps) -> Mask:
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
         if not on_clock.all():
             at = int(np.argmin(on_clock))
             what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
             self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
-        rising = increasing(np.where(on_clock, t_ns, -1))
+        rising = is_increasing(np.where(on_clock, t_ns, -1))
         late = on_clock & ~rising
         if late.any():
             at = int(np.argmax(late))
@@ -159,5 +159,5 @@ class ImportedContents:
         return np.asarray(on_clock & rising)
 
 
-def _info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:
+def _to_topic_info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:
     return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))

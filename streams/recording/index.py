@@ -14,7 +14,14 @@ from mcap.opcode import Opcode
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError
 from stridetwin.streams.kalibr import rig_from_yaml
-from stridetwin.streams.recording.mcap_scan import CutOffError, DamagedError, Messages, Unpacking, parse, top_records
+from stridetwin.streams.recording.mcap_scan import (
+    CutOffError,
+    DamagedError,
+    Messages,
+    Unpacking,
+    parse_record,
+    top_records,
+)
 from stridetwin.streams.recording.recording_schema import (
     METADATA_NAME,
     NO_VERSION,
@@ -25,7 +32,7 @@ from stridetwin.streams.recording.recording_schema import (
 from stridetwin.streams.recording.ros_types import Definitions
 from stridetwin.streams.recording.topic_reader import READABLE, TopicReader
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Imu, Sample, Stamps, increasing
+from stridetwin.streams.samples import Block, Imu, Sample, Stamps, is_increasing
 
 KEPT_BYTES = 32 << 20
 """IMU samples of a file that stay in memory after the first pass: an hour of one IMU."""
@@ -108,14 +115,14 @@ class Notes:
             raise error
         self.problem(Problem("", None, str(error)))
 
-    def warn(self, words: str) -> None:
+    def warn(self, text: str) -> None:
         """Records an assumption, once."""
-        if words not in self.warnings:
-            self.warnings.append(words)
+        if text not in self.warnings:
+            self.warnings.append(text)
 
 
 @dataclass(frozen=True)
-class Part:
+class ChunkPart:
     """One topic in one chunk: samples kept, first and last stamp, last stamp before the chunk."""
 
     count: int
@@ -129,7 +136,7 @@ class ChunkInfo:
     """Position of a chunk in the file, and its contents by topic."""
 
     offset: int
-    parts: dict[str, Part]
+    parts: dict[str, ChunkPart]
 
 
 def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
@@ -137,7 +144,7 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
     if rig is None:
         return
     declared = {t: imu.rate_hz for t, imu in rig.imus.items()}
-    declared |= {t: other.rate_hz for t, other in rig.others.items()}
+    declared |= {t: sensor.rate_hz for t, sensor in rig.others.items()}
     for camera in rig.cameras.values():
         declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
     for topic, rate in declared.items():
@@ -179,7 +186,7 @@ class RecordingIndex:
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
         self._kept: dict[str, list[Block[Any]]] = {}
-        self._room = KEPT_BYTES
+        self._free_bytes = KEPT_BYTES
         self._parts_of_times: dict[str, list[Stamps]] = {}
         self._schemas: dict[int, records.Schema] = {}
         self._definitions = Definitions()
@@ -194,30 +201,30 @@ class RecordingIndex:
             self._unpacking = Unpacking(self.path)
             for opcode, offset, body in top_records(self.path):
                 try:
-                    self._top_record(opcode, offset, body)
+                    self._index_record(opcode, offset, body)
                 except DamagedError as error:
-                    self.notes.problem(Problem("", None, f"{error} (at byte {offset}, {self._until()})"))
+                    self.notes.problem(Problem("", None, f"{error} (at byte {offset}, {self._readable_range_text()})"))
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except CutOffError as error:
-            self.notes.problem(Problem("", None, f"{error}; {self._until()}"))
+            self.notes.problem(Problem("", None, f"{error}; {self._readable_range_text()}"))
         except DamagedError as error:
             self.notes.problem(Problem("", None, str(error)))
 
-    def _until(self) -> str:
+    def _readable_range_text(self) -> str:
         last = max((t.last_ns for t in self.topics.values()), default=None)
         return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
 
-    def _top_record(self, opcode: int, offset: int, body: bytes) -> None:
+    def _index_record(self, opcode: int, offset: int, body: bytes) -> None:
         if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
-            found, messages = self._unpacking.contents(opcode, body)
-            for record in found:
-                self._register(record)
+            definitions, messages = self._unpacking.contents(opcode, body)
+            for record in definitions:
+                self._register_definition(record)
             self._index_chunk(offset, messages)
         elif opcode == Opcode.ATTACHMENT:
-            self.rig = attached_rig(body) or self.rig
+            self.rig = parse_rig_attachment(body) or self.rig
         elif opcode == Opcode.METADATA:
-            metadata = parse(records.Metadata, body)
+            metadata = parse_record(records.Metadata, body)
             if metadata.name == VERSION_RECORD:
                 self.schema_version = read_version(metadata.metadata, self.path)
             elif metadata.name == METADATA_NAME:
@@ -225,7 +232,7 @@ class RecordingIndex:
         elif opcode == Opcode.MESSAGE:
             raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
-    def _register(self, record: Any) -> None:
+    def _register_definition(self, record: Any) -> None:
         if isinstance(record, records.Schema):
             self._schemas[record.id] = record
         elif record.id not in self.channels:
@@ -239,14 +246,14 @@ class RecordingIndex:
             else:
                 text = schema.data.decode(errors="replace")
                 try:
-                    self._definitions.take(text)
+                    self._definitions.add(text)
                     self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
                 except ValueError as error:
                     self.unread[record.topic] = name
                     self.notes.problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
-        parts: dict[str, Part] = {}
+        parts: dict[str, ChunkPart] = {}
         for channel, messages in by_channel.items():
             topic = self.channels.get(channel, "")
             if topic in self.readers and topic not in parts:
@@ -256,15 +263,15 @@ class RecordingIndex:
         if parts:
             self.chunks.append(ChunkInfo(offset, parts))
 
-    def _keep(self, block: Block[Any]) -> None:
+    def _keep_in_memory(self, block: Block[Any]) -> None:
         """Keeps the samples of an IMU; if they become too many, all of them are read again instead."""
-        self._room -= block.t_ns.nbytes + sum(values.nbytes for values in block.columns.values())
-        if self._room < 0:
+        self._free_bytes -= block.t_ns.nbytes + sum(values.nbytes for values in block.columns.values())
+        if self._free_bytes < 0:
             self._kept = {}
         elif len(block):
             self._kept.setdefault(block.topic, []).append(block)
 
-    def _index_topic(self, topic: str, messages: Messages) -> Part | None:
+    def _index_topic(self, topic: str, messages: Messages) -> ChunkPart | None:
         reader = self.readers[topic]
         known = self.topics.get(topic)
         before = known.last_ns if known else -1
@@ -274,7 +281,7 @@ class RecordingIndex:
         except ValueError as error:
             self.notes.problem(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
             return None
-        rising = increasing(t, before)
+        rising = is_increasing(t, before)
         if not rising.all():
             i = int(np.argmin(rising))
             earlier = max(before, int(t[:i].max(initial=before)))
@@ -288,23 +295,23 @@ class RecordingIndex:
             keep = rising & sound
         kept = t[keep]
         if block is not None and block.kind is Imu:
-            self._keep(block[keep])
+            self._keep_in_memory(block[keep])
         if not len(kept) or reader.kind is None:
             return None
         self._parts_of_times.setdefault(topic, []).append(kept)
-        part = Part(len(kept), int(kept[0]), int(kept[-1]), before)
+        part = ChunkPart(len(kept), int(kept[0]), int(kept[-1]), before)
         count, first = (known.count, known.first_ns) if known else (0, part.first)
         self.topics[topic] = TopicInfo(reader.kind, count + part.count, first, part.last)
         return part
 
 
-def is_ours(path: Path, if_damaged: bool) -> bool:
+def is_stridetwin_recording(path: Path, if_damaged: bool) -> bool:
     """Whether an MCAP file begins like our recordings; `if_damaged` for one that cannot be read that far."""
     try:
         for opcode, _, body in top_records(path):
-            if opcode == Opcode.ATTACHMENT and parse(records.Attachment, body).name == RIG_NAME:
+            if opcode == Opcode.ATTACHMENT and parse_record(records.Attachment, body).name == RIG_NAME:
                 return True
-            if opcode == Opcode.METADATA and parse(records.Metadata, body).name in (
+            if opcode == Opcode.METADATA and parse_record(records.Metadata, body).name in (
                 METADATA_NAME,
                 VERSION_RECORD,
             ):
@@ -316,13 +323,13 @@ def is_ours(path: Path, if_damaged: bool) -> bool:
     return False
 
 
-def attached_rig(body: bytes) -> Rig | None:
+def parse_rig_attachment(body: bytes) -> Rig | None:
     """The calibration in an attachment; None for another attachment.
 
     Raises:
         DamagedError: The attachment's CRC is wrong, or the calibration is invalid.
     """
-    attachment = parse(records.Attachment, body)
+    attachment = parse_record(records.Attachment, body)
     if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
         raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
     if attachment.name != RIG_NAME:
@@ -344,11 +351,11 @@ def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
         for opcode, _, body in top_records(path):
             if opcode == Opcode.ATTACHMENT:
                 try:
-                    rig = attached_rig(body) or rig
+                    rig = parse_rig_attachment(body) or rig
                 except DamagedError as error:
                     notes.problem(Problem("", None, str(error)))
             elif opcode == Opcode.METADATA:
-                record = parse(records.Metadata, body)
+                record = parse_record(records.Metadata, body)
                 if record.name == VERSION_RECORD:
                     read_version(record.metadata, path)
                 elif record.name == METADATA_NAME:

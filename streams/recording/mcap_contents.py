@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.recording.index import ChunkInfo, Part, Problem, RecordingIndex
+from stridetwin.streams.recording.index import ChunkInfo, ChunkPart, Problem, RecordingIndex
 from stridetwin.streams.recording.mcap_scan import Messages, chunk_contents, read_chunk
-from stridetwin.streams.recording.topic_reader import TopicReader, concatenated
-from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps, increasing
+from stridetwin.streams.recording.topic_reader import TopicReader, concatenate_blocks
+from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps, is_increasing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,53 +50,53 @@ class McapContents(RecordingIndex):
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
         order = {topic: (int(self.readers[topic].is_image), topic) for topic in topics}
-        return self._merged(order, self._chunk_samples)
+        return self._merge_by_time(order, self._chunk_samples)
 
     def messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
         """Messages of the topics in time order, as stored; at equal stamps by the rank of the kind of their samples."""
         order = {topic: (rank_of(self.topics[topic].kind), topic) for topic in topics}
-        return self._merged(order, self._chunk_messages)
+        return self._merge_by_time(order, self._chunk_messages)
 
-    def _merged(
+    def _merge_by_time(
         self, order: Mapping[str, Order], read: Callable[[ChunkInfo, list[str]], Iterator[tuple[str, Iterator[Item]]]]
     ) -> Iterator[Item]:
         """The items of the topics of all chunks in time order, at equal stamps in a given one."""
         parts = [
-            (min(c.parts[t].first for t in here), i, here, c)
+            (min(c.parts[t].first for t in chunk_topics), i, chunk_topics, c)
             for i, c in enumerate(self.chunks)
-            if (here := [t for t in order if t in c.parts])
+            if (chunk_topics := [t for t in order if t in c.parts])
         ]
         heap: list[tuple[int, Order, int, Item, Iterator[Item]]] = []
-        for start, i, here, chunk in sorted(parts, key=lambda p: p[:2]):
-            yield from _until(heap, start)
-            for topic, items in read(chunk, here):
+        for start, i, chunk_topics, chunk in sorted(parts, key=lambda p: p[:2]):
+            yield from _pop_until(heap, start)
+            for topic, items in read(chunk, chunk_topics):
                 if (first := next(items, None)) is not None:
                     heapq.heappush(heap, (first.t_ns, order[topic], i, first, items))
-        yield from _until(heap, None)
+        yield from _pop_until(heap, None)
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
         """All samples of some topics without images, in one pass over the file."""
         parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
         missing = [topic for topic in topics if topic not in self._kept]
         for chunk in self.chunks if missing else ():
-            here = [topic for topic in missing if topic in chunk.parts]
-            for topic, messages in self._messages(chunk, here).items() if here else ():
-                parts[topic].append(self._kept_block(self.readers[topic], messages, chunk.parts[topic]))
-        return {topic: concatenated(blocks) for topic, blocks in parts.items()}
+            chunk_topics = [topic for topic in missing if topic in chunk.parts]
+            for topic, messages in self._read_messages(chunk, chunk_topics).items() if chunk_topics else ():
+                parts[topic].append(self._decode_valid_block(self.readers[topic], messages, chunk.parts[topic]))
+        return {topic: concatenate_blocks(blocks) for topic, blocks in parts.items()}
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """The requested images that exist, by number."""
-        found: dict[int, Image | Depth] = {}
-        chunks, ends = self._places(topic)
+        images: dict[int, Image | Depth] = {}
+        chunks, ends = self._chunks_with_images(topic)
         wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
-        for k, here in _grouped(wanted, np.searchsorted(ends, wanted, side="right")):
+        for k, numbers in _split_by_group(wanted, np.searchsorted(ends, wanted, side="right")):
             part = chunks[k].parts[topic]
-            kept = self._kept_images(topic, self._messages(chunks[k], [topic])[topic], part)
-            chosen = kept.some(here - (ends[k] - part.count))
-            found |= dict(zip(here.tolist(), self._images(topic, chosen)))
-        return found
+            stored = self._select_ordered_images(topic, self._read_messages(chunks[k], [topic])[topic], part)
+            chosen = stored.select(numbers - (ends[k] - part.count))
+            images |= dict(zip(numbers.tolist(), self._decode_images(topic, chosen)))
+        return images
 
-    def _places(self, topic: str) -> tuple[list[ChunkInfo], NDArray[np.int64]]:
+    def _chunks_with_images(self, topic: str) -> tuple[list[ChunkInfo], NDArray[np.int64]]:
         """Chunks with images of a topic, and the number of its images up to the end of each."""
         if topic not in self._chunks_of:
             chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
@@ -111,7 +111,7 @@ class McapContents(RecordingIndex):
         """(N,) ns, from the index."""
         return self._times[topic]
 
-    def _messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
+    def _read_messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         """The messages of some topics in a chunk; the last chunk stays unpacked, as topics are read in turn."""
         offset, named = self._unpacked
         if offset != chunk.offset:
@@ -123,43 +123,46 @@ class McapContents(RecordingIndex):
         return {topic: named[topic] for topic in topics}
 
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
-        for topic, messages in self._messages(chunk, topics).items():
+        for topic, messages in self._read_messages(chunk, topics).items():
             reader = self.readers[topic]
             if reader.is_image:
-                yield topic, self._images(topic, self._kept_images(topic, messages, chunk.parts[topic]))
+                yield (
+                    topic,
+                    self._decode_images(topic, self._select_ordered_images(topic, messages, chunk.parts[topic])),
+                )
             else:
-                yield topic, iter(self._kept_block(reader, messages, chunk.parts[topic]))
+                yield topic, iter(self._decode_valid_block(reader, messages, chunk.parts[topic]))
 
     def _chunk_messages(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Message]]]:
-        for topic, messages in self._messages(chunk, topics).items():
-            yield topic, self._stored(self.readers[topic], messages, chunk.parts[topic])
+        for topic, messages in self._read_messages(chunk, topics).items():
+            yield topic, self._iterate_messages(self.readers[topic], messages, chunk.parts[topic])
 
-    def _stored(self, reader: TopicReader, messages: Messages, part: Part) -> Iterator[Message]:
+    def _iterate_messages(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Iterator[Message]:
         times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
-        for i in np.flatnonzero(increasing(times, part.before)).tolist():
+        for i in np.flatnonzero(is_increasing(times, part.before)).tolist():
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
-    def _kept_block(self, reader: TopicReader, messages: Messages, part: Part) -> Block[Any]:
+    def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Any]:
         block = reader.block(messages)
-        keep = increasing(block.t_ns, part.before)
+        keep = is_increasing(block.t_ns, part.before)
         return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]
 
-    def _kept_images(self, topic: str, messages: Messages, part: Part) -> Messages:
+    def _select_ordered_images(self, topic: str, messages: Messages, part: ChunkPart) -> Messages:
         t = self.readers[topic].times(messages)
-        keep = increasing(t, part.before)
-        return replace(messages, log_time=t).some(np.flatnonzero(keep))
+        keep = is_increasing(t, part.before)
+        return replace(messages, log_time=t).select(np.flatnonzero(keep))
 
-    def _images(self, topic: str, kept: Messages) -> Iterator[Image | Depth]:
+    def _decode_images(self, topic: str, messages: Messages) -> Iterator[Image | Depth]:
         """Decodes images one at a time, on request."""
-        for i, t in enumerate(kept.log_time.tolist()):
+        for i, t in enumerate(messages.log_time.tolist()):
             try:
-                yield self.readers[topic].image(kept.payload(i), t)
+                yield self.readers[topic].image(messages.payload(i), t)
             except ValueError as error:
                 self.notes.problem(Problem(topic, t, str(error)))
 
 
-def _grouped(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Each group's number, and its values; the groups are in order."""
     edges = np.flatnonzero(np.diff(groups)) + 1
     for first, part in zip(np.concatenate(([0], edges)), np.split(values, edges)):
@@ -167,7 +170,7 @@ def _grouped(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tu
             yield int(groups[first]), part
 
 
-def _until(heap: list[tuple[int, Order, int, Item, Iterator[Item]]], end_ns: int | None) -> Iterator[Item]:
+def _pop_until(heap: list[tuple[int, Order, int, Item, Iterator[Item]]], end_ns: int | None) -> Iterator[Item]:
     """Pops the items before `end_ns` off a heap of (stamp, order, chunk, item, following items)."""
     while heap and (end_ns is None or heap[0][0] < end_ns):
         _, order, chunk, item, following = heap[0]

@@ -69,25 +69,25 @@ class Unpacking:
             RecordingError: The file is a decompression bomb.
         """
         if opcode != Opcode.CHUNK:
-            self.took(0, 1)
-            return [parse(_RECORDS[opcode], body)], {}
-        chunk = parse(records.Chunk, body)
+            self.count_records(0, 1)
+            return [parse_record(_RECORDS[opcode], body)], {}
+        chunk = parse_record(records.Chunk, body)
         self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
-        self._stop(self._bytes, "bytes unpacked")
+        self._check_limit(self._bytes, "bytes unpacked")
         return chunk_contents(decompress(chunk), self)
 
-    def took(self, messages: int, others: int) -> None:
+    def count_records(self, messages: int, definitions: int) -> None:
         """Counts messages, and other records (schemas and channels).
 
         Raises:
             RecordingError: As `contents`.
         """
         self._messages -= messages
-        self._stop(self._messages, "messages")
-        self._channels -= others
-        self._stop(self._channels, "schemas and channels")
+        self._check_limit(self._messages, "messages")
+        self._channels -= definitions
+        self._check_limit(self._channels, "schemas and channels")
 
-    def _stop(self, left: int, what: str) -> None:
+    def _check_limit(self, left: int, what: str) -> None:
         if left < 0:
             raise RecordingError(f"{self._path}: more {what} than a file of this size can hold; it is not read")
 
@@ -115,9 +115,9 @@ class Messages:
         """Bytes of one message."""
         return self.data[self.starts[i] : self.starts[i] + self.lengths[i]]
 
-    def some(self, chosen: NDArray[np.int64]) -> Messages:
+    def select(self, indices: NDArray[np.int64]) -> Messages:
         """The messages with the given numbers (K,)."""
-        return Messages(self.data, self.starts[chosen], self.lengths[chosen], self.log_time[chosen])
+        return Messages(self.data, self.starts[indices], self.lengths[indices], self.log_time[indices])
 
     def rows(self) -> NDArray[np.void]:
         """(N,) raw items, for messages of one common length."""
@@ -166,7 +166,7 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             yield opcode, offset, body
 
 
-def parse(record: type[R], body: bytes) -> R:
+def parse_record(record: type[R], body: bytes) -> R:
     """A record of the mcap library from its body.
 
     Raises:
@@ -183,7 +183,7 @@ def read_chunk(path: Path, offset: int) -> bytes:
     with path.open("rb") as file:
         file.seek(offset)
         _, length = _HEAD.unpack(file.read(_HEAD.size))
-        return decompress(parse(records.Chunk, file.read(length)))
+        return decompress(parse_record(records.Chunk, file.read(length)))
 
 
 def decompress(chunk: records.Chunk) -> bytes:
@@ -202,7 +202,7 @@ def decompress(chunk: records.Chunk) -> bytes:
                 raise DamagedError("a damaged chunk")
             data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)
         elif chunk.compression == "lz4":
-            data = _unpacked_lz4(chunk.data, size)
+            data = _unpack_lz4(chunk.data, size)
         elif chunk.compression == "":
             data = chunk.data
         else:
@@ -214,7 +214,7 @@ def decompress(chunk: records.Chunk) -> bytes:
     return data
 
 
-def _unpacked_lz4(data: bytes, size: int) -> bytes:
+def _unpack_lz4(data: bytes, size: int) -> bytes:
     """One lz4 frame of that size; a larger one is not unpacked further."""
     unpacker = lz4.frame.LZ4FrameDecompressor()
     unpacked: bytes = unpacker.decompress(data, max_length=size + 1)
@@ -224,19 +224,19 @@ def _unpacked_lz4(data: bytes, size: int) -> bytes:
 
 
 def chunk_contents(
-    data: bytes, counted: Unpacking | None = None
+    data: bytes, unpacking: Unpacking | None = None
 ) -> tuple[list[records.McapRecord], dict[int, Messages]]:
     """Schemas and channels of a chunk, and its messages by channel id.
 
     Args:
         data: The chunk, unpacked.
-        counted: Receives the numbers of both, on the first pass over a file.
+        unpacking: Receives the numbers of both, on the first pass over a file.
 
     Raises:
         DamagedError: The bytes are not a sequence of records.
         RecordingError: As `Unpacking.contents`.
     """
-    found: list[records.McapRecord] = []
+    definitions: list[records.McapRecord] = []
     offsets: dict[int, list[int]] = {}
     at, end = 0, len(data)
     unpack, message, shortest = _MESSAGE.unpack_from, int(Opcode.MESSAGE), MESSAGE_HEAD - 9
@@ -249,9 +249,9 @@ def chunk_contents(
                 else:
                     offsets[channel] = [at]
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                if counted is not None:
-                    counted.took(0, 1)
-                found.append(parse(_RECORDS[opcode], data[at + 9 : at + 9 + length]))
+                if unpacking is not None:
+                    unpacking.count_records(0, 1)
+                definitions.append(parse_record(_RECORDS[opcode], data[at + 9 : at + 9 + length]))
             else:  # no other record belongs into a chunk
                 raise DamagedError("a damaged chunk")
             at += 9 + length
@@ -259,9 +259,9 @@ def chunk_contents(
         raise DamagedError("a damaged chunk") from error
     if at != end:
         raise DamagedError("a damaged chunk")
-    if counted is not None:
-        counted.took(sum(map(len, offsets.values())), 0)
-    return found, {channel: messages_at(data, np.array(at_, np.int64)) for channel, at_ in offsets.items()}
+    if unpacking is not None:
+        unpacking.count_records(sum(map(len, offsets.values())), 0)
+    return definitions, {channel: messages_at(data, np.array(at_, np.int64)) for channel, at_ in offsets.items()}
 
 
 def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:

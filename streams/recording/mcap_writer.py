@@ -118,7 +118,7 @@ class McapWriter:
         self._times: tuple[int, int] | None = None
         self._lanes: dict[int, _OpenChunk] = {}
         self._append(MAGIC)
-        self._append(_encoded(records.Header(profile="ros2", library="stridetwin")))
+        self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
     def channel(self, topic: str, typename: str) -> int:
         """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
@@ -127,10 +127,10 @@ class McapWriter:
             if schema is None:
                 schema = records.Schema(len(self._schemas) + 1, definition(typename).encode(), "ros2msg", typename)
                 self._schemas.append(schema)
-                self._append(_encoded(schema))
+                self._append(_encode(schema))
             channel = records.Channel(len(self._channels) + 1, topic, "cdr", {}, schema.id)
             self._channels[topic] = channel
-            self._append(_encoded(channel))
+            self._append(_encode(channel))
         return self._channels[topic].id
 
     def message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
@@ -161,7 +161,7 @@ class McapWriter:
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
-        body = _encoded(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
+        body = _encode(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
             records.AttachmentIndex(
                 offset=self._file.tell(),
@@ -178,7 +178,7 @@ class McapWriter:
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Appends a metadata record."""
-        body = _encoded(records.Metadata(name=name, metadata=values))
+        body = _encode(records.Metadata(name=name, metadata=values))
         self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))
         self._append(body)
         self._file.flush()
@@ -186,7 +186,7 @@ class McapWriter:
     def finish(self) -> None:
         """Writes the open chunks, the summary and the footer, closes the file and gives it its name."""
         self._finish_chunks()
-        self._append(_encoded(records.DataEnd(self._crc)))
+        self._append(_encode(records.DataEnd(self._crc)))
         start = self._file.tell()
         first, last = self._times or (0, 0)
         statistics = records.Statistics(
@@ -210,11 +210,11 @@ class McapWriter:
         ]
         summary, offsets = b"", b""
         for opcode, items in groups:
-            body = b"".join(_encoded(item) for item in items)
+            body = b"".join(_encode(item) for item in items)
             if body:
-                offsets += _encoded(records.SummaryOffset(opcode, start + len(summary), len(body)))
+                offsets += _encode(records.SummaryOffset(opcode, start + len(summary), len(body)))
             summary += body
-        footer = _encoded(records.Footer(start, start + len(summary), 0))[:-4]
+        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]
         tail = summary + offsets + footer
         self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
         self._file.close()
@@ -233,7 +233,7 @@ class McapWriter:
         done = self._lanes.pop(lane)
         data = b"".join(done.parts)
         first, last = done.times
-        chunk = _encoded(
+        chunk = _encode(
             records.Chunk(
                 compression="zstd",
                 data=(compressed := self._compressor.compress(data)),
@@ -279,7 +279,7 @@ class McapWriter:
         self._file.write(data)
 
 
-def _encoded(record: records.McapRecord) -> bytes:
+def _encode(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.errors import RecordingError, needing
+from stridetwin.streams.errors import RecordingError, explain_import_error
 from stridetwin.streams.recording.imported import ImportedContents
 from stridetwin.streams.recording.index import Problem, TopicInfo
 from stridetwin.streams.recording.mcap_contents import McapContents, Message
@@ -107,10 +107,10 @@ class Recording:
         """
         wanted = list(self.topics) if topics is None else list(dict.fromkeys(topics))
         for topic in wanted:
-            self._require(topic)
+            self._check_topic(topic)
         return self._contents.samples(wanted)
 
-    def stored_messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
+    def raw_messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
         """The stored messages of some topics of an MCAP file (`is_mcap`) in time order, byte for byte.
 
         Args:
@@ -136,7 +136,7 @@ class Recording:
         """
         wanted = list(dict.fromkeys(topics))
         for topic in wanted:
-            self._require(topic)
+            self._check_topic(topic)
             if self._contents.image_times(topic) is not None:
                 raise RecordingError(f"{self.path}: {topic} carries images: expected samples() or images()")
         return self._contents.blocks(wanted)
@@ -147,7 +147,7 @@ class Recording:
         Raises:
             RecordingError: Unknown topic.
         """
-        self._require(topic)
+        self._check_topic(topic)
         return self._contents.times(topic)
 
     def frame(self, topic: str) -> pandas.DataFrame:
@@ -160,7 +160,7 @@ class Recording:
             RecordingError: Unknown topic, or it carries images.
             StrideTwinError: pandas is not installed.
         """
-        with needing("tables of samples need it", "frames"):
+        with explain_import_error("tables of samples need it", "frames"):
             import pandas
         block = self.block(topic)
         columns: dict[str, NDArray[Any]] = {}
@@ -182,11 +182,11 @@ class Recording:
         if t_ns is not None:
             indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]
         wanted = range(len(times)) if indices is None else indices
-        found = self._contents.images(topic, wanted)
-        missing = [i for i in wanted if i not in found]
+        images = self._contents.images(topic, wanted)
+        missing = [i for i in wanted if i not in images]
         if missing:
             raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}: expected 0 to {len(times) - 1}")
-        return [found[i] for i in wanted]
+        return [images[i] for i in wanted]
 
     def image_times(self, topic: str) -> Stamps:
         """(N,) ns, stamps of a topic's images.
@@ -194,13 +194,13 @@ class Recording:
         Raises:
             RecordingError: Unknown topic, or it carries no images.
         """
-        self._require(topic)
+        self._check_topic(topic)
         times = self._contents.image_times(topic)
         if times is None:
             raise RecordingError(f"{self.path}: {topic} carries no images: expected block()")
         return times
 
-    def _require(self, topic: str) -> None:
+    def _check_topic(self, topic: str) -> None:
         if topic not in self.topics:
-            there = ", ".join(sorted(self.topics)) or "none"
-            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {there}")
+            topics = ", ".join(sorted(self.topics)) or "none"
+            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}")

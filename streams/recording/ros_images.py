@@ -57,15 +57,17 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
         pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")
-    return _raw_message(sample, pixels, encoding)
+    return _encode_raw_message(sample, pixels, encoding)
 
 
 def raw_image_message(sample: Image) -> bytes:
     """A colour or grey image in an Image, every pixel as it is."""
-    return _raw_message(sample, np.ascontiguousarray(sample.pixels), "mono8" if sample.pixels.ndim == 2 else "rgb8")
+    return _encode_raw_message(
+        sample, np.ascontiguousarray(sample.pixels), "mono8" if sample.pixels.ndim == 2 else "rgb8"
+    )
 
 
-def _raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: str) -> bytes:
+def _encode_raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: str) -> bytes:
     """An Image of contiguous pixels (H, W) or (H, W, 3)."""
     height, width = pixels.shape[:2]
     values = {
@@ -105,7 +107,7 @@ class CameraInfos:
         self.rig = rig
         self._next_ns: dict[str, int] = {}
 
-    def due(self, topic: str, t_ns: int) -> CameraCalibration | None:
+    def camera_if_due(self, topic: str, t_ns: int) -> CameraCalibration | None:
         """The camera of a topic of images or of depth, if its intrinsics are to be written with the one at `t_ns`."""
         of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
         camera = of_depth.get(topic, self.rig.cameras.get(topic))
@@ -135,7 +137,7 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED and "compressedDepth" in message.format:
-        return Depth(topic=topic, t_ns=t_ns, depth=_compressed_depth(message))
+        return Depth(topic=topic, t_ns=t_ns, depth=_decode_compressed_depth(message))
     if typename == COMPRESSED:
         pixels = decode_image(bytes(message.data))
         if pixels is None or pixels.dtype != np.uint8:
@@ -152,18 +154,18 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     if dtype.kind == "f":
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
     if dtype.itemsize == 2:
-        return Depth(topic=topic, t_ns=t_ns, depth=_metres(raw))
+        return Depth(topic=topic, t_ns=t_ns, depth=_mm_to_metres(raw))
     if channels == 1:
         return Image(topic=topic, t_ns=t_ns, pixels=raw)
     colour = raw.reshape(message.height, message.width, 3)
     return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
 
 
-def _metres(mm: NDArray[Any]) -> NDArray[np.float32]:
+def _mm_to_metres(mm: NDArray[Any]) -> NDArray[np.float32]:
     return np.where(mm == 65535, 0, mm).astype(np.float32) / np.float32(1000.0)
 
 
-def _compressed_depth(message: Any) -> NDArray[np.float32]:
+def _decode_compressed_depth(message: Any) -> NDArray[np.float32]:
     """Depth in the format of ROS' compressed_depth_image_transport: 12 bytes of parameters, then a PNG of 16 bits.
 
     For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.
@@ -173,7 +175,7 @@ def _compressed_depth(message: Any) -> NDArray[np.float32]:
     if raw is None or raw.dtype != np.uint16 or raw.ndim != 2:
         raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 16 bits")
     if not message.format.startswith("32FC1"):
-        return _metres(raw)
+        return _mm_to_metres(raw)
     a, b = data[4:12].view("<f4")
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))

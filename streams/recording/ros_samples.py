@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.recording.cdr import Layout, layout_of
+from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import (
@@ -48,7 +48,7 @@ _ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # sensor_msgs/Imu: "no such 
 
 
 @dataclass(frozen=True)
-class Small:
+class SampleMapping:
     """Mapping of one kind of small sample to a message type.
 
     Attributes:
@@ -69,28 +69,28 @@ class Small:
     fixed: Mapping[str, Any] = field(default_factory=dict)
     of_topic: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]] = lambda *_: {}
     frame: str = ""
-    constants: Callable[[Layout], dict[str, Any]] = lambda _: {}
+    constants: Callable[[MessageLayout], dict[str, Any]] = lambda _: {}
 
     def values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The values that are equal in all messages of a topic, by dotted path."""
         frame = {"header.frame_id": self.frame or frame_id(topic)}
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
-    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, Layout]:
+    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
         """One serialised message of a topic, and the layout of its numbers."""
         payload = serialise(self.typename, self.values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
 
-def fill(rows: Rows, small: Small, block: Block[Any]) -> None:
+def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Any]) -> None:
     """Writes a block's stamps and columns into message rows made from its topic's template."""
     if "header.stamp.sec" in (rows.dtype.names or ()):
         rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(block.t_ns, 1_000_000_000)
-    for path, values in small.write(block.columns).items():
+    for path, values in mapping.write(block.columns).items():
         rows[path] = values
 
 
-def stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
+def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
     """(N,) ns: the header's stamps, or the log times if there is no header or it is empty."""
     if "header.stamp.sec" not in (rows.dtype.names or ()):
         return log_time
@@ -121,15 +121,15 @@ def _conjugate(q: Array) -> Array:
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
-def _xyzw(q: Array) -> Array:
+def _to_xyzw(q: Array) -> Array:
     return q[:, [1, 2, 3, 0]]
 
 
-def _wxyz(q: Array) -> Array:
+def _to_wxyz(q: Array) -> Array:
     return q[:, [3, 0, 1, 2]].astype(np.float64)
 
 
-def _f8(values: NDArray[Any]) -> Array:
+def _to_float64(values: NDArray[Any]) -> Array:
     return values.astype(np.float64)
 
 
@@ -149,8 +149,8 @@ def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     return {k: parameters.get(v, 0.0) for k, v in named.items()}
 
 
-def _range_read(rows: Rows) -> dict[str, NDArray[Any]]:
-    distance = _f8(rows["range"])
+def _read_range(rows: Rows) -> dict[str, NDArray[Any]]:
+    distance = _to_float64(rows["range"])
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
@@ -164,15 +164,15 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joints(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+def _joint_values(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
     names = list(constants["names"])
     zeros = np.zeros(len(names))
     return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}
 
 
-def _joints_read(rows: Rows) -> dict[str, NDArray[Any]]:
-    position = _f8(rows["position"])
-    parts = {"velocity": _f8(rows["velocity"]), "torque": _f8(rows["effort"])}
+def _read_joints(rows: Rows) -> dict[str, NDArray[Any]]:
+    position = _to_float64(rows["position"])
+    parts = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}
     return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
 
 
@@ -180,72 +180,72 @@ def _child_frame(topic: str, *_: object) -> dict[str, Any]:
     return {"child_frame_id": frame_id(topic)}
 
 
-def _odometry_write(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
     q = c["q_world_frame"]
     return {
         "pose.pose.position": c["p_frame_in_world"],
-        "pose.pose.orientation": _xyzw(q),
+        "pose.pose.orientation": _to_xyzw(q),
         "twist.twist.linear": rotate(_conjugate(q), c["v_frame_in_world"]),
         "twist.twist.angular": c["angular_rate"],
     }
 
 
-def _odometry_read(rows: Rows) -> dict[str, NDArray[Any]]:
-    q = _wxyz(rows["pose.pose.orientation"])
+def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
+    q = _to_wxyz(rows["pose.pose.orientation"])
     return {
-        "p_frame_in_world": _f8(rows["pose.pose.position"]),
+        "p_frame_in_world": _to_float64(rows["pose.pose.position"]),
         "q_world_frame": q,
-        "v_frame_in_world": rotate(q, _f8(rows["twist.twist.linear"])),
-        "angular_rate": _f8(rows["twist.twist.angular"]),
+        "v_frame_in_world": rotate(q, _to_float64(rows["twist.twist.linear"])),
+        "angular_rate": _to_float64(rows["twist.twist.angular"]),
     }
 
 
-def _codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
+def _to_codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
-def _footprint_write(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
     return {
-        "foot": _codes(c["foot"], FEET),
-        "terrain": _codes(c["terrain"], TERRAINS),
-        "mode": _codes(c["mode"], MODES),
+        "foot": _to_codes(c["foot"], FEET),
+        "terrain": _to_codes(c["terrain"], TERRAINS),
+        "mode": _to_codes(c["mode"], MODES),
         "pose.position": c["p_foot_in_world"],
-        "pose.orientation": _xyzw(c["q_world_foot"]),
+        "pose.orientation": _to_xyzw(c["q_world_foot"]),
     }
 
 
-def _footprint_read(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
     return {
         "foot": np.array([FEET[i] for i in rows["foot"]], object),
-        "p_foot_in_world": _f8(rows["pose.position"]),
-        "q_world_foot": _wxyz(rows["pose.orientation"]),
+        "p_foot_in_world": _to_float64(rows["pose.position"]),
+        "q_world_foot": _to_wxyz(rows["pose.orientation"]),
         "terrain": np.array([TERRAINS[i] for i in rows["terrain"]], object),
         "mode": np.array([MODES[i] for i in rows["mode"]], object),
     }
 
 
-def _renamed(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> Small:
+def _map_fields(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> SampleMapping:
     """A sample whose fields are message fields with another name."""
-    return Small(
+    return SampleMapping(
         kind,
         typename,
         lambda c: {path: c[name] for name, path in paths.items()},
-        lambda rows: {name: _f8(rows[path]) for name, path in paths.items()},
+        lambda rows: {name: _to_float64(rows[path]) for name, path in paths.items()},
         **more,
     )
 
 
-SMALL: dict[type[Sample], Small] = {
+SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
     small.kind: small
     for small in (
-        _renamed(
+        _map_fields(
             Imu,
             "sensor_msgs/msg/Imu",
             {"angular_rate": "angular_velocity", "specific_force": "linear_acceleration"},
             fixed={"orientation.w": 1.0, "orientation_covariance": _ABSENT},
             of_topic=_imu_noise,
         ),
-        _renamed(
+        _map_fields(
             Accelerometer,
             "sensor_msgs/msg/Imu",
             {"specific_force": "linear_acceleration"},
@@ -255,70 +255,73 @@ SMALL: dict[type[Sample], Small] = {
                 "angular_velocity_covariance": _ABSENT,
             },
         ),
-        Small(
+        SampleMapping(
             Ahrs,
             "sensor_msgs/msg/Imu",
-            lambda c: {"orientation": _xyzw(c["q_world_sensor"]), "angular_velocity": c["angular_rate"]},
-            lambda r: {"q_world_sensor": _wxyz(r["orientation"]), "angular_rate": _f8(r["angular_velocity"])},
+            lambda c: {"orientation": _to_xyzw(c["q_world_sensor"]), "angular_velocity": c["angular_rate"]},
+            lambda r: {
+                "q_world_sensor": _to_wxyz(r["orientation"]),
+                "angular_rate": _to_float64(r["angular_velocity"]),
+            },
             fixed={"linear_acceleration_covariance": _ABSENT},
         ),
-        Small(
+        SampleMapping(
             Range,
             "sensor_msgs/msg/Range",
             lambda c: {"range": np.where(c["distance"] == 0.0, np.inf, c["distance"])},
-            _range_read,
+            _read_range,
             of_topic=_range_limits,
         ),
-        Small(
+        SampleMapping(
             Encoder,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["angle"][:, None]},
-            lambda r: {"angle": _f8(r["position"][:, 0])},
+            lambda r: {"angle": _to_float64(r["position"][:, 0])},
             of_topic=_encoder_joint,
         ),
-        Small(
+        SampleMapping(
             Joints,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["position"], "velocity": c["velocity"], "effort": c["torque"]},
-            _joints_read,
-            of_topic=_joints,
+            _read_joints,
+            of_topic=_joint_values,
             constants=lambda layout: {"names": tuple(layout.strings["name"])},
         ),
-        Small(
+        SampleMapping(
             Odometry,
             "nav_msgs/msg/Odometry",
-            _odometry_write,
-            _odometry_read,
+            _write_odometry,
+            _read_odometry,
             of_topic=_child_frame,
             frame="world",
         ),
-        _renamed(
+        _map_fields(
             Wrench,
             "geometry_msgs/msg/WrenchStamped",
             {"force_in_world": "wrench.force", "torque_in_world": "wrench.torque"},
             frame="world",
         ),
-        _renamed(Point, "geometry_msgs/msg/PointStamped", {"p_in_world": "point"}, frame="world"),
-        Small(
+        _map_fields(Point, "geometry_msgs/msg/PointStamped", {"p_in_world": "point"}, frame="world"),
+        SampleMapping(
             FootPhase,
             "std_msgs/msg/UInt8",
             lambda c: {"data": c["phase"]},
             lambda r: {"phase": r["data"].astype(np.int64)},
         ),
-        _renamed(Insole, "stridetwin_msgs/msg/Insole", {"force": "force"}),
-        _renamed(Interaction, "stridetwin_msgs/msg/Interaction", {"force": "force"}),
-        _renamed(
+        _map_fields(Insole, "stridetwin_msgs/msg/Insole", {"force": "force"}),
+        _map_fields(Interaction, "stridetwin_msgs/msg/Interaction", {"force": "force"}),
+        _map_fields(
             Actuator,
             "stridetwin_msgs/msg/Actuator",
             {name: name for name in ("torque_command", "torque", "speed")},
         ),
-        Small(Footprint, "stridetwin_msgs/msg/Footprint", _footprint_write, _footprint_read, frame="world"),
+        SampleMapping(Footprint, "stridetwin_msgs/msg/Footprint", _write_footprint, _read_footprint, frame="world"),
     )
 }
-_BY_TYPE = {small.typename: small for small in SMALL.values()}
+_BY_TYPE = {small.typename: small for small in SAMPLE_MAPPINGS.values()}
 
 
-def small_for(typename: str, first: Rows) -> Small:
+def find_mapping(typename: str, first: Rows) -> SampleMapping:
     """Sample type of a topic, from its first message (one row) by any writer.
 
     An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a
@@ -328,9 +331,9 @@ def small_for(typename: str, first: Rows) -> Small:
         has_orientation = first["orientation_covariance"][0, 0] != -1.0
         has_force = first["linear_acceleration_covariance"][0, 0] != -1.0
         if first["angular_velocity_covariance"][0, 0] == -1.0 and has_force:
-            return SMALL[Accelerometer]
-        return SMALL[Ahrs if has_orientation and not has_force else Imu]
+            return SAMPLE_MAPPINGS[Accelerometer]
+        return SAMPLE_MAPPINGS[Ahrs if has_orientation and not has_force else Imu]
     if typename == "sensor_msgs/msg/JointState":
         one_angle = first["position"].shape[1] == 1 and not first["velocity"].size and not first["effort"].size
-        return SMALL[Encoder if one_angle else Joints]
+        return SAMPLE_MAPPINGS[Encoder if one_angle else Joints]
     return _BY_TYPE[typename]

@@ -33,7 +33,7 @@ class Definitions:
     def __init__(self) -> None:
         self._known: set[str] = set()
 
-    def take(self, text: str) -> None:
+    def add(self, text: str) -> None:
         """Adds one.
 
         Raises:
@@ -67,10 +67,10 @@ def check_types(types: Mapping[str, Any]) -> None:
     """
     counts: dict[str, int] = {}
     for name in types:
-        _elements(name, types, counts, ())
+        _count_fields(name, types, counts, ())
 
 
-def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], around: tuple[str, ...]) -> int:
+def _count_fields(name: str, types: Mapping[str, Any], counts: dict[str, int], around: tuple[str, ...]) -> int:
     """Number of fields of one message of a type, including those of its members."""
     if name in counts or name not in types:
         return counts.get(name, 1)
@@ -81,7 +81,7 @@ def _elements(name: str, types: Mapping[str, Any], counts: dict[str, int], aroun
         if not _NAME.fullmatch(field):
             raise ValueError(f"invalid field {field[:80]!r}: expected letters, digits and _")
         inner, size = detail if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((node, detail), 1)
-        each = _elements(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
+        each = _count_fields(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
         if node == Nodetype.SEQUENCE and each == 0:
             raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
         is_plain = inner[0] == Nodetype.BASE and inner[1][0] != "string"
@@ -131,8 +131,8 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
         store.register(types)
         store.generate_msgdef(typename, ros_version=2)  # visits all types that it contains
     except Exception as error:  # the parser raises several unrelated kinds
-        words = " ".join(str(error).split())
-        raise ValueError(f"schema of {typename} cannot be parsed: {words[:120]}") from error
+        reason = " ".join(str(error).split())
+        raise ValueError(f"schema of {typename} cannot be parsed: {reason[:120]}") from error
     return store
 
 
@@ -152,17 +152,17 @@ def _definition_or_empty(typename: str) -> str:
     return definition(typename) if typename in typestore().fielddefs else ""
 
 
-def message(typename: str, values: Mapping[str, Any]) -> Any:
+def build_message(typename: str, values: Mapping[str, Any]) -> Any:
     """A message of a type: zeros and empty strings, except for `values`, given by dotted path."""
-    return _blank(typename, "", values)
+    return _build_message(typename, "", values)
 
 
 def serialise(typename: str, values: Mapping[str, Any]) -> bytes:
     """The little-endian CDR bytes of `message(typename, values)`."""
-    return bytes(typestore().serialize_cdr(message(typename, values), typename, little_endian=True))
+    return bytes(typestore().serialize_cdr(build_message(typename, values), typename, little_endian=True))
 
 
-def _blank(typename: str, path: str, values: Mapping[str, Any]) -> Any:
+def _build_message(typename: str, path: str, values: Mapping[str, Any]) -> Any:
     store = typestore()
     members = {}
     description: Any
@@ -172,7 +172,7 @@ def _blank(typename: str, path: str, values: Mapping[str, Any]) -> Any:
         if inner_path in values:
             members[name] = values[inner_path]
         elif node == Nodetype.NAME:
-            members[name] = _blank(detail, inner_path, values)
+            members[name] = _build_message(detail, inner_path, values)
         elif node == Nodetype.BASE:
             members[name] = "" if detail[0] == "string" else 0
         else:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.recording.cdr import Layout, layout_of
+from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
 from stridetwin.streams.recording.ros_images import IMAGES, image_kind, read_image_message
-from stridetwin.streams.recording.ros_samples import SMALL, Small, small_for, stamps
+from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, SampleMapping, find_mapping, read_stamps
 from stridetwin.streams.recording.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
 
-READABLE = frozenset([*IMAGES, *(small.typename for small in SMALL.values())])
+READABLE = frozenset([*IMAGES, *(small.typename for small in SAMPLE_MAPPINGS.values())])
 
 SHORTEST_HEADER = 12  # bytes: encapsulation and stamp
 _MOST_UNEQUAL = 20_000  # that are decoded one by one
@@ -34,8 +34,8 @@ class TopicReader:
     def __init__(self, topic: str, typename: str, encoding: str, definition: str) -> None:
         self.topic, self.typename = topic, typename
         self._store = typestore_for(typename, encoding, definition)
-        self._layout: Layout | None = None
-        self._small: Small | None = None
+        self._layout: MessageLayout | None = None
+        self._mapping: SampleMapping | None = None
         self.kind: type[Sample] | None = None
 
     @property
@@ -82,30 +82,30 @@ class TopicReader:
                 return self._decode(layout, rows.view(layout.dtype), messages.log_time)
         if len(messages) > _MOST_UNEQUAL:
             raise ValueError(f"{len(messages)} messages of unequal layout together: expected up to {_MOST_UNEQUAL}")
-        return concatenated([self._single(messages, i) for i in range(len(messages))])
+        return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
-    def _single(self, messages: Messages, i: int) -> Block[Any]:
+    def _decode_single(self, messages: Messages, i: int) -> Block[Any]:
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
-    def _decode(self, layout: Layout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
-        small = self._small = self._small or small_for(self.typename, rows[:1])
-        self.kind = small.kind
+    def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
+        mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])
+        self.kind = mapping.kind
         try:
-            columns = small.read(rows)
+            columns = mapping.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.typename} with an invalid value: {error}") from error
         return Block(
             topic=self.topic,
-            kind=small.kind,
-            t_ns=stamps(rows, log_time),
+            kind=mapping.kind,
+            t_ns=read_stamps(rows, log_time),
             columns=columns,
-            constants=small.constants(layout),
+            constants=mapping.constants(layout),
         )
 
 
-def concatenated(blocks: list[Block[Any]]) -> Block[Any]:
+def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
     """Blocks of one topic, one after the other.
 
     Raises:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.recording.cdr import Layout
+from stridetwin.streams.recording.cdr import MessageLayout
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, message_rows
 from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, VERSION_VALUES
 from stridetwin.streams.recording.ros_images import (
@@ -29,7 +29,7 @@ from stridetwin.streams.recording.ros_images import (
     image_data,
     image_message,
 )
-from stridetwin.streams.recording.ros_samples import SMALL, block_of, fill
+from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, block_of, fill_rows
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Sample
 
@@ -67,7 +67,7 @@ class RecordingWriter:
         self._depth_encoding, self._quality = depth_encoding, jpeg_quality
         self._last: dict[str, int] = {}
         self._kinds: dict[str, type[Sample]] = {}
-        self._templates: dict[str, tuple[bytes, Layout, Mapping[str, Any]]] = {}
+        self._templates: dict[str, tuple[bytes, MessageLayout, Mapping[str, Any]]] = {}
         self._infos = CameraInfos(rig)
         self._queue: deque[tuple[str, str, Future[bytes], int]] = deque()
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
@@ -85,7 +85,7 @@ class RecordingWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            self._drain(0)
+            self._append_encoded(0)
             if error is None:
                 self._file.finish()
             else:
@@ -107,7 +107,7 @@ class RecordingWriter:
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
-            self._write_image(item, int(self._checked(item.topic, type(item), stamps, log_ns)[0]))
+            self._write_image(item, int(self._check_stamps(item.topic, type(item), stamps, log_ns)[0]))
         elif isinstance(item, Sample):
             self.write(block_of([item]), log_ns)
         elif item.kind in (Image, Depth):
@@ -115,11 +115,11 @@ class RecordingWriter:
             for image, time in zip(item, times, strict=True):
                 self.write(image, time)
         elif len(item):
-            logged = self._checked(item.topic, item.kind, item.t_ns, log_ns)
-            self._drain(0)
+            logged = self._check_stamps(item.topic, item.kind, item.t_ns, log_ns)
+            self._append_encoded(0)
             self._write_block(item, logged)
 
-    def _checked(
+    def _check_stamps(
         self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
     ) -> NDArray[np.int64]:
         """Arrival times of the samples, checked."""
@@ -141,30 +141,30 @@ class RecordingWriter:
         return t_ns
 
     def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
-        small = SMALL[block.kind]
+        mapping = SAMPLE_MAPPINGS[block.kind]
         if block.topic not in self._templates:
-            payload, layout = small.template(block.topic, self._rig, block.constants)
+            payload, layout = mapping.template(block.topic, self._rig, block.constants)
             self._templates[block.topic] = payload, layout, dict(block.constants)
         payload, layout, constants = self._templates[block.topic]
         if constants != dict(block.constants):
             raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
-        channel = self._file.channel(block.topic, small.typename)
+        channel = self._file.channel(block.topic, mapping.typename)
         rows, payloads = message_rows(channel, payload, layout.dtype, log_ns)
-        fill(payloads, small, block)
+        fill_rows(payloads, mapping, block)
         self._file.messages(rows)
 
     def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
-        if (camera := self._infos.due(sample.topic, sample.t_ns)) is not None:
+        if (camera := self._infos.camera_if_due(sample.topic, sample.t_ns)) is not None:
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
-            encode = partial(image_message, sample, self._quality, self._known_data(sample))
+            encode = partial(image_message, sample, self._quality, self._shared_image_data(sample))
             self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
             self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
-        self._drain(_IMAGES_IN_FLIGHT)
+        self._append_encoded(_IMAGES_IN_FLIGHT)
 
-    def _known_data(self, sample: Image) -> NDArray[np.uint8] | None:
+    def _shared_image_data(self, sample: Image) -> NDArray[np.uint8] | None:
         """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
         if sample.pixels.flags.writeable:
             return None
@@ -178,8 +178,8 @@ class RecordingWriter:
         self._file.channel(topic, typename)  # numbered in the order of arrival
         self._queue.append((topic, typename, self._pool.submit(encode), log_ns))
 
-    def _drain(self, leave: int) -> None:
+    def _append_encoded(self, max_left: int) -> None:
         """Appends encoded images in order, until `leave` are left in the queue."""
-        while len(self._queue) > leave:
+        while len(self._queue) > max_left:
             topic, typename, encoded, log_ns = self._queue.popleft()
             self._file.message(topic, typename, encoded.result(), log_ns, lane=IMAGE_LANE)

@@ -16,8 +16,8 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from stridetwin.scenarios.campaign.field_paths import FieldPath
 from stridetwin.sim.config import Person
-from stridetwin.streams.errors import StrideTwinError, Where
-from stridetwin.streams.fields import FileModel, number, refused, words
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
+from stridetwin.streams.fields import FileModel, enum_field, field_error, float_field
 from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _shapes(surface: str, person: Person) -> list[LimbShape]:
 _DIGITS = 6  # of a number that is chosen: of any unit and size
 _MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
-_Any = Annotated[float, number(-1e6, 1e6)]
+_Any = Annotated[float, float_field(-1e6, 1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class Knob:
     high: float = 0.0
     step: float | None = None
     values: tuple[Any, ...] = ()
-    at: Where
+    at: FieldLocation
 
     @property
     def grid(self) -> list[Any]:
@@ -149,7 +149,7 @@ class FreeField:
     knobs: tuple[Knob, ...]
     surface: str | None = None
     fixed: Mapping[str, float] = field(default_factory=dict)
-    at: Where
+    at: FieldLocation
 
     def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
         """The value of the field in the scenario of a person.
@@ -177,7 +177,7 @@ class FreeField:
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
     if span[0] >= span[1]:
-        raise refused(list(span), "two numbers, the lower one first")
+        raise field_error(list(span), "two numbers, the lower one first")
     return span
 
 
@@ -190,7 +190,7 @@ class Between(FileModel):
     """
 
     between: Annotated[tuple[_Any, _Any], AfterValidator(_check_order)]
-    step: Annotated[float, number(1e-9, 1e6)] | None = None
+    step: Annotated[float, float_field(1e-9, 1e6)] | None = None
 
 
 class Among(FileModel):
@@ -219,7 +219,7 @@ class Over(FileModel):
         off_mm: Distance from it.
     """
 
-    over: Annotated[str, words(tuple(SURFACES))]
+    over: Annotated[str, enum_field(tuple(SURFACES))]
     around_deg: _Coordinate
     up_mm: _Coordinate
     off_mm: _Coordinate = 0.0
@@ -227,7 +227,7 @@ class Over(FileModel):
     def check_free(self) -> Over:
         """Returns the point if at least one coordinate is free; refuses others."""
         if not any(isinstance(getattr(self, key), Between) for key in _COORDINATES):
-            raise refused(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
+            raise field_error(self.model_dump(), f"a range for one of {', '.join(_COORDINATES)}")
         return self
 
 
@@ -249,7 +249,7 @@ FreeInFile = Annotated[
 """Type of what a file says of a free field."""
 
 
-def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: Where) -> FreeField:
+def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: FieldLocation) -> FreeField:
     """A free field from its form in a file.
 
     Args:
@@ -269,6 +269,6 @@ def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: W
     return FreeField(paths=paths, knobs=knobs, surface=spec.over, fixed=fixed, at=at)
 
 
-def _number(name: str, spec: Between, at: Where) -> Knob:
+def _number(name: str, spec: Between, at: FieldLocation) -> Knob:
     """A knob for a number between bounds."""
     return Knob(name=name, low=spec.between[0], high=spec.between[1], step=spec.step, at=at)

@@ -31,9 +31,9 @@ from stridetwin.scenarios.campaign.named_files import (
 )
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
-from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
-from stridetwin.streams.fields import OneKey, text, whole, words
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
+from stridetwin.streams.fields import OneKey, enum_field, int_field, text_field
+from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, FreeField, FreeInFile, Knob, Over, free_field, grid_size
 from stridetwin.studies.placement.scores import PlaceScore, ScoresInFile, Seeing
@@ -54,8 +54,8 @@ class Optimise:
         starts: Number of restarts, among which the budget is divided.
     """
 
-    budget: Annotated[int, whole(1, MAX_PLACES)]
-    starts: Annotated[int, whole(1, 100)] = 3
+    budget: Annotated[int, int_field(1, MAX_PLACES)]
+    starts: Annotated[int, int_field(1, 100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ class Confirm:
         walks: Walks of each scenario.
     """
 
-    places: Annotated[int, whole(1, 20)] = 5
-    walks: Annotated[int, whole(1, 1000)] = 8
+    places: Annotated[int, int_field(1, 20)] = 5
+    walks: Annotated[int, int_field(1, 1000)] = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class PlacementProblem:
 
 
 _Method = Annotated[
-    Annotated[Any, words({"sweep": None}), Tag("=sweep")]
+    Annotated[Any, enum_field({"sweep": None}), Tag("=sweep")]
     | Annotated[Any, OneKey({"optimise": Optimise}), Tag("=optimise")],
     Discriminator(lambda node: "=optimise" if isinstance(node, dict) else "=sweep"),
 ]
@@ -131,7 +131,7 @@ class PlacementFile(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    placement: Annotated[str, text()]
+    placement: Annotated[str, text_field()]
     scenarios: Annotated[tuple[_Base, ...], Field(min_length=1)]
     set: dict[str, DistributionInFile] = {}
     free: Annotated[dict[str, FreeInFile], Field(min_length=1)]
@@ -163,9 +163,9 @@ def read_problem(path: Path) -> PlacementProblem:
         ConfigError: The message names the file, the field, the value and what is valid.
         StrideTwinError: A file cannot be read.
     """
-    where = Where(source=str(path))
+    where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
-    file = validated(PlacementFile, data, path)
+    file = validate(PlacementFile, data, path)
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
     common = files.variables(file.set, where.key("set"))
@@ -194,7 +194,7 @@ def read_problem(path: Path) -> PlacementProblem:
     return problem
 
 
-def check_budget(problem: PlacementProblem, at: Where) -> None:
+def check_budget(problem: PlacementProblem, at: FieldLocation) -> None:
     """Checks that the budget of a search suffices for every start and every combination of choices.
 
     Raises:
@@ -209,7 +209,7 @@ def check_budget(problem: PlacementProblem, at: Where) -> None:
         raise at.error(problem.search.budget, f"{min_budget} or more ({why})")
 
 
-def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: Where) -> FreeField:
+def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldLocation) -> FreeField:
     """A free field of the block `free`, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(spec, Among) and names_files(paths):

@@ -16,7 +16,7 @@ from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import ROWS, Progress
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, scenario_text
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.files import json_text, whole_file
+from stridetwin.streams.files import atomic_file, to_json
 from stridetwin.studies.placement.body_map import body_map
 from stridetwin.studies.placement.measure import Measure, MeasuredPlaces, mean_losses
 from stridetwin.studies.placement.page import placement_page
@@ -207,15 +207,15 @@ def _write(
     result["files"] = ["placement.json", "placement.html", "places.csv", *texts]
     if image is not None:
         result["files"].append("body.png")
-        with whole_file(folder / "body.png") as file:
+        with atomic_file(folder / "body.png") as file:
             file.write_bytes(image.png)
     else:
         (folder / "body.png").unlink(missing_ok=True)  # of another problem
-    texts["placement.json"] = json_text(result)
+    texts["placement.json"] = to_json(result)
     texts["places.csv"] = _csv(problem, searched)
     texts["placement.html"] = placement_page(problem, searched, result, image)
     for name, text in texts.items():
-        with whole_file(folder / name) as file:
+        with atomic_file(folder / name) as file:
             file.write_text(text, encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import scale_of
-from stridetwin.streams.fields import DEG, FileModel, number, refused, text
+from stridetwin.streams.fields import DEG, FileModel, field_error, float_field, text_field
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
@@ -39,9 +39,9 @@ class Seeing:
         blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
     """
 
-    least_px: Annotated[float, number(0.1, 1000)] = 4.0
-    incidence_rad: Annotated[float, number(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
-    blur_squares: Annotated[float, number(0.001, 100)] = 0.5
+    least_px: Annotated[float, float_field(0.1, 1000)] = 4.0
+    incidence_rad: Annotated[float, float_field(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
+    blur_squares: Annotated[float, float_field(0.001, 100)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ def _check_score_name(name: str) -> str:
     if name in GEOMETRIC_SCORES or (dot and estimator and metric and scale_of(metric) is not None):
         return name
     alternatives = "or ESTIMATOR.METRIC as `score` reports them, such as foot_ins.end_error_m"
-    raise refused(name, f"{suggest(name, GEOMETRIC_SCORES)}, {alternatives}")
+    raise field_error(name, f"{suggest(name, GEOMETRIC_SCORES)}, {alternatives}")
 
 
 class _Weighed(FileModel):
@@ -120,8 +120,8 @@ class _Weighed(FileModel):
         weight: In the sum that the search minimises; 0 for a score that is only reported.
     """
 
-    score: Annotated[str, text(), AfterValidator(_check_score_name)]
-    weight: Annotated[float, number(0, 1e9)] | None = None
+    score: Annotated[str, text_field(), AfterValidator(_check_score_name)]
+    weight: Annotated[float, float_field(0, 1e9)] | None = None
 
 
 def _short(node: object) -> object:
@@ -133,11 +133,11 @@ def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
     scores: list[PlaceScore] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):
-            raise refused(item.score, "every score once", i, "score")
+            raise field_error(item.score, "every score once", i, "score")
         weight = item.weight if item.weight is not None else 0.0 if i else 1.0
         scores.append(PlaceScore(name=item.score, weight=weight))
     if not any(score.weight for score in scores):
-        raise refused([score.name for score in scores], "at least one score with a weight above 0")
+        raise field_error([score.name for score in scores], "at least one score with a weight above 0")
     return tuple(scores)
 
 

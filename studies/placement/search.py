@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.scenarios.campaign.plan import quasi_random_points
-from stridetwin.streams.errors import needing
+from stridetwin.streams.errors import explain_import_error
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise, Place
 
@@ -47,7 +47,7 @@ def optimise(
     Raises:
         StrideTwinError: The library is not installed.
     """
-    with needing("optimise needs it", "placement"), warnings.catch_warnings():
+    with explain_import_error("optimise needs it", "placement"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # its warning that it cannot plot without matplotlib
         import cma
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]

@@ -14,9 +14,9 @@ from stridetwin.outputs.feeding import EstimatorClass, rig_of, runnable_instance
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry, replay
 from stridetwin.outputs.registry import kind_of
-from stridetwin.streams.errors import ConfigError, StrideTwinError, Where
+from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.validation import suggest, validate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,7 @@ class Method:
     parameters: Any = None
 
 
-def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, Any], at: Where) -> Method:
+def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, Any], at: FieldLocation) -> Method:
     """A method from what a file says; `at` is its position there, `method` may be "" for the estimator's first one.
 
     Raises:
@@ -53,7 +53,7 @@ def make_method(name: str, estimator: str, method: str, parameters: Mapping[str,
     return Method(name=name, estimator=estimator, method=chosen, parameters=values)
 
 
-def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mapping[str, Any], at: Where) -> Any:
+def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mapping[str, Any], at: FieldLocation) -> Any:
     """The parameters that the estimator has with this method, with some values replaced."""
     hint = get_type_hints(estimator_class.__init__).get("parameters")
     kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and _fields(kind)]
@@ -72,7 +72,7 @@ def _fields(group: Any) -> list[str]:
     return [f.name for f in fields(group)] if is_dataclass(group) else list(getattr(group, "_fields", ()))
 
 
-def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
+def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -> Any:
     """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups.
 
     Raises:
@@ -85,7 +85,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: Where) -> Any:
         if below:
             new = _replace_value(getattr(group, name), below, value, at)
         else:
-            new = validated(get_type_hints(type(group))[name], value, at.source, at=at.path)
+            new = validate(get_type_hints(type(group))[name], value, at.source, at=at.path)
         return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
     except ConfigError as error:
         raise at.error(error.value, error.valid) from error

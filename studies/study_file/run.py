@@ -18,8 +18,8 @@ from stridetwin.gate.walk_scores import scoring_versions
 from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of
-from stridetwin.streams.errors import StrideTwinError, Where
-from stridetwin.streams.files import json_text, whole_file
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
+from stridetwin.streams.files import atomic_file, to_json
 from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
@@ -107,7 +107,7 @@ def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None
     for method in study.methods:
         reasons = [missing_sensors_reason(method, walk.scenario) for walk in first_walks]
         if all(reasons):
-            at = Where(source=str(study.path)).key("methods").key(method.name).key("estimator")
+            at = FieldLocation(source=str(study.path)).key("methods").key(method.name).key("estimator")
             raise at.error(method.estimator, f"an estimator that a combination feeds ({reasons[0]})")
 
 
@@ -128,9 +128,9 @@ def _write(study: Study, options: StudyOptions, rows: Sequence[Row], result: dic
     text = Path(study.path).read_text(encoding="utf-8")
     texts = {
         REPORT: study_page(result, text, options.command(study)),
-        TABLE: json_text(result),
+        TABLE: to_json(result),
         VALUES: csv_text(study, rows),
     }
     for name, content in texts.items():
-        with whole_file(options.folder / name) as file:
+        with atomic_file(options.folder / name) as file:
             file.write_text(content, encoding="utf-8")

@@ -10,9 +10,9 @@ from pydantic import Field
 
 from stridetwin.estimators import registry
 from stridetwin.outputs.registry import kind_of
-from stridetwin.streams.errors import Where
-from stridetwin.streams.fields import FileModel, text
-from stridetwin.streams.validation import suggest, validated
+from stridetwin.streams.errors import FieldLocation
+from stridetwin.streams.fields import FileModel, text_field
+from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.design import Design, DesignFile, read_design
 from stridetwin.studies.study_file.methods import Method, make_method
@@ -30,7 +30,7 @@ class MethodInFile(FileModel):
         parameters: Values of its parameters, by name; of an inner group as GROUP.NAME.
     """
 
-    estimator: Annotated[str, text()]
+    estimator: Annotated[str, text_field()]
     method: str = ""
     parameters: dict[str, Any] = Field(default={})
 
@@ -67,9 +67,9 @@ def read_study(path: Path) -> Study:
         ConfigError: The message names the file, the field, the value and what is valid.
         StrideTwinError: A file cannot be read.
     """
-    where = Where(source=str(path))
+    where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
-    file = validated(StudyFile, data, path)
+    file = validate(StudyFile, data, path)
     methods = tuple(
         make_method(name, spec.estimator, spec.method, spec.parameters, where.key("methods").key(name))
         for name, spec in file.methods.items()
@@ -78,7 +78,7 @@ def read_study(path: Path) -> Study:
     return Study(**vars(read_design(file, data, path)), methods=methods, scores=file.scores)
 
 
-def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: Where) -> None:
+def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: FieldLocation) -> None:
     """Raises ConfigError for a score that no method's kind of output has, or one that is named twice."""
     kinds = [kind_of(registry.estimator(method.estimator).declaration) for method in methods]
     valid = list(dict.fromkeys(score.name for kind in kinds for score in kind.scores))

@@ -12,8 +12,8 @@ from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, T
 from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import number
-from stridetwin.streams.validation import validated
+from stridetwin.streams.fields import float_field
+from stridetwin.streams.validation import validate
 
 GOOD = {
     "description": "a walk",
@@ -253,9 +253,9 @@ def test_unknown_scenarios_are_refused_with_the_names_there_are(tmp_path):
 
 @given(st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text() | st.booleans())
 def test_numbers_outside_their_range_never_pass(value):
-    kind = Annotated[float, number(20, 250, scale=1e-3)]
+    kind = Annotated[float, float_field(20, 250, scale=1e-3)]
     try:
-        got = validated(kind, value, "f")
+        got = validate(kind, value, "f")
     except ConfigError as error:
         assert "20-250" in str(error)  # noqa: PT017 (both outcomes are checked)
     else:

@@ -6,7 +6,7 @@ from stridetwin.sim.config import Level, Route, TwinConfig
 from stridetwin.sim.parts.sensor_config import KIND
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 
 ROUTE = Route(segments=(Level(length_m=3.0),))
 MINE = """kind: imu
@@ -20,7 +20,7 @@ accelerometer: {noise_density_ug_per_rthz: 100, bias_instability_ug: 20, turn_on
 
 
 def read(node, folder="."):
-    return validated(SensorsInFile, node, f"{folder}/scenario.yaml", at="sensors", context={"folder": folder})
+    return validate(SensorsInFile, node, f"{folder}/scenario.yaml", at="sensors", context={"folder": folder})
 
 
 def fitted(node, folder="."):

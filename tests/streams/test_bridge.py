@@ -17,7 +17,7 @@ from test_wire import claimed_size, compressed, same
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, stored_messages
+from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, to_messages
 from stridetwin.streams.live.receiver import MOST_SENDERS, Arrival, Receiver, Reorder
 from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
 from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError
@@ -70,20 +70,20 @@ def test_every_kind_of_sample_comes_through_in_order():
 
 def test_what_comes_is_recorded_byte_for_byte(recorded, tmp_path):
     recording = Recording(recorded)
-    messages = list(stored_messages(recording, list(recording.topics)))
+    messages = list(to_messages(recording, list(recording.topics)))
     path = tmp_path / "live.mcap"
     with LiveRecorder(path) as recorder:
-        recorder.know(recording.rig, recording.metadata)
+        recorder.set_rig(recording.rig, recording.metadata)
         for message in messages:
             recorder.write(message, message.t_ns)
         assert not path.exists()
     live = Recording(path)
-    assert list(stored_messages(live, list(live.topics))) == messages
+    assert list(to_messages(live, list(live.topics))) == messages
     assert live.metadata == recording.metadata
     assert set(live.rig.cameras) == set(recording.rig.cameras)
     assert live.unread.keys() == recording.unread.keys()  # the cameras' intrinsics, for those who read ROS
     with suppress(ZeroDivisionError), LiveRecorder(tmp_path / "half.mcap") as recorder:
-        recorder.know(recording.rig, {})
+        recorder.set_rig(recording.rig, {})
         recorder.write(messages[0], messages[0].t_ns)
         raise ZeroDivisionError  # an estimator fails: what has come is kept
     assert len(list(Recording(tmp_path / "half.mcap").samples())) == 1
@@ -316,7 +316,7 @@ def linked(address):
     """A peer that speaks Zenoh and is no sender of ours."""
     link = Link(connect=address)
     present = threading.Event()
-    link.watch("receiver/*", lambda *_: present.set())
+    link.watch_presence("receiver/*", lambda *_: present.set())
     assert present.wait(10)
     try:
         yield link
@@ -327,12 +327,12 @@ def linked(address):
 def refusal(link, receiver, *messages, hello=None):
     """Why a peer is refused that says hello and sends messages."""
     heard = []
-    link.hear(f"{link.name}/refused", lambda _, sample: heard.append(sample.payload.to_string()))
+    link.subscribe(f"{link.name}/refused", lambda _, sample: heard.append(sample.payload.to_string()))
     try:
-        link.ask(f"{link.name}/hello", hello or Hello(version=VERSION).model_dump_json())
+        link.query(f"{link.name}/hello", hello or Hello(version=VERSION).model_dump_json())
         for number, message in enumerate(messages):
             link.send(message, number)
-        link.ask(f"{link.name}/end", "{}")
+        link.query(f"{link.name}/end", "{}")
     except WireError as error:
         return str(error)
     return "".join(heard)
@@ -383,7 +383,7 @@ def test_an_unforeseen_hello_is_refused(monkeypatch):
             assert values != {"rig": rig}
             body = json.dumps({"version": VERSION, **values})
             assert said in refusal(link, receiver, hello=body)
-        monkeypatch.setattr("stridetwin.streams.live.receiver.read", lambda *_: 1 // 0)
+        monkeypatch.setattr("stridetwin.streams.live.receiver.parse_json", lambda *_: 1 // 0)
         assert "ZeroDivisionError" in refusal(link, receiver)
         assert receiver.refusals == 6
 
@@ -429,7 +429,7 @@ def test_streams_are_put_in_order_within_the_window():
     depth = Depth(topic="/head/depth", t_ns=imu(9).t_ns, depth=np.zeros((24, 32), np.float32))
     reorder.add(arrival(depth))
     reorder.add(arrival(imu(9)))
-    assert [type(a.sample) for a in reorder.rest()] == [Imu, Depth]
+    assert [type(a.sample) for a in reorder.flush()] == [Imu, Depth]
 
 
 SERVER = """
@@ -506,7 +506,7 @@ def test_a_hostile_peer_is_refused_soon_and_costs_little():
                     assert refusal(link, None, message) != "", message.typename
                 assert time.perf_counter() - began < 4.0, i
             with linked(address) as link:  # longer than any message
-                link.ask(f"{link.name}/hello", Hello(version=VERSION).model_dump_json())
+                link.query(f"{link.name}/hello", Hello(version=VERSION).model_dump_json())
                 link.send(Message(t_ns=1, topic="/c", typename="sensor_msgs/msg/Image", payload=bytes(200 << 20)), 0)
             sender.send(imu(i + 1))
             peak = peak_mib(server)

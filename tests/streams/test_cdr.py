@@ -8,21 +8,21 @@ from rigs import every_small_block, small_rig
 
 from stridetwin.streams.recording.cdr import layout_of
 from stridetwin.streams.recording.mcap_writer import message_rows
-from stridetwin.streams.recording.ros_samples import SMALL, fill
-from stridetwin.streams.recording.ros_types import message, serialise, typestore
+from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, fill_rows
+from stridetwin.streams.recording.ros_types import build_message, serialise, typestore
 
 
 @pytest.mark.parametrize("block", every_small_block(5), ids=lambda b: b.kind.__name__)
 def test_rows_equal_the_reference_serialiser(block):
-    small = SMALL[block.kind]
+    small = SAMPLE_MAPPINGS[block.kind]
     payload, layout = small.template(block.topic, small_rig(), block.constants)
     rows, payloads = message_rows(1, payload, layout.dtype, block.t_ns)
-    fill(payloads, small, block)
+    fill_rows(payloads, small, block)
     for i in range(len(block)):
         values = small.values(block.topic, small_rig(), block.constants)
         if "header.stamp.sec" in layout.dtype.names:
             values["header.stamp.sec"], values["header.stamp.nanosec"] = divmod(int(block.t_ns[i]), 10**9)
-        expected = message(small.typename, values)
+        expected = build_message(small.typename, values)
         for path, column in small.write(block.columns).items():
             assign(expected, path.split("."), column[i])
         reference = bytes(typestore().serialize_cdr(expected, small.typename, little_endian=True))
@@ -44,7 +44,7 @@ def assign(target, path, value):
 def test_layout_finds_numbers_behind_any_strings(frame, names, little):
     frame, names = frame.replace("\0", ""), [n.replace("\0", "") for n in names]
     numbers = np.arange(len(names), dtype=float) + 0.5
-    msg = message("sensor_msgs/msg/JointState", {"header.frame_id": frame, "name": names, "position": numbers})
+    msg = build_message("sensor_msgs/msg/JointState", {"header.frame_id": frame, "name": names, "position": numbers})
     payload = bytes(typestore().serialize_cdr(msg, "sensor_msgs/msg/JointState", little_endian=little))
     layout = layout_of(payload, "sensor_msgs/msg/JointState", typestore())
     row = np.frombuffer(payload, layout.dtype)

@@ -4,19 +4,19 @@ import importlib
 
 import pytest
 
-from stridetwin.streams.errors import StrideTwinError, needing
+from stridetwin.streams.errors import StrideTwinError, explain_import_error
 
 
 def test_what_is_missing_and_how_to_get_it():
     with (
         pytest.raises(StrideTwinError, match=r"^no_such_library is not installed; a mesh needs it: pip install "),
-        needing("a mesh needs it", "twin"),
+        explain_import_error("a mesh needs it", "twin"),
     ):
         importlib.import_module("no_such_library")
 
 
 def test_a_missing_module_of_the_project_is_no_missing_library():
-    with pytest.raises(ModuleNotFoundError), needing("a mesh needs it", "twin"):
+    with pytest.raises(ModuleNotFoundError), explain_import_error("a mesh needs it", "twin"):
         importlib.import_module("stridetwin.no_such_module")
 
 

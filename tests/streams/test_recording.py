@@ -366,7 +366,7 @@ def foreign(path, stamps, log_offset=5_000_000, names=("a",), frame="imu"):
     """A recording by the stock writer, by a driver with another frame, latency and a big-endian machine."""
     from mcap.writer import Writer
 
-    from stridetwin.streams.recording.ros_types import definition, message, typestore
+    from stridetwin.streams.recording.ros_types import build_message, definition, typestore
 
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=4096)
@@ -380,7 +380,7 @@ def foreign(path, stamps, log_offset=5_000_000, names=("a",), frame="imu"):
                     values |= {"header.frame_id": frame * (1 + i % 2), "linear_acceleration.z": 9.8 + i}
                 else:
                     values |= {"name": list(names), "position": np.full(len(names), float(i))}
-                data = typestore().serialize_cdr(message(typename, values), typename, little_endian=bool(i % 3))
+                data = typestore().serialize_cdr(build_message(typename, values), typename, little_endian=bool(i % 3))
                 writer.add_message(channel, t + log_offset, bytes(data), t + log_offset)
         writer.finish()
     return path

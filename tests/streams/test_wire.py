@@ -13,7 +13,7 @@ from rigs import every_small_block, small_rig
 
 from stridetwin.streams.bounded_images import image_size
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Decoder, Encoder, Message, stored_messages
+from stridetwin.streams.live.messages import Decoder, Encoder, Message, to_messages
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
@@ -22,7 +22,7 @@ from stridetwin.streams.live.wire import (
     WireError,
     check_message,
     parse_address,
-    read,
+    parse_json,
     read_message,
 )
 from stridetwin.streams.recording.reader import Recording
@@ -56,7 +56,7 @@ def test_what_is_sent_is_what_a_recording_holds_and_says_the_same(recorded):
     encoder, decoders = Encoder(recording.rig), {}
     samples = {(s.topic, s.t_ns): s for s in recording.samples()}
     count = 0
-    for message in stored_messages(recording, list(recording.topics)):
+    for message in to_messages(recording, list(recording.topics)):
         assert read_message(arrived(message)) == (message, 5)
         decoder = decoders.setdefault(message.topic, Decoder(message.topic, message.typename))
         sample = samples.pop((message.topic, message.t_ns))
@@ -73,7 +73,7 @@ def test_messages_come_in_order_imus_first_and_images_last(recorded):
     kinds = {Imu: 0, Image: 2, Depth: 2}
     keys = [
         (m.t_ns, kinds.get(recording.topics[m.topic].kind, 1), m.topic)
-        for m in stored_messages(recording, list(recording.topics))
+        for m in to_messages(recording, list(recording.topics))
     ]
     assert keys == sorted(keys)
 
@@ -119,7 +119,7 @@ def test_a_hello_brings_rig_texts_and_clock():
         next={"/a": 3},
         visit=2,
     )
-    back = read(Hello, hello.model_dump_json().encode(), "hello")
+    back = parse_json(Hello, hello.model_dump_json().encode(), "hello")
     assert rig_to_yaml(back.calibration) == hello.rig
     assert back == hello
 
@@ -154,7 +154,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\nc: [*b,*b
 def test_an_invalid_hello_is_refused_at_once(body, said):
     began = time.perf_counter()
     with pytest.raises(WireError, match=said):
-        _ = read(Hello, body, "hello").calibration
+        _ = parse_json(Hello, body, "hello").calibration
     assert time.perf_counter() - began < 2.0
 
 
@@ -188,11 +188,11 @@ def test_a_topic_that_is_no_key_is_not_sent(topic):
 
 
 def test_numbers_of_samples_are_checked():
-    assert read(Counts, b'{"/a": 3}', "end") == {"/a": 3}
+    assert parse_json(Counts, b'{"/a": 3}', "end") == {"/a": 3}
     many = json.dumps({f"/{i}": 1 for i in range(2000)}).encode()
     for body in (b'{"/a": -1}', b'{"/a": 1.5}', b'{"/a": 1' + b"0" * 40 + b"}", b"[1]", many):
         with pytest.raises(WireError, match="end: invalid"):
-            read(Counts, body, "end")
+            parse_json(Counts, body, "end")
 
 
 def claimed_size(width, height):

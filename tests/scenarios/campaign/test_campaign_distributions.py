@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.campaign.distributions import Choice, DistributionInFile, Fixed
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.validation import validated
+from stridetwin.streams.validation import validate
 
 MIDDLES = (np.arange(20000) + 0.5) / 20000
 
 
 def read(node):
-    return validated(DistributionInFile, node, "c.yaml", at="set.x")
+    return validate(DistributionInFile, node, "c.yaml", at="set.x")
 
 
 def drawn(node) -> np.ndarray:

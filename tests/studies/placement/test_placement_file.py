@@ -8,7 +8,7 @@ import yaml
 from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
 from stridetwin.sim.sensors.standard_rig import sensor_rig
-from stridetwin.streams.errors import StrideTwinError, Where
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Place, check_ends, problems, read_problem, scenario_at
 
@@ -103,7 +103,7 @@ def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
 
 
 def test_a_chosen_number_has_six_digits_and_lies_within_its_bounds_however_small_they_are():
-    at = Where(source="test")
+    at = FieldLocation(source="test")
     small = Knob(name="x", low=0.0002, high=0.0006, step=0.0002, at=at)
     assert small.grid == [0.0002, 0.0004, 0.0006]
     assert small.middle == 0.0004

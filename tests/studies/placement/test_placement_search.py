@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from seen_board import BOARD, EXPOSURE_S, OPTICAL, camera, walk
 
-from stridetwin.streams.errors import Where
+from stridetwin.streams.errors import FieldLocation
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise
 from stridetwin.studies.placement.scores import Seeing
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.placement.visibility import see_board
 
-AT = Where(source="test")
+AT = FieldLocation(source="test")
 KNOBS = [
     *(Knob(name=axis, low=-100.0, high=100.0, at=AT) for axis in ("x_mm", "y_mm", "z_mm")),
     *(Knob(name=angle, low=-60.0, high=60.0, at=AT) for angle in ("yaw_deg", "pitch_deg")),
