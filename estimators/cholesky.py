@@ -6,12 +6,12 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.matrices import REORDERED
 from stridetwin.streams.samples import Array
 
 
-@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
+@njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def factorise(L: Array, size: int) -> bool:
     """Cholesky factor of the leading `size` rows, in place in the lower triangle; False where there is none.
 
@@ -46,7 +46,7 @@ def factorise(L: Array, size: int) -> bool:
     return True
 
 
-@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
+@njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def solve(A: Array, b: Array, size: int, damping: float, L: Array, x: Array) -> bool:
     """Solves A x = b for the first `size` unknowns, with a damped diagonal.
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.streams import compiled
-from stridetwin.streams.compiled import INSIDE, F
+from stridetwin.streams.compiled import INNER_KERNEL, F
 
-__all__ = ["INSIDE", "entry_kernel"]
+__all__ = ["INNER_KERNEL", "entry_kernel"]
 
 _SHARED = [Path(__file__).with_name(name) for name in ("so3.py", "matrices.py", "cholesky.py")]
 
 
 def entry_kernel(*sources: str | Path, **options: Any) -> Callable[[F], F]:
-    """Compiles functions that Python calls; see `streams.compiled.cached`."""
-    return compiled.cached(*_SHARED, *sources, **options)
+    """Compiles functions that Python calls; see `streams.compiled.entry_kernel`."""
+    return compiled.entry_kernel(*_SHARED, *sources, **options)

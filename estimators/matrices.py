@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
@@ -22,19 +22,19 @@ def matvec(M: Array, v: Array) -> Array:
 REORDERED = {"reassoc", "contract", "nsz"}
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def vec3() -> Array:
     """(3,) array whose entries are not set."""
     return np.empty(3)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def mat3() -> Array:
     """(3, 3) array whose entries are not set."""
     return np.empty((3, 3))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def identity(n: int) -> Array:
     """(n, n) identity matrix."""
     M = np.zeros((n, n))
@@ -43,14 +43,14 @@ def identity(n: int) -> Array:
     return M
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def clear(v: Array) -> None:
     """Sets a vector (N,) to 0."""
     for i in range(v.shape[0]):
         v[i] = 0.0
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def clear_block(M: Array, n: int) -> None:
     """Sets the first n rows and columns of a matrix to 0."""
     for i in range(n):
@@ -58,14 +58,14 @@ def clear_block(M: Array, n: int) -> None:
             M[i, j] = 0.0
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def copy(v: Array, out: Array) -> None:
     """Copies a vector (N,) into `out`."""
     for i in range(v.shape[0]):
         out[i] = v[i]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def copy_matrix(M: Array, out: Array) -> None:
     """Copies a matrix (N, M) into `out`."""
     for i in range(M.shape[0]):
@@ -73,7 +73,7 @@ def copy_matrix(M: Array, out: Array) -> None:
             out[i, j] = M[i, j]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def transposed(M: Array) -> Array:
     """(m, n) transpose of (n, m)."""
     T = np.empty((M.shape[1], M.shape[0]))
@@ -83,7 +83,7 @@ def transposed(M: Array) -> Array:
     return T
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def mul(A: Array, B: Array) -> Array:
     """(n, m) product of (n, k) and (k, m); faster than BLAS for small matrices."""
     n, k, m = A.shape[0], A.shape[1], B.shape[1]
@@ -96,7 +96,7 @@ def mul(A: Array, B: Array) -> Array:
     return C
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def sparse_mul(F: Array, P: Array) -> Array:
     """(n, m) product of (n, k) and (k, m) that skips the zeros of F."""
     n, k, m = F.shape[0], F.shape[1], P.shape[1]
@@ -110,19 +110,19 @@ def sparse_mul(F: Array, P: Array) -> Array:
     return C
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def transform_covariance(F: Array, P: Array) -> Array:
     """(n, n) product F P Fᵀ with a symmetric P."""
     return sparse_mul(F, transposed(sparse_mul(F, P)))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def dot(a: Array, b: Array) -> float:
     """Product of two vectors (3,)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def rotate(R: Array, v: Array) -> Array:
     """(3,) product R v."""
     w = vec3()
@@ -131,7 +131,7 @@ def rotate(R: Array, v: Array) -> Array:
     return w
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def rotate_back(R: Array, v: Array) -> Array:
     """(3,) product Rᵀ v."""
     w = vec3()
@@ -140,7 +140,7 @@ def rotate_back(R: Array, v: Array) -> Array:
     return w
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def inverse(M: Array) -> Array:
     """(n, n) inverse of M."""
     return np.linalg.inv(M)  # type: ignore[return-value]

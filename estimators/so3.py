@@ -10,13 +10,13 @@ import math
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _SMALL = 1e-5  # rad; smaller angles use series
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def hat(v: Array) -> Array:
     """(3, 3) matrix whose product with a vector is v × that vector."""
     M = np.zeros((3, 3))
@@ -25,7 +25,7 @@ def hat(v: Array) -> Array:
     return M
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def exp(v: Array) -> Array:
     """(3, 3) rotation by the vector v, rad."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -35,7 +35,7 @@ def exp(v: Array) -> Array:
     return _series(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def log(R: Array) -> Array:
     """(3,) rotation vector of a rotation matrix, rad, of length ≤ π."""
     v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
@@ -56,7 +56,7 @@ def log(R: Array) -> Array:
     return a * (math.pi / math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def right_jacobian(v: Array) -> Array:
     """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -66,7 +66,7 @@ def right_jacobian(v: Array) -> Array:
     return _series(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def right_jacobian_inverse(v: Array) -> Array:
     """(3, 3) inverse of `right_jacobian`, for |v| < 2π."""
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -76,7 +76,7 @@ def right_jacobian_inverse(v: Array) -> Array:
     return _series(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _series(v: Array, a: float, b: float, c: float) -> Array:
     """(3, 3) a 1 + b [v]x + c [v]x²."""
     x, y, z = v

@@ -1,6 +1,6 @@
 """Compilation of functions: those called by Python are cached, inner ones are compiled at less cost.
 
-Numba has no public way to either. `INTERNALS` names what is used of its inside; `SUPPORTED` the versions in which that
+Numba has no public way to either. `INTERNALS` names what is used of its inside; `KNOWN` the versions in which that
 means what it means here. With any other version everything is compiled by plain `numba.njit(cache=True)`: the numbers
 are the same, compilation takes about twice as long, and a cached function does not notice changes in other files.
 """
@@ -16,8 +16,8 @@ from typing import Any, TypeVar, cast
 import numba
 from numba import njit
 
-SUPPORTED = ((0, 61), (0, 69))
-"""First version of Numba that is supported, and the first one beyond."""
+KNOWN = ((0, 61), (0, 69))
+"""First version of Numba whose inside is known, and the first one beyond."""
 INTERNALS = (
     ("numba._dynfunc", "make_function"),
     ("numba.core.caching", "IndexDataCacheFile"),
@@ -35,28 +35,28 @@ INTERNALS = (
 `_cache._cache_file` with `_source_stamp` and `_version` of a cached one."""
 
 
-def missing_internals() -> list[str]:
+def find_missing_internals() -> list[str]:
     """The `INTERNALS` that the installed Numba lacks."""
     lacking = []
     for module, names in INTERNALS:
         try:
-            found: Any = importlib.import_module(module)
+            internal: Any = importlib.import_module(module)
             for name in names.split("."):
-                found = getattr(found, name)
+                internal = getattr(internal, name)
         except (ImportError, AttributeError):
             lacking.append(f"{module}.{names}")
     return lacking
 
 
-def is_supported(version: str) -> bool:
-    """Whether a version of Numba lies within `SUPPORTED`."""
+def is_known(version: str) -> bool:
+    """Whether a version of Numba lies within `KNOWN`."""
     parts = version.split(".")[:2]
     numbers = tuple(int(part) for part in parts if part.isdecimal())
-    return SUPPORTED[0] <= numbers < SUPPORTED[1]
+    return KNOWN[0] <= numbers < KNOWN[1]
 
 
-_WITH_INTERNALS = is_supported(numba.__version__) and not missing_internals()
-INSIDE: dict[str, Any] = {}
+_WITH_INTERNALS = is_known(numba.__version__) and not find_missing_internals()
+INNER_KERNEL: dict[str, Any] = {}
 """Options of a function that Python never calls: its arguments are not taken apart, and LLVM sees it only as a part of
 what calls it (`part_compiler`). Otherwise every function is optimised and made machine code again for each one further
 out; that was half of the compilation."""
@@ -64,12 +64,12 @@ out; that was half of the compilation."""
 if _WITH_INTERNALS:
     from stridetwin.streams.part_compiler import PartCompiler, entry_compiler
 
-    INSIDE |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
+    INNER_KERNEL |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 
-def cached(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callable[[F], F]:
+def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callable[[F], F]:
     """Compiles functions that Python calls, and caches them until a source changes.
 
     numba's cache looks at the file of the cached function alone, and would go on with what that function took in from
@@ -90,12 +90,12 @@ def cached(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callabl
         options |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 
     def compiled(function: F) -> F:
-        made: Any = njit(cache=True, **options)(getattr(function, "py_func", function))
+        kernel: Any = njit(cache=True, **options)(getattr(function, "py_func", function))
         if _WITH_INTERNALS:
-            index = made._cache._cache_file
+            index = kernel._cache._cache_file
             index._source_stamp = stamp
             index._version += f" {stamp}"  # is compared first; the rest may name classes that are gone
-        return cast(F, made)
+        return cast(F, kernel)
 
     return compiled
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from stridetwin.estimators.cholesky import solve
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.matrices import clear, clear_block
 from stridetwin.streams.samples import Array
 
@@ -74,7 +74,7 @@ def fit_corners(
     return fits
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
     """Square wave of period 2 that rises at 0, smoothed by a Gaussian.
 
@@ -102,7 +102,7 @@ def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
     return value, slope, by_sd
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _fit_corner(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
     fit_blur: bool, out: Array,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
 from stridetwin.estimators.matrices import copy_matrix, dot, identity, mul, rotate, transposed
 from stridetwin.estimators.so3 import hat
@@ -71,7 +71,7 @@ def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
     return np.array([*parts, rotation])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
     """(4, 4) pose of a frame in the one before, Shim 2019 (1), docs/contact_terrain.md (1)."""
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
@@ -103,7 +103,7 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
     return poses
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def joint_angles(parts: Array, R: Array) -> Array:
     """Angles of n = 1-3 joints from the rotation that they and the parts between them make up, rad.
 
@@ -186,7 +186,7 @@ def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
     return False
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _wrap_angle(angle: float) -> float:
     """The angle within [-π, π], rad."""
     return math.atan2(math.sin(angle), math.cos(angle))
@@ -239,7 +239,7 @@ def rotation_jacobian(arm: Array, R: Array) -> Array:
     return mul(transposed(hat(arm)), R)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _rotate_column(R: Array, pose: Array, column: int) -> Array:
     """(3,) column of a (4, 4) pose, rotated by R; column 3 is the pose's origin."""
     v = np.empty(3)
@@ -248,7 +248,7 @@ def _rotate_column(R: Array, pose: Array, column: int) -> Array:
     return rotate(R, v)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _vector_between(a: Array, b: Array) -> Array:
     """(3,) vector from a to b."""
     v = np.empty(3)
@@ -257,7 +257,7 @@ def _vector_between(a: Array, b: Array) -> Array:
     return v
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _set_block(block: Array, J: Array, column: int) -> None:
     """Writes a (3, 3) block into the rows of J (3, n), from `column` on."""
     for i in range(3):

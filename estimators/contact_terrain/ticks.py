@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from stridetwin.estimators import so3
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
 from stridetwin.estimators.matrices import copy_matrix, dot, mul, transposed
@@ -258,7 +258,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
         since[i] = 0.0
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _scale(share: float, v: Array) -> Array:
     """(3,) product of a number and a vector."""
     product = np.empty(3)

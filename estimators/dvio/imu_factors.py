@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_ATTITUDE,
@@ -44,7 +44,7 @@ from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacob
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def reset(z: Preintegration, bias: Array) -> None:
     """Resets a measurement to zero duration, at the biases (6,) of gyroscope (rad/s) and accelerometer (m/s²)."""
     z.dt[0] = 0.0
@@ -56,7 +56,7 @@ def reset(z: Preintegration, bias: Array) -> None:
     copy(bias, z.bias)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
@@ -129,7 +129,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     z.dt[0] += dt
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
     """Index of the first stamp after a time, by bisection."""
     low, high = 0, t_ns.shape[0]
@@ -142,7 +142,7 @@ def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
     return low
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
     """Preintegrates IMU samples into `z` from `start_ns` to `end_ns`, at the biases (6,), rad/s and m/s².
 
@@ -170,7 +170,7 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
         i += at == t_ns[i]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _relative_motion(
     R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
 ) -> None:  # fmt: skip
@@ -188,7 +188,7 @@ def _relative_motion(
     copy(rotate_back(R, by_v), v)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
     """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
 
@@ -245,7 +245,7 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
             J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
@@ -285,7 +285,7 @@ def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Ar
     return cost
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float:
     """Adds the zero-velocity update of one frame to H and b; returns its cost ½ |v|²/σ².
 
@@ -306,7 +306,7 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
     return cost
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
     """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
     f, cost = window.frames, 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
@@ -88,7 +88,7 @@ def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
     )  # fmt: skip
 
 
-@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
+@njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def _add_landmark(
     frames: Frames, marks: Landmarks, calibration: Calibration, factors: FactorParameters, views: Views,
     s: CameraEquations, l: int, last: int, host_depth: bool,
@@ -167,7 +167,7 @@ def _add_landmark(
     return cost
 
 
-@njit(fastmath=REORDERED, error_model="numpy", **INSIDE)
+@njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
     """Eliminates a landmark, seen by the frames `seen` (F,), from the equations: docs/dvio.md (11), first part."""
     cross, share = s.cross[l], 1.0 / s.depth_information[l]
@@ -184,7 +184,7 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
                 row[e] -= f * cross[e]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
     """Adds the sums `pairs` of the landmarks that one frame hosts to the camera equations H and b."""
     first = CALIBRATION + POSE * host
@@ -209,7 +209,7 @@ def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
                     row[second + e] += pair[a, OBSERVER + e]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def is_usable(marks: Landmarks, l: int, last: int) -> bool:
     """Whether a landmark has a host and is observed by another frame, both among the frames up to `last`."""
     host = marks.host[l]
@@ -221,7 +221,7 @@ def is_usable(marks: Landmarks, l: int, last: int) -> bool:
     return j <= last
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_camera_factors(
     window: WindowState, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
     host_depth: bool, H: Array, b: Array,
@@ -256,7 +256,7 @@ def add_camera_factors(
     return cost
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def state_index(i: int) -> int:
     """Index among all states of the i-th column of the camera equations (calibration, then six per pose)."""
     if i < CALIBRATION:
@@ -264,7 +264,7 @@ def state_index(i: int) -> int:
     return CALIBRATION + FRAME * ((i - CALIBRATION) // POSE) + (i - CALIBRATION) % POSE
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def predict_observations(
     window: WindowState, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
     known: NDArray[np.uint8],
@@ -313,7 +313,7 @@ def predict_observations(
             warp[l, 1, j] = (A[h, 1, j] + t[h, 1] * slope - v * by_depth) * depth / xi
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def cull(
     marks: Landmarks, c: Calibration, factors: FactorParameters, views: Views, n: int, most: float,
     alive: NDArray[np.uint8],
@@ -374,7 +374,7 @@ def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uin
     marks.host[rehosted], marks.seen[rehosted, newest] = newest, 1
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     """Mean image motion of points between two frames with their rotation removed, and the number of points.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.state import FRAME, Frames, ImuNoise, ImuSamples, Preintegration
 from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, transform_covariance
@@ -70,7 +70,7 @@ def blank_nav_state() -> NavState:
     )  # fmt: skip
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: float) -> None:
     """Propagates a state and its covariance by a preintegrated measurement; its time is not changed.
 
@@ -115,7 +115,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
     copy_matrix(mul(R, delta_R), nav.R)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def is_plausible(nav: NavState) -> bool:
     """Whether a state is finite, and its speed and biases are possible for a person with a consumer IMU."""
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
@@ -132,7 +132,7 @@ def is_plausible(nav: NavState) -> bool:
     return gyro < _MAX_GYRO_BIAS_RADPS and accel < _MAX_ACCEL_BIAS_MPS2
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def pose_covariance(nav: NavState) -> Array:
     """(6, 6) covariance of position (m) and rotation (rad), both in world axes."""
     to_world, P = identity(6), np.empty((6, 6))

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.matrices import clear, clear_block, copy_matrix, inverse
 from stridetwin.streams.samples import Array
 
@@ -45,7 +45,7 @@ class AlignmentLimits(NamedTuple):
     settled_px: float
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[float, float]:
     """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (levels/px)²."""
     a, b, c = 0.0, 0.0, 0.0
@@ -61,7 +61,7 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[flo
     return mean - half, mean + half
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def cornerness_at(
     grey: NDArray[np.uint8], candidates: NDArray[np.float32], min_cornerness: float, min_roundness: float, score: Array
 ) -> None:
@@ -81,7 +81,7 @@ def cornerness_at(
                 score[i] = least
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _is_near(points: NDArray[np.float32], count: int, x: float, y: float, apart_px: float) -> bool:
     """Whether one of the first `count` points (N, 2) px is closer than `apart_px` to the pixel (x, y)."""
     k = 0
@@ -90,7 +90,7 @@ def _is_near(points: NDArray[np.float32], count: int, x: float, y: float, apart_
     return k < count
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def pick(
     shape: tuple[int, int], candidates: NDArray[np.float32], order: NDArray[np.int64], taken: NDArray[np.float32],
     min_distance_px: float, filled: NDArray[np.int64], out: NDArray[np.float32],
@@ -138,7 +138,7 @@ def pick(
     return count
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _sort(values: Array, n: int) -> None:
     """Sorts the first n values in place by insertion; n is small."""
     for i in range(1, n):
@@ -149,7 +149,7 @@ def _sort(values: Array, n: int) -> None:
         values[at] = value
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def read_depth(
     depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, rho: Array
 ) -> None:
@@ -185,7 +185,7 @@ REACH = 6  # px; half of a patch, a constant because the compiler unrolls its su
 PIXELS = (2 * REACH + 1) ** 2
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _interpolate(grey: NDArray[np.uint8], x: float, y: float) -> float:
     """Grey value at (x, y) px, bilinear; the four pixels around lie inside the image."""
     j, i = int(x), int(y)
@@ -213,7 +213,7 @@ def blank_patches(slots: int) -> Patches:
     return Patches(np.zeros((slots, PIXELS, 3), np.float32), np.zeros((slots, 3, 3)), np.zeros(slots))
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _determinant(M: Array) -> float:
     """Determinant of a (3, 3) matrix."""
     a = M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1]
@@ -222,7 +222,7 @@ def _determinant(M: Array) -> float:
     return M[0, 0] * a - M[0, 1] * b + M[0, 2] * c
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
     """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
     height, width = grey.shape
@@ -260,7 +260,7 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
         patches.power[ids[n]] = H[2, 2]
 
 
-@njit(error_model="numpy", fastmath=True, **INSIDE)
+@njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _correlate(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
@@ -292,7 +292,7 @@ def _correlate(
     return float(g0), float(g1), float(g2), float(square - total * total / PIXELS)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def align(
     grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, limits: AlignmentLimits,
     points: NDArray[np.float32], good: NDArray[np.bool_],

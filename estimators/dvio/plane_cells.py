@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # Hand-chosen on twin walks of tuning seeds.
@@ -31,7 +31,7 @@ def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def invert_symmetric(s: Array, out: Array) -> bool:
     """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular."""
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
@@ -45,7 +45,7 @@ def invert_symmetric(s: Array, out: Array) -> bool:
     return True
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
     """Plane (3,) by least squares from a cell's sums `s` (11,), and the inverse of the normal equations (3, 3).
 
@@ -58,7 +58,7 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
     return True
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
     """Writes the sums of each cell into (R, C, 11) `cells`, see `_SUMS`.
 
@@ -94,7 +94,7 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
                 s[5] = 0.0
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buffers: Array) -> float:
     """Squared Mahalanobis distance between the plane of a cell and that of a region; inf if one is undetermined.
 
@@ -123,7 +123,7 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
     return chi / variance
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
     """Grows a region by neighbouring cells on its plane, then by all other cells on it; returns its number of cells.
 
@@ -172,7 +172,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     return count
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def read_planes(
     depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
 ) -> int:

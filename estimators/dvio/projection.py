@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.state import CALIBRATION, D_FOCAL, D_OFFSET, D_SCALE, Calibration, Frames
 from stridetwin.estimators.matrices import copy, copy_matrix, mul, rotate, transposed, vec3
 from stridetwin.estimators.so3 import exp
@@ -58,7 +58,7 @@ def directions(at: Array) -> Array:
     return np.concatenate([at, np.ones((*at.shape[:-1], 1))], axis=-1)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
@@ -69,7 +69,7 @@ def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Arra
     return mul(frames.R[k], exp(rotation)), p
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
     """Writes the camera's rotation (3, 3) and position (3,) in the world, for a pose R, p of the IMU."""
     copy_matrix(mul(R, c.R), R_camera)
@@ -78,7 +78,7 @@ def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Ar
         p_camera[i] = p[i] + mounted[i]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
     """Writes the pose of a host's camera in an observer's camera: rotation C R_host, translation C (p_host − p).
 
@@ -91,7 +91,7 @@ def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Arr
     copy(rotate(C, away), translation)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
     """Fills the views of all frames, each at the exposure of its image.
 
@@ -118,13 +118,13 @@ def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: V
             copy_matrix(mul(C_first, R_imu[i]), views.CR[i, j])
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def to_ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
     """An observation (x, y) by the nominal intrinsics as (x, y) by the estimated focal lengths, at depth 1."""
     return x * (1.0 + calibration.focal[0]), y * (1.0 + calibration.focal[1])
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def project(
     A: Array, s: Array, x: float, y: float, inverse_depth: float, least: float
 ) -> tuple[float, float, float, bool]:
@@ -149,7 +149,7 @@ def project(
     return q0 / q2, q1 / q2, inverse_depth / q2, True
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def observation_jacobian(
     frames: Frames, c: Calibration, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float,
     J: Array, Jl: Array,
@@ -233,7 +233,7 @@ def observation_jacobian(
     return True
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def huber(squared: float, limit: float) -> tuple[float, float]:
     """Huber cost and weight of a squared residual in variances, quadratic up to `limit` standard deviations."""
     if squared <= limit * limit:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.landmarks import (
     LEAST_INVERSE_DEPTH,
     MOST_INVERSE_DEPTH,
@@ -20,7 +20,7 @@ from stridetwin.estimators.so3 import exp
 from stridetwin.streams.samples import Array
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _step_calibration(c: Calibration, d: Array) -> None:
     """Adds a step (10,) to position (m) and rotation (rad) of the mount, clock (s), depth scale and focal lengths."""
     for i in range(3):
@@ -34,7 +34,7 @@ def _step_calibration(c: Calibration, d: Array) -> None:
         c.moved[i] += d[i]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _step_frame(f: Frames, k: int, e: Array) -> None:
     """Adds a step (15,) to the frame in slot k: position, attitude (error on the right), velocity and biases.
 
@@ -56,7 +56,7 @@ def _step_frame(f: Frames, k: int, e: Array) -> None:
         bias[i] = bias_0[i] + e[9 + i]
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camera: CameraEquations, d: Array) -> None:
     """Applies a step d (N,) of all states to frames and calibration, and the step that follows for each landmark.
 

@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Quaternion,
@@ -60,7 +60,7 @@ _MOVING_TILT_SD_RAD, _MOVING_SPEED_SD_MPS = 0.2, 1.0
 _GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while the filter is lost
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def begin(memory: FilterState, t_ns: int) -> None:
     """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
     memory.clock[PHASE] = ALIGNING
@@ -76,7 +76,7 @@ def begin(memory: FilterState, t_ns: int) -> None:
     put_vec3((0.0, 0.0, 0.0), memory.nominal, VELOCITY)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late.
 
@@ -119,7 +119,7 @@ def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: V
             add_across_sole(memory, parameters.contact_sd_m**2)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _widen_accel_bias(memory: FilterState, excess: float) -> None:
     """Makes the accelerometer's bias at least as uncertain as the excess (m/s²) of the force at rest over gravity."""
     P, o = memory.covariance, memory.row + D_ACCEL_BIAS
@@ -127,7 +127,7 @@ def _widen_accel_bias(memory: FilterState, excess: float) -> None:
         P[i, i] = max(P[i, i], excess * excess)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def level_attitude(memory: FilterState, force: Vec3) -> None:
     """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
@@ -150,13 +150,13 @@ def level_attitude(memory: FilterState, force: Vec3) -> None:
     put_quaternion(q, memory.nominal, ATTITUDE)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
     """The shortest rotation of a unit vector onto the vertical, not normalised."""
     return (1.0 + z, y, -x, 0.0) if z > -0.999999 else (0.0, 1.0, 0.0, 0.0)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _set_covariance(
     memory: FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
 ) -> None:

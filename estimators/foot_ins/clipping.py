@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     axpy,
@@ -36,7 +36,7 @@ _MIN_PEAK_RATES, _MIN_PEAK_FORCES = 1, 3
 _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a landing
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
@@ -78,7 +78,7 @@ def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     shift_covariance(memory.covariance, memory.row, axpy(vec3(x, POSITION), -1.0, p), axpy(vec3(x, VELOCITY), -1.0, v))
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def is_clipped(memory: FilterState, parameters: KernelParameters) -> bool:
     """Whether a channel was at its range in the last two samples, so that its peak is not restored yet.
 
@@ -92,19 +92,19 @@ def is_clipped(memory: FilterState, parameters: KernelParameters) -> bool:
     return False
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _dt(memory: FilterState, i: int) -> float:
     """Length of the interval of the ring's sample `i`, s."""
     return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % RING]) * 1e-9
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _range(parameters: KernelParameters, channel: int) -> float:
     """Range of a channel of the ring, rad/s or m/s²; 0 if unknown."""
     return parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel: int) -> int:
     """Writes the hidden part of one channel's peak into `memory.hidden`: docs/foot_ins.md (15).
 
@@ -152,7 +152,7 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
     return end
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _sample(memory: FilterState, back: int, channel: int, sign: float) -> float:
     """A channel of the sample `back` samples older than the newest, times `sign`."""
     return sign * memory.ring[ring_row(memory, back), channel]

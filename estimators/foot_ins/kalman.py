@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.matrices import clear as zero
 from stridetwin.streams.samples import Array
 
@@ -49,14 +49,14 @@ def workspace(states: int, measured: int) -> Workspace:
     )  # fmt: skip
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def clear(work: Workspace, m: int) -> None:
     """Clears the first m rows of the Jacobian."""
     for i in range(m):
         zero(work.jacobian[i])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> None:
     """Scalar Kalman update of `P` and of the accumulated error `dx`, in place.
 
@@ -81,7 +81,7 @@ def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: flo
             P[j, i] = P[i, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def correct_probably(
     P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float, probability: float
 ) -> None:  # fmt: skip
@@ -110,7 +110,7 @@ def correct_probably(
             P[j, i] = P[i, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
     """The innovation z' = z - h dx and its variance s = h P hᵀ + r; writes P hᵀ into `gain`."""
     _covariance_times_row(P, gain, o, h)
@@ -122,7 +122,7 @@ def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r:
     return z, s
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _covariance_times_row(P: Array, gain: Array, o: int, h: Array) -> None:
     """Writes P hᵀ into `gain`."""
     zero(gain)
@@ -132,7 +132,7 @@ def _covariance_times_row(P: Array, gain: Array, o: int, h: Array) -> None:
                 gain[i] += P[o + j, i] * h[j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
     """Writes H P Hᵀ of the first m rows of the Jacobian, by the states from row `o` on, into the workspace."""
     H = work.jacobian
@@ -145,7 +145,7 @@ def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
             work.spread[i, k] = s
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     """Length of the innovation of m measurements, in standard deviations, with noise of this variance.
 
@@ -166,7 +166,7 @@ def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     return math.sqrt(length2)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def back_substitute(work: Workspace, m: int) -> None:
     """Replaces `solved`, L⁻¹ z after `innovation_norm`, by S⁻¹ z."""
     L, y = work.factor, work.solved
@@ -176,7 +176,7 @@ def back_substitute(work: Workspace, m: int) -> None:
         y[i] /= L[i, i]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def apply_gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
     """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds a gate.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -51,7 +51,7 @@ _PEAK_DECAY_S = 0.2  # decay time of the statistic's peak [real walks]
 _MAX_VELOCITY_SD_MPS = 2.0  # zero-velocity updates with a larger standard deviation are skipped
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def is_possible(rate: Vec3, force: Vec3) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
     fine = True
@@ -61,7 +61,7 @@ def is_possible(rate: Vec3, force: Vec3) -> bool:
     return fine
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def add_sample(
     memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float, float]:
@@ -104,7 +104,7 @@ def add_sample(
     return phase, dt, statistic
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
     """Takes one sample into the memory.
 
@@ -138,7 +138,7 @@ def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec
     return NAVIGATING, speed
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None:
     """Writes the nominal state, and the covariance of position and attitude.
 

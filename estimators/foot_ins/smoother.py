@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.kernel import step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
@@ -36,7 +36,7 @@ _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _write(window: TransitionWindow, out: Rows, k: int) -> None:
     """Releases the oldest sample and writes it into row `k` of `out`."""
     i = release_oldest(window)

@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import (
     apply_gated_update,
     clear,
@@ -83,7 +83,7 @@ _STAND_SPEED_MPS = 0.02  # largest speed uncertainty of a foot on a floor [real 
 _STAND_S = 0.0298  # stationary time before the height of a foot counts [real walks]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
     head = (memory.clock[HEAD] + 1) % RING
@@ -95,7 +95,7 @@ def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> No
         memory.ring[head, 3 + i] = force[i]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
@@ -127,14 +127,14 @@ def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float
     return max(spread2, 0.0) / ACCEL_SCALE_MPS2**2 + rate2 / n / GYRO_SCALE_RADPS**2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParameters) -> float:
     """Standard deviation of a stationary foot's speed, m/s, by the motion statistic (docs/foot_ins.md (7))."""
     level = max(parameters.stationary_level, parameters.stationary_share * peak)
     return parameters.stationary_speed_mps * math.sqrt(1.0 + (statistic / level) ** parameters.stationary_power)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
     """Random displacement of the stationary point along the sole over `dt` (s): docs/foot_ins.md (13).
 
@@ -151,7 +151,7 @@ def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: fl
     add_across_sole(memory, (1.0 - kept * kept) * parameters.contact_sd_m**2)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
     """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
     x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
@@ -163,7 +163,7 @@ def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: flo
     P[o, o] += (1.0 - kept * kept) * parameters.height_drift_sd**2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def add_across_sole(memory: FilterState, variance: float) -> None:
     """Adds `variance` (m²) to the covariance of the stationary point, in every direction across the lever arm."""
     P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
@@ -173,7 +173,7 @@ def add_across_sole(memory: FilterState, variance: float) -> None:
             P[o + i, o + j] += variance * (_UNIT[i][j] - down[i] * down[j])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def zero_velocity_update(
     memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
@@ -225,13 +225,13 @@ def zero_velocity_update(
     inject(memory)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _put_column(H: Array, column: int, v: Vec3) -> None:
     """Writes a vector into the first three rows of a column."""
     H[0, column], H[1, column], H[2, column] = v
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
     """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9)."""
     w2 = dot(w, w)
@@ -244,7 +244,7 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
     )
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def unknown_bias_statistic(memory: FilterState) -> float:
     """Motion statistic of a foot at rest whose gyro is biased by two standard deviations.
 
@@ -254,7 +254,7 @@ def unknown_bias_statistic(memory: FilterState) -> float:
     return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / GYRO_SCALE_RADPS**2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def zero_rate_update(memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
@@ -271,7 +271,7 @@ def zero_rate_update(memory: FilterState, parameters: KernelParameters, rate: Ve
     inject(memory)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def inject(memory: FilterState) -> None:
     """Moves the foot's own error into its nominal state, in place."""
     x, error, o = memory.nominal, memory.error, memory.row
@@ -286,13 +286,13 @@ def inject(memory: FilterState) -> None:
         error[o + i] = 0.0
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _floor_variance(memory: FilterState, parameters: KernelParameters) -> float:
     """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `_FLOOR_PRIOR` steps, and the walk's."""
     return (_FLOOR_PRIOR * parameters.floor_sd_m**2 + memory.floor[2]) / (_FLOOR_PRIOR + memory.floor[1])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _learn_level_step(memory: FilterState, same: float, step: float, variance: float, spread: float) -> None:
     """Learns from a step by how much steps on one floor differ in height.
 
@@ -313,13 +313,13 @@ def _learn_level_step(memory: FilterState, same: float, step: float, variance: f
     memory.floor[2] += same * (share * share * step * step + share * spread)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _normal_density(x: float, variance: float) -> float:
     """Density of a normal distribution of mean 0."""
     return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def level_floor_update(
     memory: FilterState, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float
 ) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import Vec3
 from stridetwin.streams.samples import Array
@@ -130,19 +130,19 @@ def initial_state(covariance: Array | None = None, error: Array | None = None, r
     )  # fmt: skip
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def ring_row(memory: FilterState, back: int) -> int:
     """Row of the ring's sample that is `back` samples older than the newest."""
     return (memory.clock[HEAD] - back) % RING
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def rate_of(memory: FilterState, row: int) -> Vec3:
     """Angular rate of the ring's row, rad/s."""
     return memory.ring[row, 0], memory.ring[row, 1], memory.ring[row, 2]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def force_of(memory: FilterState, row: int) -> Vec3:
     """Specific force of the ring's row, m/s²."""
     return memory.ring[row, 3], memory.ring[row, 4], memory.ring[row, 5]

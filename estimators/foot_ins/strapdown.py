@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
@@ -49,7 +49,7 @@ _GAP_GYRO_NOISE_RADPS_RTHZ, _GAP_ACCEL_NOISE_MPS2_RTHZ = 0.3, 3.0
 _MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a sensor of unknown range
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
 
@@ -63,7 +63,7 @@ def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, pa
     mirror(P, o + D_POSITION, 9)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def transpose_rows(M: Array, first: int, count: int) -> None:
     """Transposes a matrix (n, n) that is symmetric outside of `count` rows and the same columns, in place."""
     for i in range(first, first + count):
@@ -72,7 +72,7 @@ def transpose_rows(M: Array, first: int, count: int) -> None:
                 M[i, j], M[j, i] = M[j, i], M[i, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def mirror(M: Array, first: int, count: int) -> None:
     """Makes a diagonal block, which is symmetric but for rounding, exactly so."""
     for i in range(first, first + count):
@@ -80,7 +80,7 @@ def mirror(M: Array, first: int, count: int) -> None:
             M[i, j] = M[j, i]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """M <- F M in place; only the foot's own rows of position, velocity and attitude change."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
@@ -104,7 +104,7 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
             M[p + i, j] += 0.5 * dt * M[v + i, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place: docs/foot_ins.md (12).
 
@@ -119,7 +119,7 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     mirror(P, o + D_POSITION, 6)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv in the rows from `o` on."""
     p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
@@ -133,7 +133,7 @@ def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
         M[v + 2, j] += x * dv[1] - y * dv[0]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
     """Force at the middle of a rotation by (x, y, z) rad with the velocity change of the constant `f` over it.
 
@@ -145,7 +145,7 @@ def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
     return less * f[0] + along * x, less * f[1] + along * y, less * f[2] + along * z
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def propagate_state(
     x: Array, rate: Vec3, force: Vec3, dt: float, gravity: float, down: Vec3
 ) -> tuple[Mat3, Vec3, float, Vec3]:
@@ -183,7 +183,7 @@ def propagate_state(
     return R, f_world, path, (dt * turn[0], dt * turn[1], dt * turn[2])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
     """Propagates state and covariance over one interval: docs/foot_ins.md (5).
 
@@ -227,7 +227,7 @@ def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force
             _add_along(P, o + D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _at_limit(extreme: Array, channel: int, size: float, known: float, least: float, limit_share: float) -> bool:
     """Whether a channel may be limited: near its range or, where unknown, near the largest value so far.
 
@@ -248,7 +248,7 @@ def _at_limit(extreme: Array, channel: int, size: float, known: float, least: fl
     return size >= limit_share * extreme[channel]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _add_along(P: Array, row: int, axis: Vec3, variance: float) -> None:
     """Adds variance along an axis to the 3×3 block of `P` at `row`, in place."""
     for i in range(3):

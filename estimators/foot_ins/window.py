@@ -31,7 +31,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.quaternions import (
     Vec3,
     axpy,
@@ -116,7 +116,7 @@ def initial_augmented_state() -> FilterState:
     return initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def augment(memory: FilterState) -> None:
     """Writes zeros and ones into the additional rows of covariance and error before the next sample, in place."""
     P, n = memory.covariance, 2 * STATES
@@ -126,7 +126,7 @@ def augment(memory: FilterState) -> None:
         memory.error[i] = 0.0
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
@@ -162,7 +162,7 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
     _reset_row(memory.error, STATES, dp, dv)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
     """Maps a transition to the errors of the states with the restored peak, in place.
 
@@ -185,7 +185,7 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         _reset_row(window.evidence[row], 0, dp, dv)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T⁻ᵀ M T⁻¹ in place, M symmetric; T of `strapdown.shift_covariance`, at the rows and columns from `o` on."""
     _reset_columns(M, o, dp, dv)
@@ -194,14 +194,14 @@ def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     mirror(M, o + D_ATTITUDE, 3)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- M T⁻¹ in place; T of `strapdown.shift_covariance`, at the columns from `o` on."""
     for i in range(M.shape[0]):
         _reset_row(M[i], o, dp, dv)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
     by_position = cross(vec3(row, o + D_POSITION), dp)
@@ -210,7 +210,7 @@ def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     put_vec3(attitude, row, o + D_ATTITUDE)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def append(window: TransitionWindow, memory: FilterState, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
@@ -229,7 +229,7 @@ def append(window: TransitionWindow, memory: FilterState, phase: int, speed: flo
     _compose(window, capacity, i)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
     """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16)."""
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
@@ -241,7 +241,7 @@ def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
     copy_matrix(BA, A)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _multiply(A: Array, B: Array, out: Array) -> None:
     """Writes A B into `out`; the compiler vectorises the sums, so that BLAS is no faster for matrices so small."""
     for i in range(STATES):
@@ -253,7 +253,7 @@ def _multiply(A: Array, B: Array, out: Array) -> None:
                 out[i, j] += a * B[k, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _add_product_by_transposed(A: Array, B: Array, out: Array) -> None:
     """Adds Aᵀ B to `out`."""
     for k in range(STATES):
@@ -263,7 +263,7 @@ def _add_product_by_transposed(A: Array, B: Array, out: Array) -> None:
                 out[i, j] += a * B[k, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
     """Adds Aᵀ b to `out`."""
     for k in range(STATES):
@@ -271,7 +271,7 @@ def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
             out[i] += A[k, i] * b[k]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _symmetrize(A: Array, out: Array) -> None:
     """Writes (A + Aᵀ)/2 into `out`."""
     for i in range(STATES):
@@ -279,7 +279,7 @@ def _symmetrize(A: Array, out: Array) -> None:
             out[i, j] = 0.5 * (A[i, j] + A[j, i])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def release_oldest(window: TransitionWindow) -> int:
     """Moves the oldest sample, smoothed with all later ones, into `released`: docs/foot_ins.md (17).
 

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, is_possible, step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -44,7 +44,7 @@ from stridetwin.streams.samples import Array
 _entry_kernel = entry_kernel(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> tuple[Vec3, Vec3]:
     """The sample in a world without rotation: minus the Earth's rate and the Coriolis force.
 
@@ -64,7 +64,7 @@ def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
     return axpy(rate, -1.0, rotate(to_sensor, earth)), axpy(force, -2.0, rotate(to_sensor, coriolis))
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
@@ -84,7 +84,7 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     mirror(pair.covariance, a, 3)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
     """Subtracts R diag(ω) dt times the scale rows from `s` on from the attitude rows from `a` on, in place."""
     for j in range(M.shape[1]):
@@ -172,7 +172,7 @@ def predict_board(
     return known and known_before
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _predict_pose(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_s: float, T: Array
 ) -> bool:

@@ -11,7 +11,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import clear, correct
 from stridetwin.estimators.foot_ins.kernel import add_sample
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
@@ -34,7 +34,7 @@ from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def variance_statistic(memory: FilterState, parameters: PairParameters) -> float:
     """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Jao 2020, Sec. II-D).
 
@@ -47,7 +47,7 @@ def variance_statistic(memory: FilterState, parameters: PairParameters) -> float
     return total
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _variance(memory: FilterState, window_s: float, channel: int) -> float:
     """Variance of one channel over the last `window_s`."""
     newest = memory.ring_t_ns[ring_row(memory, 0)]
@@ -63,7 +63,7 @@ def _variance(memory: FilterState, window_s: float, channel: int) -> float:
     return squares / n - (total / n) ** 2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def step_published(
     memory: FilterState, foot: KernelParameters, parameters: PairParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float]:
@@ -97,7 +97,7 @@ def step_published(
     return NAVIGATING, parameters.zero_velocity_sd_mps
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def relative_position_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Vec3,
     sd: float,

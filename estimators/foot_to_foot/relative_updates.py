@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import (
     Workspace,
     apply_gated_update,
@@ -64,7 +64,7 @@ _MAX_RANGE_MISFIT_M = 0.5
 _SETTLED_SD = 0.1  # smaller changes of the board's pose, in standard deviations of the image, end the iteration
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def board_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, m: int,
     points_in_board: Array, rays: Array, ray_sd: Array,
@@ -122,7 +122,7 @@ def board_update(
     return length
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
     """Writes G P Gᵀ into `board.covariance`: covariance of the pose whose derivatives G `board_in_camera` wrote."""
     spread_measurements(P, work, 0, 6)
@@ -131,7 +131,7 @@ def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
             board.covariance[i, j] = board.covariance[j, i] = work.spread[i, j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
     """Makes the measurement T of the pose one of all states: replaces the derivatives G of the pose by `weight` T G.
 
@@ -152,7 +152,7 @@ def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
         work.innovation[i] = weight * reduced.innovation[i]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def reduce_measurement(
     board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
     rotated: float, shared: float,
@@ -217,7 +217,7 @@ def reduce_measurement(
     return True, alone
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tuple[Vec3, Mat3]:
     """Pose of the other foot's board in a foot's camera, and its derivatives: docs/foot_to_foot.md (1), (2).
 
@@ -261,7 +261,7 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     return rotate(out, from_camera), matrix_product(R_camera_b, R_m)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past: PastState) -> None:
     """Writes a foot's columns of G: those of its past pose, in terms of its newest state (docs/foot_to_foot.md (3)).
 
@@ -284,7 +284,7 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
     put_matrix(scale_matrix(past.age, matrix_product(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _triangulate(
     board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
     rotated: float,
@@ -323,7 +323,7 @@ def _triangulate(
     return True
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _add_row(triangle: Array, row: Array) -> None:
     """Adds a row to the R of a QR decomposition, by Givens rotations; `row` is overwritten."""
     for k in range(len(row)):
@@ -336,7 +336,7 @@ def _add_row(triangle: Array, row: Array) -> None:
                 row[j] = c * below - s * above
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def sonar_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:

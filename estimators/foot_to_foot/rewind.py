@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.quaternions import (
     Mat3,
     Vec3,
@@ -60,7 +60,7 @@ class PastState(NamedTuple):
     displacement: Vec3
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at a past time, from the newest state back through the samples since.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, workspace
 from stridetwin.estimators.foot_ins.quaternions import product, put_quaternion, quat_exp, quaternion
 from stridetwin.estimators.foot_ins.stance import inject
@@ -121,7 +121,7 @@ def blank_pair(
     )  # fmt: skip
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def inject_all(pair: Pair) -> None:
     """Moves the error found so far into the nominal state of feet, mounts, clocks and scales, in place."""
     for foot in range(2):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.gait_phase.template import BINS, N_STRIDE_KINDS
 from stridetwin.streams.samples import Array
 
@@ -63,7 +63,7 @@ class StrideRatios(NamedTuple):
     variance: Array
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _log_t(deviation: float, variance: float) -> float:
     """Logarithm of the density of Student's t with `_FREEDOM` degrees of freedom, without its constant."""
     return -0.5 * (_FREEDOM + 1.0) * math.log(1.0 + deviation * deviation / (variance * _FREEDOM)) - 0.5 * math.log(

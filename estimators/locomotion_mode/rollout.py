@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
@@ -380,20 +380,20 @@ def _sum_chains(
     return density, on, flow, alpha[K], joined, evidence
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _divide(values: Array, by: float) -> None:
     """Divides all values in place by a number; by 1e-300 if the number is smaller."""
     for i in np.ndindex(values.shape):
         values[i] /= max(by, 1e-300)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _normalise(values: Array) -> None:
     """Scales all values in place so that they sum to 1."""
     _divide(values, _total(values))
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _total(values: Array) -> float:
     """Sum of all values of an array of any shape."""
     total = 0.0
@@ -402,7 +402,7 @@ def _total(values: Array) -> float:
     return total
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Array) -> None:
     """Forward sum: adds the steps from one cell of density v, `near` and `far` (n,), to the n cells from it on."""
     for j in range(len(near)):
@@ -410,7 +410,7 @@ def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Arra
         onto_over[j] += v * far[j]
 
 
-@njit(fastmath=True, **INSIDE)
+@njit(fastmath=True, **INNER_KERNEL)
 def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
     """Backward sum of one cell: Σ near · even + far · over over the n cells from it on; vectorised."""
     v = 0.0
@@ -419,7 +419,7 @@ def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
     return v
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
     """Forward sum: adds the joining steps `beside` (W,) from cell p, of density v, to the cells about it."""
     half = len(beside) // 2
@@ -427,7 +427,7 @@ def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
         onto[p + j - half] += v * beside[j]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _gather_beside(beside: Array, onto: Array, p: int) -> float:
     """Backward sum of cell p: Σ beside · onto over the W cells about it."""
     half = len(beside) // 2

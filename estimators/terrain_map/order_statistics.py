@@ -6,11 +6,11 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE
+from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def sort(values: Array) -> None:
     """Sorts (N,) values in place by insertion with shrinking gaps (Shell 1959)."""
     n = values.shape[0]
@@ -25,14 +25,14 @@ def sort(values: Array) -> None:
         gap //= 2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def median(ordered: Array, n: int) -> float:
     """Median of the first n entries of a sorted array (N,)."""
     half = n // 2
     return ordered[half] if n % 2 else (ordered[half - 1] + ordered[half]) / 2
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def percentile(ordered: Array, percent: float) -> float:
     """Percentile of a sorted array (N,), linear between neighbours (Hyndman & Fan 1996, type 7)."""
     last = ordered.shape[0] - 1
@@ -44,7 +44,7 @@ def percentile(ordered: Array, percent: float) -> float:
     return low * (1 - share) + high * share
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def mean(points: Array, first: int, end: int, axis: int) -> float:
     """Mean of one coordinate (`axis`) of points (N, 2), from row `first` to before row `end`."""
     total = 0.0

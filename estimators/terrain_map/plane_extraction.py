@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit_plane, plane_misfit
 from stridetwin.streams.samples import Array
@@ -86,7 +86,7 @@ def cell_sums(points: Points, noise: Points) -> Array:
     return cells
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def _tilt_variance(s: Array) -> float:
     """Variance of a plane's tilt, rad², in the direction in which its points extend least."""
     n = s[0]

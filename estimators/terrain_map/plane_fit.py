@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.matrices import matvec
 from stridetwin.streams.samples import Array
 
@@ -38,7 +38,7 @@ def add_point(sums: Array, x: float, y: float, z: float, noise: float) -> None:
     sums[10] += noise * noise
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def fit_plane(s: Array) -> PlaneFit:
     """Fits a plane to points by principal component analysis, docs/terrain_map.md (5).
 
@@ -75,7 +75,7 @@ def fit_plane(s: Array) -> PlaneFit:
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
 
 
-@njit(error_model="numpy", **INSIDE)
+@njit(error_model="numpy", **INNER_KERNEL)
 def plane_misfit(s: Array) -> float:
     """Mean squared distance of points from their best-fit plane, m², as in `fit_plane`, without computing the plane.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.order_statistics import mean, median, percentile, sort
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, height_toward
@@ -146,7 +146,7 @@ def _fit_edge(
     return down, points, height_toward(centre, gradient, spread, x, y, BORDER_M) - lower
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def project(points: Array, u: float, v: float) -> Array:
     """(N,) coordinates of points (N, 2) along the direction (u, v): x u + y v."""
     s = np.empty(points.shape[0])
@@ -155,7 +155,7 @@ def project(points: Array, u: float, v: float) -> Array:
     return s
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _median(s: Array) -> float:
     """Median of s (N,), which stays unsorted."""
     ordered = s.copy()
@@ -163,7 +163,7 @@ def _median(s: Array) -> float:
     return median(ordered, ordered.shape[0])
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array:
     """The points (N, 2) where `keep` (N,) is True; none if they are fewer than `fewest`."""
     count = 0
@@ -179,7 +179,7 @@ def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array
     return selected
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
     """Fits the edge's line to the ends of the upper plane's columns.
 
@@ -205,7 +205,7 @@ def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
     return (normal_across(points, down, _DIRECTION_RATIO) if len(points) else down), points
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through points (N, 2), on the side of `toward` (2,).
 
@@ -296,7 +296,7 @@ def _edge_in_voxels(
     return (normal_across(edge_points, down, _DIRECTION_RATIO) if len(edge_points) else down), edge_points
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _lane_starts(points: Array, down: Array) -> Array:
     """(N, 2) m, starts of the lanes across an edge, evenly spaced along it, `_INSIDE_M` before it."""
     aside = project(points, -down[1], down[0])
@@ -311,7 +311,7 @@ def _lane_starts(points: Array, down: Array) -> Array:
     return starts
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Array:
     """(N, 2) m, ends of the lanes without outliers, none if too few remain.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
 from stridetwin.streams.samples import Array
 
@@ -197,7 +197,7 @@ class _Projection(NamedTuple):
     behind: NDArray[np.int32]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _lattice(steps: Array, voxel_m: float) -> _Lattice:
     """Offsets of a block's voxels from its first, by the (3, 3) steps between neighbours in the camera's axes, m."""
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
@@ -211,7 +211,7 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
     return _Lattice(x, y, z, up)
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _projection() -> _Projection:
     """A projection with uninitialised arrays."""
     return _Projection(
@@ -221,7 +221,7 @@ def _projection() -> _Projection:
     )  # fmt: skip
 
 
-@njit(error_model="numpy", fastmath=True, **INSIDE)
+@njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _project(
     image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, above: np.float32,
     projection: _Projection,
@@ -266,7 +266,7 @@ def _project(
     return any_observed
 
 
-@njit(error_model="numpy", fastmath=True, **INSIDE)
+@njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _check_above(
     image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, projection: _Projection
 ) -> None:  # fmt: skip
@@ -305,7 +305,7 @@ def _check_above(
             projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
 
-@njit(error_model="numpy", fastmath=True, **INSIDE)
+@njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _average(
     distance: NDArray[np.float32], weight: NDArray[np.float32], camera: _Pinhole, projection: _Projection
 ) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INSIDE, entry_kernel
+from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 
 _HERE = Path(__file__).parent
 
@@ -115,7 +115,7 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
         blocks.counts[0] += 1
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32], first: int, stride: int) -> bool:
     """Whether a block has an observed voxel behind a surface, among its voxels from `first` on, `stride` apart."""
     at = first
@@ -145,7 +145,7 @@ def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int,
     return slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)]
 
 
-@njit(**INSIDE)
+@njit(**INNER_KERNEL)
 def add_block(blocks: Blocks, i: int, j: int, k: int) -> int:
     """Allocates block (i, j, k) within the window; returns its row, or -1 if the buffer is full."""
     if blocks.counts[0] == 0:

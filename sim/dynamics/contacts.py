@@ -22,10 +22,10 @@ from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.sim.dynamics.spatial import State, bias_acceleration, velocity
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import minus, vec3
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 _FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least
@@ -58,7 +58,7 @@ class Contacts(NamedTuple):
         return cls(contact.geom, contact.pos, contact.frame, contact.dist, contact.efc_address)
 
 
-@_called
+@_entry_kernel
 def subtract_bias(
     body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, state: State, aref: Array
 ) -> None:  # fmt: skip
@@ -98,7 +98,7 @@ def sole_point_numbers(model: mujoco.MjModel) -> NDArray[np.int64]:
     return point
 
 
-@_called
+@_entry_kernel
 def sense_floor(
     point: NDArray[np.int64], contacts: Contacts, feet: PlannedFeet, before: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], Array]:

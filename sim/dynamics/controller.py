@@ -22,10 +22,10 @@ from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.coordinates import Coordinates
 from stridetwin.sim.kinematics.quaternions import Vec3, cross, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.dimensions import Wearer
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 
 class FootGains(NamedTuple):
@@ -203,7 +203,7 @@ class Controller:
         )
 
 
-@_called
+@_entry_kernel
 def _compute_targets(
     rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, mass_ratio: float, forces: _Forces,
     toes: NDArray[np.int64],
@@ -225,7 +225,7 @@ def _compute_targets(
     return h, target
 
 
-@_called
+@_entry_kernel
 def _limit_torques(
     torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, max_help: float,
     max_torque: float,
@@ -246,7 +246,7 @@ def _limit_torques(
     return full
 
 
-@_called
+@_entry_kernel
 def _solve_step(
     M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
     foot_shift: Array, gains: FootGains,
@@ -341,14 +341,14 @@ def _solve_step(
     return torque
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Array, m: int) -> None:
     """Writes one acceleration (3,) and its weight into rows m to m + 2 of the tasks."""
     targets[m], targets[m + 1], targets[m + 2] = acceleration
     weights[m] = weights[m + 1] = weights[m + 2] = weight
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
     """Writes the four edges of a friction cone, n ± μ x and n ± μ y, into (4, 3).
 
@@ -360,7 +360,7 @@ def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
             edges[e, axis] = R_sole[axis, 2] + sign * R_sole[axis, e // 2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _angle_between(A: Array, B: Array) -> float:
     """Angle between the third columns of two rotations that are nearly parallel, rad."""
     return math.sqrt((A[0, 2] - B[0, 2]) ** 2 + (A[1, 2] - B[1, 2]) ** 2 + (A[2, 2] - B[2, 2]) ** 2)

@@ -14,10 +14,10 @@ from stridetwin.sim.dynamics.spatial import State, axes_of, chain_of
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import cross, mat3, matmul, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.exo_couplings import Coupling
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 
 class CouplingSet(NamedTuple):
@@ -46,7 +46,7 @@ class CouplingSet(NamedTuple):
         )  # fmt: skip
 
 
-@_called
+@_entry_kernel
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     """Generalised force (nv,) of all couplings; compiled, with the same law as `exo_couplings.wrench`.
 

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 OMEGA = 3.2  # 1/s, sqrt(g / height of the centre of mass)
 _FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new foothold
@@ -89,7 +89,7 @@ class StepReplan(NamedTuple):
         return cls(foot=np.zeros((2, 3, 3)), root=np.zeros((3, 3)), floor=np.zeros(2))
 
 
-@_called
+@_entry_kernel
 def advance_shifts(
     shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
     landing_offset: Array,

@@ -26,10 +26,10 @@ from stridetwin.sim.gait.reference import Reference
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import cross, minus, plus, store_vec3, times, vec3
 from stridetwin.sim.wearer.exo_couplings import exo_couplings
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
 
 STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins
@@ -226,7 +226,7 @@ class _Record:
         return STEP_S * np.arange(first, end, dtype=float), self._q[rows], self._torque[rows], self._loads.at(rows)
 
 
-@_called
+@_entry_kernel
 def _record_foot_loads(
     side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
     loads: FootRecord,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.kinematics.quaternions import Mat3, Vec3, cross, minus, plus, times, vec3
-from stridetwin.streams.compiled import INSIDE
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
@@ -52,14 +52,14 @@ def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
     return chain
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def axes_of(state: State, body: int) -> Mat3:
     """(3, 3) rotation of a body, body to world, as rows."""
     R = state.xmat[body]
     return (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def velocity(state: State, body: int, point: Vec3) -> tuple[Vec3, Vec3]:
     """Velocity of a point of a body, m/s, and angular velocity of the body, rad/s, both in world axes.
 
@@ -70,7 +70,7 @@ def velocity(state: State, body: int, point: Vec3) -> tuple[Vec3, Vec3]:
     return plus((c[3], c[4], c[5]), cross(w, minus(point, vec3(state.centre)))), w
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, linear: int, angular: int) -> None:
     """Writes the Jacobian (3, nv) of a point of a body and that of its rotation, world axes, into rows (m, nv).
 
@@ -93,7 +93,7 @@ def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, line
                 rows[angular + k, j] = cdof[j, k] if chain[j] else 0.0
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def bias_acceleration(
     cdof_dot: Array, chain: NDArray[np.bool_], qvel: Array, v_point: Vec3, w: Vec3, arm: Vec3
 ) -> tuple[Vec3, Vec3]:

@@ -19,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.compiled import INSIDE
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _NEWTON_STEPS = 25
@@ -58,7 +58,7 @@ class ContactPoints(NamedTuple):
     last: Array
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def cholesky(H: Array) -> None:
     """Overwrites the lower triangle of H (n, n), symmetric and positive definite, by L with L Lᵀ = H."""
     for i in range(len(H)):
@@ -69,7 +69,7 @@ def cholesky(H: Array) -> None:
             H[i, j] = math.sqrt(s) if i == j else s / H[j, j]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def forward_substitute(L: Array, X: Array) -> None:
     """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
     for i in range(len(L)):
@@ -80,7 +80,7 @@ def forward_substitute(L: Array, X: Array) -> None:
             X[i, c] /= L[i, i]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def solve_positive(H: Array, X: Array) -> None:
     """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite, and H by its Cholesky factor."""
     cholesky(H)
@@ -88,7 +88,7 @@ def solve_positive(H: Array, X: Array) -> None:
     backward_substitute(H, X)
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def backward_substitute(L: Array, X: Array) -> None:
     """Overwrites X (n, m) by L⁻ᵀ X."""
     for i in range(len(L) - 1, -1, -1):
@@ -99,7 +99,7 @@ def backward_substitute(L: Array, X: Array) -> None:
             X[i, c] /= L[i, i]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array]:
     """Forces f >= 0 that minimise ||B f - d||² + Σ r (f - p)², and the residual y = d - B f.
 
@@ -155,7 +155,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
     return f, y
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
     """Mass matrix (a, a) and bias (a,) of the driven coordinates after elimination of the free ones.
 
@@ -182,7 +182,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     return A, c
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def solve_control_step(
     M: Array, h: Array, target: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
@@ -262,13 +262,13 @@ def solve_control_step(
     return qacc, torque, force, residual
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _nonzero_columns(rows: Array) -> NDArray[np.int64]:
     """Indices of the columns of a matrix that are not all 0."""
     return np.flatnonzero(np.abs(rows).sum(axis=0))
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) -> Array:
     """(k, 4) N, forces along the edges of the friction cones that minimise the root's remaining deficit.
 

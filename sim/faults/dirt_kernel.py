@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 
 
-@cached(__file__)
+@entry_kernel(__file__)
 def smear(
     image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
     corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,

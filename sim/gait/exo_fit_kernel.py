@@ -27,10 +27,10 @@ from stridetwin.sim.kinematics.quaternions import (
     vec3,
     vec3_at,
 )
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__, llvm_level=1)
 
 _FAR = 40.0  # widths from a stop, where its torque is below rounding
 # Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
@@ -64,7 +64,7 @@ class CoupledLeg(NamedTuple):
     stop: Array
 
 
-@_called
+@_entry_kernel
 def strains(leg: CoupledLeg, q: Array, p: Array, R: Array) -> tuple[Array, Array]:
     """Strains of the couplings at N instants, and their Jacobian by the joint angles.
 
@@ -85,7 +85,7 @@ def strains(leg: CoupledLeg, q: Array, p: Array, R: Array) -> tuple[Array, Array
     return value, jacobian
 
 
-@_called
+@_entry_kernel
 def fit_angles(leg: CoupledLeg, q: Array, p: Array, R: Array, iterations: int) -> None:
     """Moves (N, J) angles to the least energy of couplings and stops, by the Gauss-Newton method.
 
@@ -122,7 +122,7 @@ def fit_angles(leg: CoupledLeg, q: Array, p: Array, R: Array, iterations: int) -
         last_step -= guess
 
 
-@_called
+@_entry_kernel
 def project_on_joints(leg: CoupledLeg, law: Array, jacobian: Array, value: Array) -> tuple[Array, Array]:
     """Torques Jᵀ L x (N, J) of the couplings on the joints, and the matrices Jᵀ L J (N, J, J).
 
@@ -142,7 +142,7 @@ def project_on_joints(leg: CoupledLeg, law: Array, jacobian: Array, value: Array
     return torque, matrix
 
 
-@_called
+@_entry_kernel
 def integrate_motion(
     leg: CoupledLeg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
@@ -188,7 +188,7 @@ def integrate_motion(
     return path
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     """Torque of a joint's stops, N m, and its slope by the angle, N m/rad.
 
@@ -206,7 +206,7 @@ def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     return stiffness * width * torque, stiffness * slope
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _solve_with_stops(
     leg: CoupledLeg, matrix: Array, right: Array, angles: Array, x: Array, residual: Array, jacobian: Array,
     iterations: int,
@@ -231,7 +231,7 @@ def _solve_with_stops(
             break
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _max_abs(step: Array) -> float:
     """Largest magnitude of (J,) steps."""
     largest = 0.0
@@ -240,7 +240,7 @@ def _max_abs(step: Array) -> float:
     return largest
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _compute_strain(
     leg: CoupledLeg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array,
     axes: Array,
@@ -284,7 +284,7 @@ def _compute_strain(
                 jacobian[6 * c + 3 + k, j] = twists[k]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
     """Rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = axis
@@ -297,7 +297,7 @@ def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
     )
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _project_instant(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:  # fmt: skip
@@ -317,13 +317,13 @@ def _project_instant(
             matrix[k, j] = matrix[j, k]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _column(jacobian: Array, first: int, j: int) -> Vec3:
     """Three rows of one column of a Jacobian, from row `first` on."""
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _solve(A: Array, b: Array) -> None:
     """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten."""
     dofs = len(b)

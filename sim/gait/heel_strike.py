@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics import smooth
 from stridetwin.sim.kinematics.track import Track
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import cross
 
-_called = cached(__file__, smooth.__file__)
-ease, ease_rate = numba.njit(**INSIDE)(smooth.ease), numba.njit(**INSIDE)(smooth.ease_rate)
+_entry_kernel = entry_kernel(__file__, smooth.__file__)
+ease, ease_rate = numba.njit(**INNER_KERNEL)(smooth.ease), numba.njit(**INNER_KERNEL)(smooth.ease_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +111,7 @@ SUPPORT = 10.0
 _UP = 2  # index in displacement (forward, left, up) and rotation
 
 
-@_called
+@_entry_kernel
 def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Array, Array]:
     """Oscillation of one mode after a strike, of unit amplitude, and its time derivative.
 
@@ -135,7 +135,7 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
     return value, rate
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
     """s(τ) exp(-τ/T), and its time derivative."""
     length = RISE_PERIODS / hz
@@ -238,7 +238,7 @@ class UpperMotion:
         return foot.displace(self.pivot, *self.at(np.asarray(foot.t_ns * 1e-9, dtype=np.float64)))
 
 
-@_called
+@_entry_kernel
 def _add_vibrations(
     t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, value: Array, rate: Array
 ) -> None:  # fmt: skip
@@ -267,7 +267,7 @@ def _add_vibrations(
                 rate[i, k] += vibrations.amplitude[e, k] * (changing * sine + size * omega * cosine)
 
 
-@_called
+@_entry_kernel
 def _add_rocks(
     t: Array, rows: NDArray[np.int64], rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, value: Array,
     rate: Array,

@@ -13,11 +13,11 @@ from scipy.interpolate import BSpline
 
 from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, multiply
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 from stridetwin.streams.so3 import euler_accelerations_to_body
 
-_called = cached(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,7 +92,7 @@ class Coordinates:
         return q, v, a
 
 
-@_called
+@_entry_kernel
 def _fill_position_velocity(
     x: Array, dx: Array, qpos: NDArray[np.int64], dof: NDArray[np.int64], q: Array, v: Array
 ) -> None:

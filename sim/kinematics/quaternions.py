@@ -11,88 +11,88 @@ import math
 import numba
 import numpy as np
 
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__)
+_entry_kernel = entry_kernel(__file__)
 
 Vec3 = tuple[float, float, float]
 Mat3 = tuple[Vec3, Vec3, Vec3]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def vec3(a: Array) -> Vec3:
     """Tuple of a (3,) array."""
     return a[0], a[1], a[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def vec3_at(a: Array, i: int) -> Vec3:
     """Three entries of an array, from `i` on."""
     return a[i], a[i + 1], a[i + 2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def store_vec3_at(v: Vec3, out: Array, i: int) -> None:
     """Stores a vector in the entries i, i + 1, i + 2 of an array."""
     out[i], out[i + 1], out[i + 2] = v
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def mat3(a: Array) -> Mat3:
     """Tuple of rows of a (3, 3) array."""
     return (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def store_vec3(a: Vec3, out: Array) -> None:
     """Stores a vector in a (3,) array."""
     out[0], out[1], out[2] = a
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def plus(a: Vec3, b: Vec3) -> Vec3:
     """Sum a + b of two vectors."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def minus(a: Vec3, b: Vec3) -> Vec3:
     """Difference a - b of two vectors."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def times(k: float, a: Vec3) -> Vec3:
     """Vector a times the number k."""
     return k * a[0], k * a[1], k * a[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def dot(a: Vec3, b: Vec3) -> float:
     """Dot product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def cross(a: Vec3, b: Vec3) -> Vec3:
     """Cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def matvec(M: Mat3, a: Vec3) -> Vec3:
     """Matrix times vector."""
     return dot(M[0], a), dot(M[1], a), dot(M[2], a)
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def transposed(M: Mat3) -> Mat3:
     """Transposed matrix."""
     return (M[0][0], M[1][0], M[2][0]), (M[0][1], M[1][1], M[2][1]), (M[0][2], M[1][2], M[2][2])
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def matmul(A: Mat3, B: Mat3) -> Mat3:
     """Product of two matrices."""
     T = transposed(B)
@@ -104,25 +104,25 @@ Quaternion = tuple[float, float, float, float]
 _SMALL = 1e-3  # rad: below this, series
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def quaternion(a: Array) -> Quaternion:
     """Quaternion (w, x, y, z) from a (4,) array."""
     return a[0], a[1], a[2], a[3]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def store_quaternion(q: Quaternion, out: Array) -> None:
     """Stores a quaternion in a (4,) array."""
     out[0], out[1], out[2], out[3] = q
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def inverse(q: Quaternion) -> Quaternion:
     """The inverse rotation of a unit quaternion."""
     return q[0], -q[1], -q[2], -q[3]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a b: first rotation b, then a."""
     return (
@@ -133,7 +133,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def matrix(q: Quaternion) -> Mat3:
     """Rotation matrix of a unit quaternion."""
     w, x, y, z = q
@@ -144,7 +144,7 @@ def matrix(q: Quaternion) -> Mat3:
     )
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def from_matrix(R: Mat3) -> Quaternion:
     """Unit quaternion, w >= 0, of a rotation matrix (Shepperd 1978: it divides by the largest of the four entries)."""
     x, y, z = R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]
@@ -162,7 +162,7 @@ def from_matrix(R: Mat3) -> Quaternion:
     return k * q[0], k * q[1], k * q[2], k * q[3]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def rotate(q: Quaternion, a: Vec3) -> Vec3:
     """Vector a rotated by a unit quaternion: a + 2 w (v × a) + 2 v × (v × a), v the vector part."""
     axis = (q[1], q[2], q[3])
@@ -170,7 +170,7 @@ def rotate(q: Quaternion, a: Vec3) -> Vec3:
     return plus(a, times(2.0, plus(times(q[0], once), cross(axis, once))))
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def exp(phi: Vec3) -> Quaternion:
     """Quaternion of a rotation vector, rad."""
     square = dot(phi, phi)
@@ -179,7 +179,7 @@ def exp(phi: Vec3) -> Quaternion:
     return math.cos(half), k * phi[0], k * phi[1], k * phi[2]
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def log(q: Quaternion) -> Vec3:
     """Rotation vector of a unit quaternion, rad, of at most half a turn."""
     sign = 1.0 if q[0] >= 0.0 else -1.0
@@ -194,7 +194,7 @@ def quat_from_matrix(R: Array) -> Array:
     return _quaternions(np.ascontiguousarray(R, dtype=float).reshape(-1, 3, 3)).reshape(*R.shape[:-2], 4)
 
 
-@_called
+@_entry_kernel
 def _quaternions(R: Array) -> Array:
     """(N, 4) unit quaternions of (N, 3, 3) rotation matrices."""
     q = np.empty((len(R), 4))
@@ -208,7 +208,7 @@ def matrix_from_quat(q: Array) -> Array:
     return _matrices(np.ascontiguousarray(q, dtype=float).reshape(-1, 4)).reshape(*q.shape[:-1], 3, 3)
 
 
-@_called
+@_entry_kernel
 def _matrices(q: Array) -> Array:
     """(N, 3, 3) rotation matrices of (N, 4) unit quaternions."""
     R = np.empty((len(q), 3, 3))

@@ -34,10 +34,10 @@ from stridetwin.sim.kinematics.quaternions import (
     vec3,
     vec3_at,
 )
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__, llvm_level=1)
 
 Indices = NDArray[np.int64]
 
@@ -146,7 +146,7 @@ class _Bodies(NamedTuple):
     axes: Array
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _allocate_bodies(tree: Tree) -> _Bodies:
     """Uninitialised arrays for the motion of all bodies at one instant."""
     n = len(tree.parent)
@@ -156,7 +156,7 @@ def _allocate_bodies(tree: Tree) -> _Bodies:
     )  # fmt: skip
 
 
-@_called
+@_entry_kernel
 def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
     """Poses and velocities of all bodies at N instants, as MuJoCo's `mj_kinematics` and `mj_comVel` compute them.
 
@@ -183,7 +183,7 @@ def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Ar
     return p, quat, speed, w
 
 
-@_called
+@_entry_kernel
 def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array, Array]:
     """External wrench that the motion of the whole tree needs: the rate of its momentum minus its weight.
 
@@ -216,7 +216,7 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     return force, moment, com
 
 
-@_called
+@_entry_kernel
 def hinge_torques(
     tree: Tree, q: Array, v: Array, a: Array, gravity: Array, bodies: Indices, forces: Array, moments: Array
 ) -> Array:
@@ -257,7 +257,7 @@ def hinge_torques(
     return torque
 
 
-@_called
+@_entry_kernel
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
@@ -313,7 +313,7 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     return mass, load
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     """Writes poses, velocities and accelerations of all bodies at one instant, from the root outwards.
 
@@ -363,7 +363,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
             store_vec3(M[k], R[b, k])
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
     """Acceleration dv + ω̇ × r + ω × (ω × r) of a point at r from an origin that accelerates with dv.
 
@@ -372,7 +372,7 @@ def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
     return plus(dv, plus(cross(dw, r), cross(w, cross(w, r))))
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Wrench that the motion of one body needs, without those that it carries.
 
@@ -389,7 +389,7 @@ def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tupl
     return force, plus(cross(arm, force), matvec(M, spin)), arm
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
     """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m²."""
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
@@ -398,7 +398,7 @@ def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
         out[k, k] += mass * dot(arm, arm)
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _add_to_carrier(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
     """Adds the inertia of a composite body at d from its carrier's origin to that of the carrier, about that origin.
 

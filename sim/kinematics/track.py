@@ -25,10 +25,10 @@ from stridetwin.sim.kinematics.quaternions import (
     times,
     vec3,
 )
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__)
 
 _Columns = tuple[Array, Array, Array, Array]
 """Position, attitude, velocity and rate, as in `Track`."""
@@ -114,7 +114,7 @@ class Track:
         return T
 
 
-@_called
+@_entry_kernel
 def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
     """Columns of a frame at `lever` (3,) m with the attitude `q_body_sensor` (4,) on a body.
 
@@ -133,7 +133,7 @@ def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lev
     return p_out, q_out, v_out, w_out
 
 
-@_called
+@_entry_kernel
 def _displace(
     p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
     rotation_rate: Array,

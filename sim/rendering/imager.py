@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import Imager
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array
@@ -97,7 +97,7 @@ class ImageSensor:
         return gain
 
 
-@cached(__file__, error_model="numpy")
+@entry_kernel(__file__, error_model="numpy")
 def _measure_levels(
     levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
     start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.obstacles import GLASS
 from stridetwin.sim.world.textures import PERIOD_M
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 
@@ -356,7 +356,7 @@ def _find_geoms_in_view(
     return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
 
 
-@cached(__file__, error_model="numpy")
+@entry_kernel(__file__, error_model="numpy")
 def _metric_depth(z: DepthImage) -> DepthImage:
     """(H, W) m, depth along the optical axis from an upside-down z-buffer z: near far / (z (far − near) + near).
 
@@ -467,7 +467,7 @@ class _Sky:
         )  # fmt: skip
 
 
-@cached(__file__)
+@entry_kernel(__file__)
 def _paint(
     rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
     steepness: float, edge: float, share: float, haze: Array,

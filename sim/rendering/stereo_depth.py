@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import DepthSensor
 from stridetwin.sim.rendering.imager import SPARE, Pixels
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 
-_called = cached(__file__)
+_entry_kernel = entry_kernel(__file__)
 
 # Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
 _DISCONTINUITY = np.float32(0.012)
@@ -98,7 +98,7 @@ class DepthModel:
         return unmatched
 
 
-@cached(__file__, error_model="numpy")
+@entry_kernel(__file__, error_model="numpy")
 def _disparity_counts(depth: Grid, per_m: np.float32) -> Grid:
     """(H, W) disparities in steps, `per_m` / depth; 0 without depth."""
     counts = np.empty_like(depth)
@@ -108,7 +108,7 @@ def _disparity_counts(depth: Grid, per_m: np.float32) -> Grid:
     return counts
 
 
-@_called
+@_entry_kernel
 def _find_glancing_surfaces(
     near: Grid, mean: Grid, a: Grid, b: Grid, x: Grid, y: Grid, length: Grid, focal: np.float32, sine: np.float32
 ) -> NDArray[np.bool_]:
@@ -139,7 +139,7 @@ def _find_glancing_surfaces(
     return slanted
 
 
-@_called
+@_entry_kernel
 def _measure_depth(
     depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
     noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from stridetwin.sim.rendering.imager import Pixels
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
@@ -90,7 +90,7 @@ class Sweep:
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-@cached(__file__)
+@entry_kernel(__file__)
 def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
     """(N, 3, 3) homographies K (R + t nᵀ / d) K⁻¹ after (N,) `dt` s, lower right element 1; K is upper triangular.
 

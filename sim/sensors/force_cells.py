@@ -11,11 +11,11 @@ from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import ForceCellPart
 from stridetwin.sim.sensors.model import Instants, SensorModel
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.rig import OtherSensor
 from stridetwin.streams.samples import Array, Block, Insole, Interaction
 
-_called = cached(__file__)
+_entry_kernel = entry_kernel(__file__)
 
 _CREEP_S = (1.0, 10.0, 100.0)  # time constants; a constant load creeps by the same amount per decade
 _PLAY = 0.1  # of the load: play of the hysteresis
@@ -68,7 +68,7 @@ class ForceCells:
         return measured
 
 
-@_called
+@_entry_kernel
 def _apply_play(last: Array, load: Array) -> Array:
     """Output of the hysteresis for (N, count) loads: a play between 0.9 and 1.1 times the load.
 

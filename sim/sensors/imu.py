@@ -33,12 +33,12 @@ from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise, Wander
 from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
 from stridetwin.sim.sensors.model import SensorModel
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-_called = cached(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__)
 
 _SMALL = 1e-3  # rad: below this, series
 
@@ -66,7 +66,7 @@ def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
     return track.t_ns, track.q_world_body, track.v_body_in_world
 
 
-@_called
+@_entry_kernel
 def _compute_increments(
     t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
 ) -> tuple[Array, Array, Array]:
@@ -88,7 +88,7 @@ def _compute_increments(
     return dts, rates, forces
 
 
-@_called
+@_entry_kernel
 def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tuple[Array, Array]:
     """Constant rate and specific force over every `steps` intervals, without coning or sculling error.
 
@@ -133,7 +133,7 @@ def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
     )
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _apply_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))
@@ -145,7 +145,7 @@ def _apply_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     return plus(v, plus(times(a, once), times(b, cross(phi, once))))
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _apply_inverse_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
     theta = math.sqrt(dot(phi, phi))

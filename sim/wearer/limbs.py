@@ -29,10 +29,10 @@ from stridetwin.sim.kinematics.quaternions import (
     vec3,
 )
 from stridetwin.sim.kinematics.rigid_tree import Tree
-from stridetwin.streams.compiled import INSIDE, cached
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__, quaternions.__file__)
 
 NEAR_M = SUNK_M = 0.02
 """Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
@@ -145,7 +145,7 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
     return shapes
 
 
-@_called
+@_entry_kernel
 def _find_occluded(
     kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
     targets: Array,
@@ -175,7 +175,7 @@ def _find_occluded(
     return occluded
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     """Whether a shape occludes the segment from o to o + d, in its own frame.
 
@@ -195,7 +195,7 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     return enters <= 0.0 <= leaves
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
     """Interval of t in which the line o + t d is inside a shape, in the shape's own frame; (inf, -inf) for none."""
     if kind == _BOX:
@@ -230,10 +230,10 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
     return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)
 
 
-_inside_interval_for_python = _called(_inside_interval)  # for Python
+_inside_interval_for_python = _entry_kernel(_inside_interval)  # for Python
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _slab(o: float, d: float, half: float) -> tuple[float, float]:
     """Interval of t in which o + t d is between -half and half; (inf, -inf) for none."""
     if d == 0.0:
@@ -242,7 +242,7 @@ def _slab(o: float, d: float, half: float) -> tuple[float, float]:
     return (a, b) if a < b else (b, a)
 
 
-@numba.njit(**INSIDE)
+@numba.njit(**INNER_KERNEL)
 def _quadric(a: float, b: float, c: float) -> tuple[float, float]:
     """Interval of t in which a t² + 2 b t + c is at most 0, for a >= 0; (inf, -inf) for none."""
     if a == 0.0:

@@ -14,13 +14,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_called = cached(__file__)
+_entry_kernel = entry_kernel(__file__)
 
 
-@_called
+@_entry_kernel
 def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array, ground: float) -> tuple[Array, Array]:
     """Nearest intersections of rays with solids or the ground plane.
 
@@ -72,7 +72,7 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
     return distance, normal
 
 
-@_called
+@_entry_kernel
 def find_tops(
     points: Array, centre: Array, axes: Array, half: Array, mid: Array, slope: Array, touch: float
 ) -> tuple[Array, NDArray[np.intp]]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin import estimators, sim
-from stridetwin.streams.compiled import cached
+from stridetwin.streams.compiled import entry_kernel
 
-from_python: Callable[[Callable[..., Any]], Callable[..., Any]] = cached(
+from_python: Callable[[Callable[..., Any]], Callable[..., Any]] = entry_kernel(
     *(file for part in (estimators, sim) for path in part.__path__ for file in sorted(Path(path).rglob("*.py"))),
     error_model="numpy",
 )
