@@ -20,7 +20,7 @@ from stridetwin.outputs.base import LiveOutput, part_file
 from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.files import partial_path
-from stridetwin.streams.formats.tum import seconds, write_tum
+from stridetwin.streams.formats.tum import format_seconds, write_tum
 from stridetwin.streams.trajectory import Trajectory
 
 DEAD_RECKONING_S = 1.0
@@ -86,7 +86,7 @@ def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[st
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
     for t_ns, pose, word, covariance in zip(path.t_ns.tolist(), poses, words, upper):
         known = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
-        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known]
+        yield [format_seconds(t_ns), *(f"{v:.9g}" for v in pose), word, *known]
 
 
 class LivePaths(LiveOutput):
@@ -110,7 +110,9 @@ class LivePaths(LiveOutput):
             return None
         part = self._parts.get(pose.frame, "")
         w, x, y, z = pose.q_world_frame.tolist()
-        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        row = (
+            f"{format_seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        )
         if part in self._out:
             self._out[part].write(row + "\n")
             self._rows[part] += 1
