@@ -33,7 +33,7 @@ from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
-from stridetwin.streams.formats.tum import decimal_seconds
+from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
@@ -107,7 +107,7 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     words = [line.split() for line in out.read_text().splitlines()]
     if not words:
         return {"failure": "silent"}
-    t_ns = np.array([decimal_seconds(w[0]) for w in words], np.int64)
+    t_ns = np.array([parse_seconds(w[0]) for w in words], np.int64)
     sure = np.array([w[1] == "1" for w in words])
     T_world_camera = np.tile(np.eye(4), (len(words), 1, 1))
     T_world_camera[:, :3] = np.array([w[3:] for w in words], float).reshape(-1, 3, 4)

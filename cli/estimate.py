@@ -18,8 +18,8 @@ from stridetwin.outputs.pose_feed import replay
 from stridetwin.outputs.registry import estimators, kind_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.measured_calibration import measured_imu
-from stridetwin.streams.formats.opening import imu_topic, recognise, warn_of
+from stridetwin.streams.formats.measured_calibration import measure_imu
+from stridetwin.streams.formats.opening import imu_topic, print_warnings, recognise
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Imu
@@ -156,7 +156,7 @@ def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
     """The IMU of a table, or that of a foot if it has several."""
     notes = Notes(arguments.source, lenient=False)
     imus = read_imu_tables(arguments.source, table_request(arguments), notes)
-    warn_of(arguments.source, notes.warnings)
+    print_warnings(arguments.source, notes.warnings)
     if len(imus) == 1:
         return next(iter(imus.values()))
     by_topic = {imu_topic(name): block for name, block in imus.items()}
@@ -179,7 +179,7 @@ def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
     if choice == UNKNOWN:
         return None
     topic, body = f"/foot_{foot}/imu", f"foot_{foot}"
-    imu = measured_imu(block, topic, body) if choice == AUTO else _nominal(choice, topic, body)
+    imu = measure_imu(block, topic, body) if choice == AUTO else _nominal(choice, topic, body)
     return Rig(imus={topic: imu})
 
 

@@ -16,11 +16,11 @@ from stridetwin.scenarios.files import stage_files
 from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.euroc import write_euroc
-from stridetwin.streams.formats.imu_columns import parsed_mapping
+from stridetwin.streams.formats.imu_columns import parse_mapping
 from stridetwin.streams.formats.imu_table import write_imu_table
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.mcap_export import write_recording, write_rosbag2
-from stridetwin.streams.formats.opening import ImportOptions, opened
+from stridetwin.streams.formats.opening import ImportOptions, open_with_warnings
 from stridetwin.streams.formats.opensim_export import write_opensim
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
@@ -36,12 +36,12 @@ def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Record
         depth_scale=arguments.depth_scale,
         table=table_request(arguments),
     )
-    return opened(arguments.source, arguments.lenient, options, reports=reports)
+    return open_with_warnings(arguments.source, arguments.lenient, options, reports=reports)
 
 
 def table_request(arguments: ImportableOptions) -> TableRequest:
     """What the arguments say about a table."""
-    columns = parsed_mapping(arguments.columns) if arguments.columns else {}
+    columns = parse_mapping(arguments.columns) if arguments.columns else {}
     return TableRequest(columns=columns, rate_hz=arguments.rate)
 
 
@@ -58,7 +58,7 @@ TRAJECTORY_SUFFIXES = (".txt", ".tum")
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """`export`: writes a file, or a new or empty folder that appears complete or not at all."""
-    recording, output = opened(arguments.source, arguments.lenient), arguments.output
+    recording, output = open_with_warnings(arguments.source, arguments.lenient), arguments.output
     progress("export", 0.0)
     frame = arguments.frame or DEFAULT_FRAME
     is_trajectory = arguments.frame is not None or output.suffix in TRAJECTORY_SUFFIXES
@@ -148,7 +148,7 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
 
     if not rerun_installed():
         raise StrideTwinError(f"rerun is not installed; the viewer needs it: {install_hint('view')}")
-    recording = opened(arguments.source, arguments.lenient)
+    recording = open_with_warnings(arguments.source, arguments.lenient)
     progress("rerun", 0.0)
     selection = Selection(frames=frozenset(true_frames(recording.topics)))
     of_kinds = list(evaluate_recording(recording, selection, progress=progress, in_two_processes=True))

@@ -27,7 +27,7 @@ from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
 from stridetwin.scenarios.files import sha256
 from stridetwin.scenarios.record import Progress
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
-from stridetwin.streams.formats.opening import opened
+from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.recording.reader import Recording
 
 
@@ -122,7 +122,7 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
     Raises:
         StrideTwinError: The recording cannot be read; in a strict job, any error.
     """
-    recording = opened(job.path, job.lenient)
+    recording = open_with_warnings(job.path, job.lenient)
     scores: dict[str, Scores] = {}
     failed: dict[str, str] = {}
     row = {

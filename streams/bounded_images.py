@@ -1,4 +1,4 @@
-"""Size limits for untrusted images: see `bounded`."""
+"""Size limits for untrusted images: a malicious image costs no more time and memory than a valid one."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class StrideTwinError(Exception):
 
 @contextmanager
 def explain_import_error(need: str, extra: str) -> Iterator[None]:
-    """Turns a failed import of an optional library into one line that says how to install it.
+    """Context manager: a failed import of an optional library inside it becomes one line that says how to install it.
 
     Args:
         need: What needs it, such as `scenes need the simulator`.
@@ -49,12 +49,12 @@ def was_interrupted(error: BaseException) -> bool:
 
 
 def read_error(path: Path, error: OSError) -> StrideTwinError:
-    """The error to raise about a file that cannot be read."""
+    """The error to raise about a file that cannot be opened or read, with the reason of the operating system."""
     return StrideTwinError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 class Missing:
-    """The value of a key that is required and not there."""
+    """Type of `ConfigError.value` for a required key that a file lacks; the message then says `missing`."""
 
 
 class ConfigError(StrideTwinError):
@@ -91,15 +91,15 @@ class FieldLocation:
     path: str = ""
 
     def key(self, name: str) -> FieldLocation:
-        """The position of a key below this one."""
+        """The location of the key `name` in the mapping at this location: `path.name`."""
         return FieldLocation(source=self.source, path=f"{self.path}.{name}" if self.path else name)
 
     def item(self, index: int) -> FieldLocation:
-        """The position of a list's item."""
+        """The location of item `index` of the list at this location: `path[index]`."""
         return FieldLocation(source=self.source, path=f"{self.path}[{index}]")
 
     def error(self, value: object, valid: str) -> ConfigError:
-        """The error to raise about an invalid value at this position."""
+        """The error to raise about the invalid `value` at this location; `valid` describes valid values."""
         return ConfigError(self.source, self.path, value, valid)
 
 
@@ -119,7 +119,7 @@ class ConfigFileError(ConfigError):
         StrideTwinError.__init__(self, "\n".join([*map(str, errors[:_MOST_LINES]), *more]))
 
     def __reduce__(self) -> tuple[type[ConfigFileError], tuple[tuple[StrideTwinError, ...]]]:  # type: ignore[override]
-        """As `ConfigError`."""
+        """Pickles the list of errors, so that a worker process can raise all of them."""
         return type(self), (self.errors,)
 
 

@@ -1,6 +1,6 @@
 """Fields of configuration files: range, unit and name in the file of a dataclass field, in the terms of pydantic.
 
-A dataclass defines its field once: `riser_m: Annotated[float, number(20, 250, key="riser_mm", scale=1e-3)]` is a
+A dataclass defines its field once: `riser_m: Annotated[float, float_field(20, 250, key="riser_mm", scale=1e-3)]` is a
 number from 20 to 250 under the key `riser_mm` in a file, and metres in the object. Errors and JSON Schemas follow.
 """
 
@@ -46,7 +46,7 @@ def float_field(
     key: str | None = None,
     scale: float = 1.0,
 ) -> Any:
-    """A finite number in the file's unit.
+    """Field of a finite number: the file has it in its own unit, the attribute holds it times `scale`.
 
     Args:
         low: Smallest valid value.
@@ -63,24 +63,24 @@ def float_field(
 
 
 def int_field(low: int, high: int, *, key: str | None = None) -> Any:
-    """A whole number in [low, high]."""
+    """Field of a whole number in [low, high]; `key` is its name in the file, None for that of the attribute."""
     return _field(key, ge=low, le=high, strict=True)
 
 
 def bool_field(*, key: str | None = None) -> Any:
-    """`true` or `false`."""
+    """Field of `true` or `false`; `key` is its name in the file, None for that of the attribute."""
     return _field(key, strict=True)
 
 
 def text_field(*, key: str | None = None) -> Any:
-    """A non-empty line of text; blanks are joined."""
+    """Field of a non-empty line of text; each run of white space becomes one blank."""
     info = _field(key, strict=True, pattern=r"\S")
     info.metadata.append(AfterValidator(lambda value: " ".join(value.split())))
     return info
 
 
 def enum_field(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
-    """One of a few words; with a mapping, the value that belongs to the word."""
+    """Field of one of the words in `valid`; if `valid` is a mapping, the attribute holds the value of the word."""
     values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
     info = _field(key)
     info.metadata.append(ReadAs(Literal[tuple(values)], values.__getitem__))
@@ -93,7 +93,7 @@ def _field(key: str | None, **rules: Any) -> FieldInfo:
 
 
 def file_field(*, key: str | None = None) -> Any:
-    """The path of a file, relative to `folder` in the validation context."""
+    """Field of the path of a file; a relative path starts at the `folder` of the validation context."""
     info = _field(key)
     info.metadata += [ReadAs(Annotated[str, text_field()]), AfterValidator(_resolve_path)]
     return info
@@ -104,13 +104,13 @@ def _resolve_path(name: str, info: ValidationInfo) -> Path:
 
 
 def context_folder(info: ValidationInfo) -> Path:
-    """The folder to which paths in a file are relative."""
+    """The folder to which paths in a file are relative: `folder` of the validation context."""
     context: Any = info.context
     return Path(context["folder"])
 
 
 class ReadAs:
-    """Annotation: the type of the value in a file, if it differs from the attribute's; `then` converts it."""
+    """Annotation: the type of the value in a file, where the attribute has another; `convert` converts it."""
 
     def __init__(self, kind: Any, convert: Callable[[Any], Any] | None = None) -> None:
         self._kind, self._convert = kind, convert
@@ -128,11 +128,11 @@ class Required:
         self._keys = keys
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The dataclass, after a check of the keys."""
+        """The schema of the dataclass, preceded by a check that the required keys are in the file."""
         return core_schema.no_info_before_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The keys are required."""
+        """The JSON Schema of the dataclass, whose `required` also lists these keys."""
         resolved = handler.resolve_ref_schema(handler(schema))
         resolved["required"] = [
             *resolved.get("required", ()),
@@ -160,7 +160,7 @@ class OneKey:
         self._kinds, self._build = kinds, build or (lambda key, value: value)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """A union of mappings, tagged by the key."""
+        """The schema of a union of mappings of one key each; the key selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()},
             discriminator=self._tag,
@@ -189,7 +189,7 @@ class OneKind:
         self._kinds = kinds
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """A union that is tagged by the kind."""
+        """The schema of a union of mappings; the value of `kind` selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()},
             discriminator=lambda node: f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None,
@@ -197,19 +197,19 @@ class OneKind:
 
 
 class _OfKind:
-    """Annotation: one member of `OneKind`."""
+    """Annotation of one member of a union by `kind`: the file has the key `kind`, the type has no such attribute."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The type without the key."""
+        """The schema of the type, preceded by the removal of the key `kind`."""
         return core_schema.no_info_before_validator_function(
             lambda node: {k: v for k, v in node.items() if k != "kind"}, handler(source)
         )
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The type with the key."""
+        """The JSON Schema of the type with the constant, required property `kind`."""
         resolved = handler.resolve_ref_schema(handler(schema))
         resolved["properties"] = {"kind": {"const": self._kind}, **resolved["properties"]}
         resolved["required"] = list(dict.fromkeys(["kind", *resolved.get("required", ())]))
@@ -247,7 +247,7 @@ RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _to_rigi
 
 
 def check_unique(values: tuple[str, ...]) -> tuple[str, ...]:
-    """Validator: values are unique."""
+    """Validator of a list of names: returns it, or raises the error of the first name that is there twice."""
     for i, value in enumerate(values):
         if value in values[:i]:
             raise field_error(value, "every name once", i)
@@ -260,7 +260,7 @@ def other_file_error(error: StrideTwinError) -> PydanticCustomError:
 
 
 def field_error(value: object, valid: str, *below: str | int) -> PydanticCustomError:
-    """The error to raise in a validator.
+    """The error to raise in a validator; `validate` reports it as a ConfigError at the field's path.
 
     Args:
         value: The invalid value.

@@ -27,7 +27,7 @@ def schema_file(kind: Any) -> dict[str, Any]:
 
 
 def attribute_descriptions(kind: type) -> Mapping[str, str]:
-    """Descriptions of attributes from the docstrings of the class and its base classes."""
+    """Description of each attribute, from the `Attributes` in the docstrings of a class and its base classes."""
     descriptions: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         section = (inspect.cleandoc(base.__dict__.get("__doc__") or "")).partition("Attributes:\n")[2]
@@ -40,11 +40,11 @@ class _DescribingGenerator(GenerateJsonSchema):
     """Generates schemas with a description for each property, and the first line of a docstring for each class."""
 
     def model_schema(self, schema: core_schema.ModelSchema) -> dict[str, Any]:
-        """Of a pydantic model."""
+        """The JSON Schema of a pydantic model, with descriptions of its fields."""
         return self._add_descriptions(super().model_schema(schema), schema["cls"], schema["schema"])
 
     def dataclass_schema(self, schema: core_schema.DataclassSchema) -> dict[str, Any]:
-        """Of a dataclass."""
+        """The JSON Schema of a dataclass, with descriptions of its fields."""
         return self._add_descriptions(super().dataclass_schema(schema), schema["cls"], schema["schema"])
 
     def _add_descriptions(self, schema: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:

@@ -50,7 +50,7 @@ class ImuCalibration:
         accelerometer_range: Largest measurable specific force, m/s²; 0 = unknown.
         gyroscope_scale_sd: Relative error of the scale factors after calibration; 0 = unknown.
         gyroscope_misalignment_sd: Of each axis towards the others after calibration, rad; 0 = unknown.
-        accelerometer_scale_sd: As of the gyroscope.
+        accelerometer_scale_sd: Relative error of the scale factors after calibration; 0 = unknown.
     """
 
     topic: str

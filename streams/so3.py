@@ -12,14 +12,18 @@ from stridetwin.streams.samples import Array
 
 
 def hat(v: Array) -> Array:
-    """(..., 3, 3) matrices whose product with a vector is v × that vector, of (..., 3)."""
+    """(..., 3, 3) skew-symmetric matrices [v]× of vectors v (..., 3): [v]× w = v × w."""
     M = np.zeros((*v.shape, 3))
     M[..., 2, 1], M[..., 0, 2], M[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
     return np.asarray(M - np.swapaxes(M, -1, -2))
 
 
 def exp(v: Array) -> Array:
-    """(..., 3, 3) rotations by vectors (..., 3), rad."""
+    """(..., 3, 3) rotation matrices of rotation vectors v (..., 3), rad.
+
+    Rodrigues' formula with θ = |v|: R = I + sin θ / θ [v]× + (1 - cos θ) / θ² [v]×², where
+    (1 - cos θ) / θ² = 1/2 sinc²(θ / 2) has no division by 0.
+    """
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     X = hat(v)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * X + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (X @ X))
@@ -50,7 +54,13 @@ def from_euler(yaw_pitch_roll: Array) -> Array:
 
 
 def slerp(R_a: Array, R_b: Array, share: Array) -> Array:
-    """(N, 3, 3) rotations on the shortest path from one (3, 3) matrix to another, at (N,) shares of it."""
+    """(N, 3, 3) rotations R_a exp(share · log(R_aᵀ R_b)): from R_a (share 0) to R_b (share 1) on the shortest path.
+
+    Args:
+        R_a: (3, 3) rotation.
+        R_b: (3, 3) rotation.
+        share: (N,) parts of the rotation from R_a to R_b.
+    """
     from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
 
     rotation = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
@@ -66,7 +76,13 @@ def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
 
 
 def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, accelerations: Array) -> Array:
-    """(..., 3) time derivative of `euler_rates_to_body`."""
+    """(..., 3) angular acceleration in body axes, rad/s², of a frame with given yaw, pitch, roll (..., 3).
+
+    Args:
+        yaw_pitch_roll: (..., 3) rad.
+        rates: (..., 3) their first derivatives, rad/s.
+        accelerations: (..., 3) their second derivatives, rad/s².
+    """
     _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
     dy, dp, dr = (rates[..., i] for i in range(3))
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)

@@ -25,7 +25,7 @@ Schema = Mapping[str, Any]
 
 
 def validate(kind: type[T], data: object, source: object, *, at: str = _ROOT, context: Any = None) -> T:
-    """An object from plain data.
+    """Builds an object of a type from the plain data of a file, and reports all invalid values at once.
 
     Args:
         kind: Dataclass, pydantic model or other type.
@@ -51,27 +51,35 @@ def type_adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def config_error(error: ValidationError, kind: Any, data: object, source: object, at: str = _ROOT) -> StrideTwinError:
-    """A pydantic error as errors of ours."""
+    """Converts a pydantic error to a ConfigError, or to a `ConfigFileError` if several values are invalid.
+
+    Args:
+        error: Error that pydantic raised.
+        kind: Type that the data were validated against.
+        data: Data of the file.
+        source: File, for the messages.
+        at: Path of the data inside the file.
+    """
     root = schema_of(kind)
     every = [_to_error(entry, root, data, source, at) for entry in error.errors(include_url=False)]
     return combine_errors([e for e in every if e is not None])
 
 
 def combine_errors(errors: Iterable[StrideTwinError]) -> StrideTwinError:
-    """One error of several, at least one; each message once."""
+    """One error from several (at least one): the only one, or a `ConfigFileError` without repeated messages."""
     unique = list({str(e): e for e in errors}.values())
     return unique[0] if len(unique) == 1 else ConfigFileError(unique)
 
 
 def suggest(value: object, names: Iterable[str]) -> str:
-    """The valid names in words, with the nearest to `value` pointed out."""
+    """The valid names, separated by commas; a name similar to `value` is suggested after `did you mean`."""
     names = list(names)
     near = difflib.get_close_matches(str(value), names, n=1)
     return ", ".join(names) + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
 def _to_error(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
-    """One line of a pydantic error; None if another one covers it."""
+    """The error of one entry of a pydantic error; None if the entry only repeats others (a list whose items failed)."""
     kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
     if kind == "elsewhere":
         return context["error"]
@@ -108,7 +116,7 @@ def _path_in_data(data: object, steps: Iterable[Any], at: str) -> str:
 
 
 def _join_path(path: str, step: Any) -> str:
-    """The path of a key or an item; None for the place itself."""
+    """`path` extended by a key (`path.step`) or an index (`path[step]`); unchanged if `step` is None."""
     if step is None:
         return path
     return f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
@@ -126,7 +134,7 @@ def _walk_data(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
 
 
 def _schemas_at(root: Schema, steps: list[Any]) -> list[Schema]:
-    """The schemas that a place may have."""
+    """The alternative schemas of the data at a location, found by walking from `root` along keys, indices and tags."""
     schemas = _resolve_alternatives(root, root)
     for step in steps:
         if isinstance(step, str) and step.startswith(TAG):
@@ -153,7 +161,7 @@ def _child_schemas(schema: Schema, step: str | int) -> list[Schema]:
 
 
 def _resolve_alternatives(schema: Schema, root: Schema) -> list[Schema]:
-    """A schema with its references and alternatives written out."""
+    """The alternatives of a schema: `$ref` is followed, `anyOf` and `oneOf` are flattened; else the schema alone."""
     if "$ref" in schema:
         return _resolve_alternatives(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
     either = schema.get("anyOf") or schema.get("oneOf")
@@ -186,7 +194,7 @@ def _enum_values(schema: Schema) -> list[str]:
 
 
 def _describe_type(schema: Schema, root: Schema) -> str:
-    """A schema that has neither words nor keys to list."""
+    """Description of a number, a list, a text or a truth value; empty for a schema with words or keys."""
     kind = schema.get("type")
     if _enum_values(schema) or "properties" in schema or kind == "null":
         return ""

@@ -42,7 +42,7 @@ class Dumper(yaml.SafeDumper):
 
 
 class FastDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
-    """The same in compiled code; it may break long lines elsewhere."""
+    """Writes what `read_yaml` reads back, in compiled code; it may break long lines at other places than `Dumper`."""
 
 
 Dumper.add_implicit_resolver(*_NUMBERS)

@@ -20,7 +20,7 @@ from stridetwin.outputs.base import LiveOutput, part_file
 from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.files import partial_path
-from stridetwin.streams.formats.tum import seconds, write_tum
+from stridetwin.streams.formats.tum import format_seconds, write_tum
 from stridetwin.streams.trajectory import Trajectory
 
 DEAD_RECKONING_S = 1.0
@@ -87,7 +87,7 @@ def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[st
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
     for t_ns, pose, status_text, covariance in zip(path.t_ns.tolist(), poses, statuses, upper):
         covariance_cells = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]
-        yield [seconds(t_ns), *(f"{v:.9g}" for v in pose), status_text, *covariance_cells]
+        yield [format_seconds(t_ns), *(f"{v:.9g}" for v in pose), status_text, *covariance_cells]
 
 
 class LivePaths(LiveOutput):
@@ -111,7 +111,9 @@ class LivePaths(LiveOutput):
             return None
         part = self._parts.get(pose.frame, "")
         w, x, y, z = pose.q_world_frame.tolist()
-        row = f"{seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        row = (
+            f"{format_seconds(pose.t_ns)} {' '.join(f'{v:.9g}' for v in (*pose.p_frame_in_world.tolist(), x, y, z, w))}"
+        )
         if part in self._out:
             self._out[part].write(row + "\n")
             self._rows[part] += 1

@@ -45,18 +45,18 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
     images: dict[str, ImageStream] = {}
     for label, topic in IMUS.items():
         if (stream := provider.get_stream_id_from_label(label)) is not None and provider.get_num_data(stream):
-            blocks[topic] = _imu(provider, stream, topic)
+            blocks[topic] = _read_imu(provider, stream, topic)
     for label, topic in CAMERAS.items():
         if (stream := provider.get_stream_id_from_label(label)) is not None and provider.get_num_data(stream):
             t_ns = np.array(provider.get_timestamps_ns(stream, TimeDomain.DEVICE_TIME), np.int64)
-            images[topic] = _camera(provider, stream, t_ns)
+            images[topic] = _to_image_stream(provider, stream, t_ns)
     names = [provider.get_label_from_stream_id(stream) for stream in provider.get_all_streams()]
     unread = {f"/{name}": "stream" for name in names if name and name not in IMUS.keys() | CAMERAS.keys()}
     notes.warn("poses of the sensors on the glasses are not read; give them with --rig FILE (Kalibr YAML)")
     return Source(kind="vrs", blocks=blocks, images=images, rig=Rig(), unread=unread)
 
 
-def _imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
+def _read_imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
     samples = [provider.get_imu_data_by_index(stream, i) for i in range(provider.get_num_data(stream))]
     t_ns = np.array([sample.capture_timestamp_ns for sample in samples], np.int64)
     columns = {
@@ -66,7 +66,7 @@ def _imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
     return Block(topic=topic, kind=Imu, t_ns=t_ns, columns=columns)
 
 
-def _camera(provider: Any, stream: Any, t_ns: Stamps) -> ImageStream:
+def _to_image_stream(provider: Any, stream: Any, t_ns: Stamps) -> ImageStream:
     def load(topic: str, i: int) -> Image:
         image, _ = provider.get_image_data_by_index(stream, i)
         return Image(topic=topic, t_ns=int(t_ns[i]), pixels=np.ascontiguousarray(image.to_numpy_array(), np.uint8))

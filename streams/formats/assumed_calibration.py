@@ -28,7 +28,7 @@ _ACCEL_WALK = 40e-6 * STANDARD_GRAVITY_MPS2 / 10
 _FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, used by RGB-D datasets without a calibration
 
 
-def completed(
+def with_assumed_calibration(
     rig: Rig,
     blocks: Mapping[str, Block[Any]],
     images: Mapping[str, ImageStream],
@@ -37,15 +37,15 @@ def completed(
 ) -> Rig:
     """A rig with a calibration for every existing IMU and camera, and for nothing else."""
     imus = {
-        t: rig.imus[t] if t in rig.imus else _assumed_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
+        t: rig.imus[t] if t in rig.imus else _assume_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
     }
     colour = [t for t, p in images.items() if p.kind is Image]
     depth = [t for t, p in images.items() if p.kind is Depth]
-    cameras = {t: _camera(rig, t, images[t], notes) for t in colour}
+    cameras = {t: _camera_or_default(rig, t, images[t], notes) for t in colour}
     for topic in depth:
         if not any(c.depth_topic == topic for c in cameras.values()):
             _add_depth(rig, cameras, topic, images, notes, topic in registered)
-    cameras = {t: _of_there(c, imus, images) for t, c in cameras.items()}
+    cameras = {t: _drop_missing_references(c, imus, images) for t, c in cameras.items()}
     for camera in cameras.values():
         _check_intrinsics(camera, notes)
     return Rig(
@@ -59,7 +59,7 @@ def body_of(topic: str) -> str:
     return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
 
 
-def image_size(images: ImageStream) -> tuple[int, int] | None:
+def first_image_size(images: ImageStream) -> tuple[int, int] | None:
     """(width, height) of the first image, None if it cannot be read."""
     try:
         first = images.load("", 0)
@@ -69,7 +69,7 @@ def image_size(images: ImageStream) -> tuple[int, int] | None:
     return shape[1], shape[0]
 
 
-def _assumed_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
+def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
     notes.warn(
         f"{topic}: no calibration; assumed the noise of a consumer IMU ({math.degrees(_GYRO_NOISE):.3g} °/s/√Hz, "
         f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {GIVE}"
@@ -86,10 +86,10 @@ def _assumed_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
     )
 
 
-def _camera(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
-    size = image_size(images)
+def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
+    size = first_image_size(images)
     if topic not in rig.cameras:
-        return _assumed_camera(topic, images, size or (640, 480), notes)
+        return _assume_camera(topic, images, size or (640, 480), notes)
     camera = rig.cameras[topic]
     if size is not None and size != (camera.width, camera.height):
         expected = f"{camera.width} x {camera.height}"
@@ -97,7 +97,7 @@ def _camera(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCa
     return camera
 
 
-def _assumed_camera(topic: str, images: ImageStream, size: tuple[int, int], notes: Notes) -> CameraCalibration:
+def _assume_camera(topic: str, images: ImageStream, size: tuple[int, int], notes: Notes) -> CameraCalibration:
     width, height = size
     focal = _FOCAL_PER_WIDTH * width
     notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
@@ -133,24 +133,24 @@ def _add_depth(
     """Registers a depth stream to the colour camera of equal size beside it, or makes it a separate camera."""
     registered_camera = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
     if registered_camera is not None:  # a camera whose colour was not recorded
-        cameras[registered_camera.topic] = _camera(rig, registered_camera.topic, images[topic], notes)
+        cameras[registered_camera.topic] = _camera_or_default(rig, registered_camera.topic, images[topic], notes)
         return
-    size = image_size(images[topic])
-    own = rig.cameras.get(topic)
+    size = first_image_size(images[topic])
+    depth_camera = rig.cameras.get(topic)
     for name, camera in cameras.items():
-        same = is_registered or own is None or np.allclose(own.intrinsics, camera.intrinsics)
+        same = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
         if not camera.depth_topic and size == (camera.width, camera.height) and same:
-            if own is None and not is_registered:
+            if depth_camera is None and not is_registered:
                 notes.warn(f"{topic}: assumed registered to {name} because of its size; {GIVE}")
             cameras[name] = replace(camera, depth_topic=topic)
             return
     if cameras:
         notes.warn(f"{topic}: not registered to a colour image; it becomes a separate camera")
-    camera = own or _assumed_camera(topic, images[topic], size or (640, 480), notes)
+    camera = depth_camera or _assume_camera(topic, images[topic], size or (640, 480), notes)
     cameras[topic] = replace(camera, topic=topic, depth_topic=topic)
 
 
-def _of_there(
+def _drop_missing_references(
     camera: CameraCalibration, imus: Mapping[str, ImuCalibration], images: Mapping[str, ImageStream]
 ) -> CameraCalibration:
     """Removes references to missing streams; a camera without an IMU gets one of its body."""

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
-from stridetwin.streams.formats.derived import joined, joined_name, odometry
+from stridetwin.streams.formats.derived import imu_name, join_gyro_and_accel, to_odometry
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
@@ -48,31 +48,31 @@ def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     taken = {t for t in kinds if OURS.fullmatch(t)}
     names: dict[str, str] = {}
 
-    def give(topic: str, ours: str) -> None:
+    def assign(topic: str, ours: str) -> None:
         if ours not in taken:
             names[topic] = ours
             taken.add(ours)
 
-    rest = [t for t in kinds if t not in taken]
-    for topic in rest:
+    foreign_topics = [t for t in kinds if t not in taken]
+    for topic in foreign_topics:
         if _FOOT.search(topic.lower()) and (side := side_of(topic.lower())):
             sort = {Imu: "imu", Image: "camera"}.get(kinds[topic])
             if sort:
-                give(topic, f"/foot_{side}/{sort}")
-    others = [t for t in rest if t not in names and not _FOOT.search(t.lower())]
+                assign(topic, f"/foot_{side}/{sort}")
+    head_topics = [t for t in foreign_topics if t not in names and not _FOOT.search(t.lower())]
     for kind, ours, patterns in (
         (Imu, "/head/imu", (re.compile(r""),)),
         (Accelerometer, "/head/accelerometer", (re.compile(r""),)),
         (Image, "/head/color", _COLOUR),
         (Depth, "/head/depth", _DEPTH),
     ):
-        there = [t for t in others if kinds[t] is kind and not _INFRARED.search(t.lower())]
-        first = next((t for p in patterns for t in there if p.search(t.lower())), None)
+        candidates = [t for t in head_topics if kinds[t] is kind and not _INFRARED.search(t.lower())]
+        first = next((t for p in patterns for t in candidates if p.search(t.lower())), None)
         if first is not None:
-            give(first, ours)
-    true = next((t for t in others if kinds[t] is Odometry and _TRUE.search(t.lower())), None)
+            assign(first, ours)
+    true = next((t for t in head_topics if kinds[t] is Odometry and _TRUE.search(t.lower())), None)
     if true is not None:
-        give(true, "/truth/head/odometry")
+        assign(true, "/truth/head/odometry")
     return names
 
 
@@ -161,30 +161,30 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     Raises:
         StrideTwinError: The bag cannot be read, unless lenient.
     """
-    streams, unread = _streams(bag, notes)
+    streams, unread = _open_streams(bag, notes)
     for topic, log_time, payload, key in bag.messages(set(streams)):
         streams[topic].add(log_time, payload, key)
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     calibration = BagCalibration(notes)
-    depth_units = _depth_units(streams)
+    depth_units = _read_depth_units(streams)
     for topic, stream in streams.items():
         if not stream.times or _DEPTH_UNITS.fullmatch(topic):
             continue
         try:
             if stream.reader is None:
-                _extra(stream, calibration, blocks, notes)
+                _read_extra(stream, calibration, blocks, notes)
             elif stream.is_image:
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
-                images[topic] = _images(bag, stream, stream.reader, units)
+                images[topic] = _to_image_stream(bag, stream, stream.reader, units)
             else:
-                blocks[topic] = stream.reader.block(_together(stream))
+                blocks[topic] = stream.reader.block(_to_messages(stream))
         except ValueError as error:
             notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
-    blocks = joined(blocks, notes)
-    frames = {t: _frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
+    blocks = join_gyro_and_accel(blocks, notes)
+    frames = {t: _read_header_frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
     # a joined IMU has the frame of its gyroscope
-    frames |= {joined_name(t): f for t, f in frames.items() if t not in blocks and joined_name(t) in blocks}
+    frames |= {imu_name(t): f for t, f in frames.items() if t not in blocks and imu_name(t) in blocks}
     return Source(
         kind=kind,
         blocks=blocks,
@@ -196,7 +196,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     )
 
 
-def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
+def _open_streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
     """The streams that can be read, and the types of the others."""
     streams: dict[str, _Stream] = {}
     unread: dict[str, str] = {}
@@ -215,26 +215,26 @@ def _streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]
     return streams, unread
 
 
-def _together(stream: _Stream) -> Messages:
+def _to_messages(stream: _Stream) -> Messages:
     lengths = np.array([len(p) for p in stream.payloads], np.int64)
     starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
-def _depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
+def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
     """Metres per unit of depth by the name of a sensor, such as `/device_0/sensor_0`."""
-    found = {}
+    units = {}
     for topic, stream in streams.items():
         if stream.payloads and (matched := _DEPTH_UNITS.fullmatch(topic)):
             c = stream.channel
             value = float(
                 deserialise(typestore_for(c.typename, c.encoding, c.definition), stream.payloads[-1], c.typename).data
             )
-            found[matched[1]] = value if 0 < value < 1 else _MILLIMETRE
-    return found
+            units[matched[1]] = value if 0 < value < 1 else _MILLIMETRE
+    return units
 
 
-def _images(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
+def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
@@ -247,27 +247,27 @@ def _images(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> I
     return ImageStream(kind=kind, t_ns=times, load=load)
 
 
-def _extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
+def _read_extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
     """Handles messages that are not samples themselves: calibrations, mounts, and poses."""
     c = stream.channel
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:
         if c.typename in CALIBRATIONS:
-            calibration.camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
+            calibration.add_camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
         elif c.typename in TRANSFORMS:
             if c.topic.endswith("tf_static"):
                 for payload in stream.payloads:
-                    calibration.transforms(deserialise(store, payload, c.typename))
+                    calibration.add_transforms(deserialise(store, payload, c.typename))
         else:
             rows = [pose_of(deserialise(store, p, c.typename)) for p in stream.payloads]
             t = np.array([r[0] or time for r, time in zip(rows, stream.times)], np.int64)
             p, q = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
-            blocks[c.topic] = odometry(c.topic, t, p, q, None, notes, f"{notes.path}: {c.topic}")
+            blocks[c.topic] = to_odometry(c.topic, t, p, q, None, notes, f"{notes.path}: {c.topic}")
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"not a {c.typename}: {error}") from error
 
 
-def _frame(payload: bytes) -> str:
+def _read_header_frame(payload: bytes) -> str:
     """The frame in a message's header, "" without a header."""
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ _ENOUGH = 0.8  # of the image must correspond to rays
 _CLOSE = 0.01  # px, largest error of a ray's pixel
 
 
-def fitted_radtan(
+def fit_radtan(
     intrinsics: tuple[float, float, float, float], distortion: Array, size: tuple[int, int]
 ) -> tuple[Array, float]:
     """The radtan coefficients closest to a lens of ROS's rational model, over the whole image.
@@ -49,14 +49,14 @@ def fitted_radtan(
     seen: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
     rays = seen
     with np.errstate(all="ignore"):  # divergence is detected below
-        for _ in range(_STEPS):
-            radial, aside = _lens(rays, d)
+        for _ in range(_STEPS):  # fixed-point iteration: ray = (seen - tangential(ray)) / radial(ray)
+            radial, aside = _rational_distortion(rays, d)
             rays = (seen - aside) / radial
-        radial, aside = _lens(rays, d)
-        there = np.linalg.norm((rays * radial + aside - seen) * focal, axis=1) < _CLOSE
-    if there.mean() < _ENOUGH:
+        radial, aside = _rational_distortion(rays, d)
+        has_ray = np.linalg.norm((rays * radial + aside - seen) * focal, axis=1) < _CLOSE
+    if has_ray.mean() < _ENOUGH:
         return d[:4], float("inf")
-    rays, seen = rays[there], seen[there]
+    rays, seen = rays[has_ray], seen[has_ray]
     x, y = rays.T
     r2 = x * x + y * y
     # radtan's change of a ray is linear in its coefficients; in pixels, so that all points have equal weight
@@ -67,12 +67,24 @@ def fitted_radtan(
         )
     )
     wanted = ((seen - rays) * focal).T.ravel()
-    four: Array = np.linalg.lstsq(terms, wanted, rcond=None)[0]
-    return four, float(np.linalg.norm((terms @ four - wanted).reshape(2, -1), axis=0).max())
+    coefficients: Array = np.linalg.lstsq(terms, wanted, rcond=None)[0]
+    return coefficients, float(np.linalg.norm((terms @ coefficients - wanted).reshape(2, -1), axis=0).max())
 
 
-def _lens(rays: Array, d: Array) -> tuple[Array, Array]:
-    """(N, 1) factor and (N, 2) offset that a lens of the rational model applies to rays x, y at z = 1."""
+def _rational_distortion(rays: Array, d: Array) -> tuple[Array, Array]:
+    """Distortion by ROS's rational model of rays (N, 2), x and y at z = 1: distorted = ray · radial + tangential.
+
+    With r² = x² + y²:
+    radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶),
+    tangential = (2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y).
+
+    Args:
+        rays: (N, 2).
+        d: k1, k2, p1, p2, k3, k4, k5, k6.
+
+    Returns:
+        Radial factor (N, 1) and tangential offset (N, 2).
+    """
     x, y = rays.T
     r2 = x * x + y * y
     k1, k2, p1, p2, k3, k4, k5, k6 = d
@@ -105,7 +117,7 @@ class BagCalibration:
         self._infos: dict[str, Any] = {}
         self._parents: dict[str, tuple[str, Array]] = {}
 
-    def camera_info(self, topic: str, message: Any) -> None:
+    def add_camera_info(self, topic: str, message: Any) -> None:
         """Adds a CameraInfo; drivers publish a focal length of 0 for an uncalibrated camera."""
         K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
@@ -114,7 +126,7 @@ class BagCalibration:
         else:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
-    def transforms(self, message: Any) -> None:
+    def add_transforms(self, message: Any) -> None:
         """Adds static transforms, T_parent_child."""
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
@@ -140,32 +152,32 @@ class BagCalibration:
         imus = [t for t, b in blocks.items() if b.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
         for topic, stream in images.items():
-            info = self._info(topic)
+            info = self._find_info(topic)
             if info is None:
                 continue
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
-            T = self._between(frames.get(imu, ""), frames.get(topic, "")) if imu else None
+            T = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T is None:
-                self._assume(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
-            cameras[topic] = self._camera(topic, stream, info, np.eye(4) if T is None else T, imu)
+                self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
+            cameras[topic] = self._to_camera(topic, stream, info, np.eye(4) if T is None else T, imu)
         return Rig(cameras=cameras)
 
-    def _info(self, topic: str) -> Any:
+    def _find_info(self, topic: str) -> Any:
         near = [base for base in self._infos if topic == base or topic.startswith(base + "/")]
         return self._infos[max(near, key=len)] if near else None
 
-    def _assume(self, topic: str, words: str) -> None:
-        self.assumed[topic] = f"{self.assumed[topic]}; {words}" if topic in self.assumed else words
+    def _add_assumption(self, topic: str, text: str) -> None:
+        self.assumed[topic] = f"{self.assumed[topic]}; {text}" if topic in self.assumed else text
 
-    def _camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
-        K, d = _numbers(info, "k"), _numbers(info, "d")
+    def _to_camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
+        K, d = _read_field(info, "k"), _read_field(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())
         if _RECTIFIED.search(topic.lower()):
-            intrinsics, model, four = self._rectified(topic, info, intrinsics), "radtan", np.zeros(4)
+            intrinsics, model, four = self._read_rectified_intrinsics(topic, info, intrinsics), "radtan", np.zeros(4)
         else:
             size = int(info.width), int(info.height)
-            model, four = self._distortion(topic, info.distortion_model, model, d, intrinsics, size)
+            model, four = self._find_distortion(topic, info.distortion_model, model, d, intrinsics, size)
         return CameraCalibration(
             topic=topic,
             part="",
@@ -179,15 +191,17 @@ class BagCalibration:
             imu_topic=imu,
         )
 
-    def _rectified(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
+    def _read_rectified_intrinsics(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
         """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of P, without distortion."""
-        P = _numbers(info, "p")
+        P = _read_field(info, "p")
         if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
             return float(P[0]), float(P[5]), float(P[2]), float(P[6])
-        self._assume(topic, f"its CameraInfo has no P for rectified images; K is used without distortion; {GIVE}")
+        self._add_assumption(
+            topic, f"its CameraInfo has no P for rectified images; K is used without distortion; {GIVE}"
+        )
         return raw
 
-    def _distortion(
+    def _find_distortion(
         self,
         topic: str,
         model_name: str,
@@ -203,17 +217,19 @@ class BagCalibration:
         what = f"distortion {model_name!r} with {len(d)} coefficients"
         is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
         if model == "radtan" and is_more and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
-            fitted, worst = fitted_radtan(intrinsics, sound[:MOST_TERMS], size)
+            fitted, worst = fit_radtan(intrinsics, sound[:MOST_TERMS], size)
             if np.isfinite(worst):
-                self._assume(topic, f"{what} is fitted by radtan, up to {worst:.2g} px off; {GIVE}")
+                self._add_assumption(topic, f"{what} is fitted by radtan, up to {worst:.2g} px off; {GIVE}")
                 return model, fitted
         if (model is None and np.any(d)) or is_more or not np.isfinite(d).all():
-            self._assume(topic, f"{what} is not supported; its first four are used as {model or 'radtan'}; {GIVE}")
+            self._add_assumption(
+                topic, f"{what} is not supported; its first four are used as {model or 'radtan'}; {GIVE}"
+            )
         return model or "radtan", four
 
-    def _between(self, target: str, source: str) -> Array | None:
+    def _find_transform(self, target: str, source: str) -> Array | None:
         """T_target_source along the tree of static transforms, None if they are not connected."""
-        a, b = self._to_root(target.strip("/")), self._to_root(source.strip("/"))
+        a, b = self._transform_to_root(target.strip("/")), self._transform_to_root(source.strip("/"))
         if a is None or b is None or a[0] != b[0] or not target or not source:
             return None
         T = np.eye(4)
@@ -221,7 +237,7 @@ class BagCalibration:
         T[:3, 3] = a[1][:3, :3].T @ (b[1][:3, 3] - a[1][:3, 3])
         return T
 
-    def _to_root(self, frame: str) -> tuple[str, Array] | None:
+    def _transform_to_root(self, frame: str) -> tuple[str, Array] | None:
         T, seen = np.eye(4), {frame}
         while frame in self._parents:
             frame, step = self._parents[frame]
@@ -232,6 +248,6 @@ class BagCalibration:
         return frame, T
 
 
-def _numbers(info: Any, name: str) -> Array:
+def _read_field(info: Any, name: str) -> Array:
     """A field of a CameraInfo; ROS 1 uses capital letters."""
     return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)

@@ -54,9 +54,9 @@ class McapBag:
         for i, path in enumerate(paths):
             schemas: dict[int, records.Schema] = {}
             unpacking = Unpacking(path)
-            for opcode, _, body in self._records(path):
+            for opcode, _, body in self._read_records(path):
                 if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
-                    for record in self._contents(path, opcode, body, unpacking)[0]:
+                    for record in self._unpack_record(path, opcode, body, unpacking)[0]:
                         self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
@@ -64,15 +64,15 @@ class McapBag:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
-            for opcode, offset, body in self._records(path):
+            for opcode, offset, body in self._read_records(path):
                 if opcode == Opcode.CHUNK:
-                    _, by_channel = self._contents(path, opcode, body, unpacking)
-                    for channel, found in by_channel.items():
+                    _, by_channel = self._unpack_record(path, opcode, body, unpacking)
+                    for channel, messages in by_channel.items():
                         topic = self._topics[i].get(channel, "")
                         if topic in topics:
-                            for k in range(len(found)):
-                                at = int(found.starts[k]), int(found.lengths[k])
-                                yield topic, int(found.log_time[k]), found.payload(k), (i, offset, *at)
+                            for k in range(len(messages)):
+                                at = int(messages.starts[k]), int(messages.lengths[k])
+                                yield topic, int(messages.log_time[k]), messages.payload(k), (i, offset, *at)
                 elif opcode == Opcode.MESSAGE and len(body) >= _LOOSE.size:
                     channel, _, log_time, _ = _LOOSE.unpack_from(body)
                     topic = self._topics[i].get(channel, "")
@@ -91,7 +91,7 @@ class McapBag:
             self._cached = (i, chunk), read_chunk(self._paths[i], chunk)
         return self._cached[1][start : start + length]
 
-    def _records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
+    def _read_records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
         """The records of a file, as far as they can be read."""
         try:
             yield from top_records(path)
@@ -101,7 +101,9 @@ class McapBag:
             cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
             self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
-    def _contents(self, path: Path, opcode: int, body: bytes, unpacking: Unpacking) -> tuple[list[Any], dict[int, Any]]:
+    def _unpack_record(
+        self, path: Path, opcode: int, body: bytes, unpacking: Unpacking
+    ) -> tuple[list[Any], dict[int, Any]]:
         try:
             if opcode == Opcode.CHUNK and not parse_record(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
@@ -142,7 +144,7 @@ def check_index(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as file:
         file.readline(100)
-        header = _header(file, size)
+        header = _read_header(file, size)
         connections, chunks = header.get_uint32("conn_count"), header.get_uint32("chunk_count")
         if connections > _MOST_CONNECTIONS or chunks > size // 32:
             raise ValueError(f"{connections} connections and {chunks} chunks are more than the file can hold")
@@ -150,10 +152,10 @@ def check_index(path: Path) -> None:
             return  # a truncated file, which the library reports
         file.seek(index)
         for _ in range(connections):
-            _header(file, size)
-            _header(file, size)
+            _read_header(file, size)
+            _read_header(file, size)
         for _ in range(chunks):
-            if _header(file, size).get_uint32("count") > connections:
+            if _read_header(file, size).get_uint32("count") > connections:
                 raise ValueError("a chunk with more connections than the bag has")
             length = int.from_bytes(file.read(4), "little")
             file.seek(length, os.SEEK_CUR)
@@ -177,7 +179,7 @@ class BoundedReader(rosbag1.Reader):
         chunk = super().read_chunk()
         if chunk.datasize > LARGEST_CHUNK:
             raise ValueError(f"a chunk of {chunk.datasize} bytes: expected up to {LARGEST_CHUNK}")
-        return chunk._replace(decompressor=partial(self._unpacked, _KINDS[chunk.decompressor]))
+        return chunk._replace(decompressor=partial(self._unpack, _KINDS[chunk.decompressor]))
 
     def read_index_data(self, pos: int, indexes: Any) -> None:
         """Reads the index of one connection in one chunk.
@@ -193,21 +195,21 @@ class BoundedReader(rosbag1.Reader):
         self.bio.seek(here)
         super().read_index_data(pos, indexes)
 
-    def _unpacked(self, kind: Compression, data: bytes) -> bytes:
+    def _unpack(self, kind: Compression, data: bytes) -> bytes:
         """An unpacked chunk; it may be requested repeatedly if its messages alternate with another's."""
         if kind == Compression.NONE:
             return data
         unpacker: Any = bz2.BZ2Decompressor() if kind == Compression.BZ2 else lz4.frame.LZ4FrameDecompressor()
-        whole: bytes = unpacker.decompress(data, max_length=LARGEST_CHUNK)
+        unpacked: bytes = unpacker.decompress(data, max_length=LARGEST_CHUNK)
         if not unpacker.eof:
             raise ValueError(f"a chunk that is damaged, or larger than {LARGEST_CHUNK} bytes unpacked")
-        self._bytes -= len(whole)
+        self._bytes -= len(unpacked)
         if self._bytes < 0:
             raise ValueError("more bytes unpacked than a bag of this size can hold")
-        return whole
+        return unpacked
 
 
-def _header(file: BinaryIO, size: int) -> Header:
+def _read_header(file: BinaryIO, size: int) -> Header:
     """The header of the record at this position, checked, because the library allocates any declared length."""
     length = int.from_bytes(file.read(4), "little")
     if length > min(size, _LONGEST_HEADER):
@@ -232,15 +234,15 @@ class RosBag:
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
         self._definitions = Definitions()
-        with self._reported():
+        with self._convert_errors():
             if is_ros1:
                 check_index(path)
             self._reader: Any = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, _close, self._reader)
             self._store = get_typestore(Stores.EMPTY)
-            found = [self._channel(c) for c in self._reader.connections]
-        self.channels = list({c.topic: c for c in reversed(found)}.values())[::-1]
+            channels = [self._to_channel(c) for c in self._reader.connections]
+        self.channels = list({c.topic: c for c in reversed(channels)}.values())[::-1]
         types = {c.topic: c.typename for c in self.channels}
         self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
 
@@ -248,15 +250,15 @@ class RosBag:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
         counts: dict[tuple[int, int], int] = {}
-        found = self._reader.messages(connections=wanted) if wanted else iter(())
+        messages = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             try:
-                with self._reported():
-                    message = next(found, None)
+                with self._convert_errors():
+                    message = next(messages, None)
                     if message is None:
                         return
                     connection, time, raw = message
-                    payload = self._cdr(raw, connection.msgtype)
+                    payload = self._to_cdr(raw, connection.msgtype)
             except RecordingError as error:
                 if not self._notes.lenient:
                     raise
@@ -268,17 +270,17 @@ class RosBag:
     def payload(self, topic: str, key: Any) -> bytes:
         """CDR bytes of one message, read again."""
         connection, time, nth = key
-        with self._reported():
-            found = self._reader.messages(connections=[connection], start=time, stop=time + 1)
-            for k, (_, _, raw) in enumerate(found):
+        with self._convert_errors():
+            messages = self._reader.messages(connections=[connection], start=time, stop=time + 1)
+            for k, (_, _, raw) in enumerate(messages):
                 if k == nth:
-                    return self._cdr(raw, connection.msgtype)
+                    return self._to_cdr(raw, connection.msgtype)
         raise StrideTwinError(f"{self.path}: {topic}: a previously read message is missing; has the file changed?")
 
-    def _cdr(self, raw: bytes, typename: str) -> bytes:
+    def _to_cdr(self, raw: bytes, typename: str) -> bytes:
         return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
 
-    def _channel(self, connection: Any) -> Channel:
+    def _to_channel(self, connection: Any) -> Channel:
         name = connection.msgtype
         text, encoding = connection.msgdef.data, "ros2msg"
         if connection.msgdef.format == MessageDefinitionFormat.IDL:
@@ -286,10 +288,10 @@ class RosBag:
         elif not text:  # bags of older ROS 2 releases contain no definitions: the standard types are the same
             text = definition(name) if name in typestore().fielddefs else ""
         if self._is_ros1:
-            text = self._as_ros2(name, text)
+            text = self._to_ros2_definition(name, text)
         return Channel(connection.topic, name, encoding, text)
 
-    def _as_ros2(self, name: str, text: str) -> str:
+    def _to_ros2_definition(self, name: str, text: str) -> str:
         """A ROS 1 definition converted to ROS 2; "" if it cannot be parsed, which is reported if it is needed."""
         try:
             if name not in self._store.fielddefs:
@@ -304,7 +306,7 @@ class RosBag:
             return ""
 
     @contextmanager
-    def _reported(self) -> Iterator[None]:
+    def _convert_errors(self) -> Iterator[None]:
         """Converts any exception of the library for a damaged file to one error that names the file."""
         try:
             yield
@@ -313,15 +315,15 @@ class RosBag:
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
         except Exception as error:  # asserts, index and key errors, MemoryError: unvalidated input
-            words = " ".join(str(error).split()) or type(error).__name__
-            raise RecordingError(f"{self.path}: a damaged bag: {words[:200]}") from error
+            text = " ".join(str(error).split()) or type(error).__name__
+            raise RecordingError(f"{self.path}: a damaged bag: {text[:200]}") from error
 
 
 def _close(reader: Any) -> None:
     reader.close()
 
 
-def _database(path: Path) -> closing[sqlite3.Connection]:
+def _open_database(path: Path) -> closing[sqlite3.Connection]:
     return closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True))
 
 
@@ -331,7 +333,7 @@ def check_tables(path: Path) -> None:
     Raises:
         RecordingError: The file has other objects.
     """
-    with suppress(sqlite3.Error), _database(path) as database:  # damaged files are reported by `sqlite_is_sound`
+    with suppress(sqlite3.Error), _open_database(path) as database:  # damaged files are reported by `sqlite_is_sound`
         kinds = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
         for name, kind, text in kinds:
             columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
@@ -342,7 +344,7 @@ def check_tables(path: Path) -> None:
 def sqlite_is_sound(path: Path) -> bool:
     """Whether SQLite's own check of the file's structure passes; there is no checksum of the row data."""
     try:
-        with _database(path) as database:
+        with _open_database(path) as database:
             return bool(database.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
     except sqlite3.Error:
         return False

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _UNIT = (0.9, 1.1)
 
 
-def odometry(
+def to_odometry(
     name: str,
     t_ns: Stamps,
     p: Array,
@@ -63,7 +63,7 @@ def odometry(
     rising = np.flatnonzero(is_increasing(t_ns))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
-        rates[:, rising] = _rates(t_ns[rising], p[rising], attitude)
+        rates[:, rising] = _differentiate(t_ns[rising], p[rising], attitude)
     return Block(
         topic=name,
         kind=Odometry,
@@ -77,7 +77,7 @@ def odometry(
     )
 
 
-def _rates(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
+def _differentiate(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
     """(2, N, 3) velocity in the world, and angular rate in the frame, from the neighbours of each pose."""
     i = np.arange(len(t_ns))
     before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
@@ -90,29 +90,33 @@ _GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
 _JOINED = "imu"
 
 
-def joined(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
-    """The streams with such pairs joined: the force is interpolated to the stamps of the rate."""
+def join_gyro_and_accel(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
+    """Joins each pair of streams `.../gyro` and `.../accel` to one IMU, and reports that by a warning.
+
+    A pair is joined only if the first has no forces and the second no rates. The force is interpolated linearly to
+    the stamps of the rate.
+    """
     result = dict(blocks)
     for topic, gyro in blocks.items():
-        other = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)
-        accel = blocks.get(other)
-        if other == topic or accel is None or gyro.kind is not Imu or accel.kind is not Imu:
+        accel_topic = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)
+        accel = blocks.get(accel_topic)
+        if accel_topic == topic or accel is None or gyro.kind is not Imu or accel.kind is not Imu:
             continue
         if gyro.columns["specific_force"].any() or accel.columns["angular_rate"].any() or len(accel) < 2:
             continue
-        name = joined_name(topic)
-        del result[topic], result[other]
-        result[name] = joined_at_rates(name, gyro, accel)
-        notes.warn(f"{topic} and {other} are joined as {name}, the force interpolated to the stamps of the rate")
+        name = imu_name(topic)
+        del result[topic], result[accel_topic]
+        result[name] = join_at_gyro_stamps(name, gyro, accel)
+        notes.warn(f"{topic} and {accel_topic} are joined as {name}, the force interpolated to the stamps of the rate")
     return result
 
 
-def joined_name(topic: str) -> str:
+def imu_name(topic: str) -> str:
     """Topic of the IMU that a gyroscope's stream is a part of."""
     return _GYRO.sub(_JOINED, topic)
 
 
-def joined_at_rates(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
+def join_at_gyro_stamps(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
     """One IMU from two streams, with the force interpolated to those stamps of the rate that are within its own.
 
     Args:

@@ -27,9 +27,9 @@ from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, enum_field
 from stridetwin.streams.formats.assumed_calibration import BODY
-from stridetwin.streams.formats.derived import odometry
-from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_image
-from stridetwin.streams.formats.text_rows import Row, integer_nanoseconds, numbers, read_text_rows, write_text_rows
+from stridetwin.streams.formats.derived import to_odometry
+from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
+from stridetwin.streams.formats.text_rows import Row, parse_nanoseconds, read_numbers, read_text_rows, write_text_rows
 from stridetwin.streams.kalibr import ImuNoise, write_rig
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -82,14 +82,14 @@ def read_euroc(path: Path, notes: Notes) -> Source:
         topic = NAMES.get(folder.name, f"/{folder.name}")
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
-            if (imu := _sensor(folder, _ImuSensor)) is not None:
+            if (imu := _read_sensor(folder, _ImuSensor)) is not None:
                 imus[topic] = imu.calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
-            stream = read_image_list(folder / "data.csv", folder / "data", ",", integer_nanoseconds, notes)
+            stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
             if not len(stream.t_ns):
                 continue
             images[topic] = stream
-            if (camera := _sensor(folder, _CameraSensor)) is not None:
+            if (camera := _read_sensor(folder, _CameraSensor)) is not None:
                 cameras[topic] = camera.calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
     if truth is not None:
@@ -104,8 +104,8 @@ def read_euroc(path: Path, notes: Notes) -> Source:
 def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
     file = folder / "data.csv"
     header, rows = read_text_rows(file, ",")
-    columns = _columns(file, header, IMU_COLUMNS, IMU_UNITS, notes)
-    t_ns, table = numbers(file, rows, columns, integer_nanoseconds, notes)
+    columns = _find_columns(file, header, IMU_COLUMNS, IMU_UNITS, notes)
+    t_ns, table = read_numbers(file, rows, columns, parse_nanoseconds, notes)
     return Block(
         topic=topic, kind=Imu, t_ns=t_ns, columns={"angular_rate": table[:, :3], "specific_force": table[:, 3:]}
     )
@@ -113,27 +113,27 @@ def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
 
 def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     header, rows = read_text_rows(file, ",")
-    names = [_name_and_unit(word)[0] for word in header]
-    has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _width(rows) > len(POSE_COLUMNS) + 3)
+    names = [_split_unit(word)[0] for word in header]
+    has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _count_columns(rows) > len(POSE_COLUMNS) + 3)
     wanted = (*POSE_COLUMNS, *VELOCITY_COLUMNS) if has_velocity else POSE_COLUMNS
-    columns = _columns(file, header, wanted, POSE_UNITS, notes)
-    t_ns, table = numbers(file, rows, columns, integer_nanoseconds, notes)
+    columns = _find_columns(file, header, wanted, POSE_UNITS, notes)
+    t_ns, table = read_numbers(file, rows, columns, parse_nanoseconds, notes)
     velocity = table[:, 7:10] if has_velocity else None
-    return odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _marker(file.parent))
+    return to_odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
 
 
-def _marker(folder: Path) -> Array | None:
+def _read_marker(folder: Path) -> Array | None:
     """T_BS of the sensor of a ground truth, such as Vicon's marker; None if its poses are the body's own."""
-    found = _sensor(folder, _Marker)
-    return None if found is None or found.T_BS is None or np.array_equal(found.T_BS, np.eye(4)) else found.T_BS
+    marker = _read_sensor(folder, _Marker)
+    return None if marker is None or marker.T_BS is None or np.array_equal(marker.T_BS, np.eye(4)) else marker.T_BS
 
 
-def _columns(
+def _find_columns(
     file: Path, header: list[str], wanted: Sequence[str], units: Sequence[str], notes: Notes
 ) -> list[tuple[str, int]]:
     """Indices of the given columns, by the header's names, or in the published order without a header."""
     where = f"{file.parent.name}/{file.name}"
-    names, own_units = zip(*(_name_and_unit(word) for word in header)) if header else ((), ())
+    names, header_units = zip(*(_split_unit(word) for word in header)) if header else ((), ())
     if not header:
         notes.warn(f"{where}: no header; columns assumed in the published order")
     elif not any(name in names for name in wanted):
@@ -142,23 +142,23 @@ def _columns(
         for name, valid in zip(wanted, units):
             if names.count(name) != 1:
                 raise ConfigError(file, "header", ",".join(header), f"one column {name}")
-            unit = own_units[names.index(name)]
+            unit = header_units[names.index(name)]
             if unit and unit.replace("/s", " s^-1") != valid:
                 raise ConfigError(file, f"header, unit of {name}", unit, valid)
         return [(name, names.index(name)) for name in wanted]
     return [(name, 1 + i) for i, name in enumerate(wanted)]
 
 
-def _name_and_unit(word: str) -> tuple[str, str]:
-    found = re.fullmatch(r"(\w+)\s*(?:\[(.*)\])?", word)
-    return (found[1], (found[2] or "").strip()) if found else (word, "")
+def _split_unit(word: str) -> tuple[str, str]:
+    match = re.fullmatch(r"(\w+)\s*(?:\[(.*)\])?", word)
+    return (match[1], (match[2] or "").strip()) if match else (word, "")
 
 
-def _width(rows: list[Row]) -> int:
-    return len(rows[0].words) if rows else 0
+def _count_columns(rows: list[Row]) -> int:
+    return len(rows[0].cells) if rows else 0
 
 
-def _rows_of(node: Any) -> Any:
+def _to_matrix_rows(node: Any) -> Any:
     """Rows of a matrix; OpenCV lists its 16 numbers under `data`."""
     data = node.get("data") if isinstance(node, dict) else None
     return [data[i : i + 4] for i in range(0, 16, 4)] if isinstance(data, list) and len(data) == 16 else node
@@ -167,13 +167,13 @@ def _rows_of(node: Any) -> Any:
 class _Marker(BaseModel):
     """A `sensor.yaml` of a ground truth."""
 
-    T_BS: Annotated[RigidTransform | None, BeforeValidator(_rows_of)] = None
+    T_BS: Annotated[RigidTransform | None, BeforeValidator(_to_matrix_rows)] = None
 
 
 class _Sensor(BaseModel):
     """A `sensor.yaml`; keys that are not read are left alone."""
 
-    T_BS: Annotated[RigidTransform, BeforeValidator(_rows_of)]
+    T_BS: Annotated[RigidTransform, BeforeValidator(_to_matrix_rows)]
     comment: Annotated[str, BeforeValidator(lambda node: node if isinstance(node, str) else "")] = ""
 
     @property
@@ -214,7 +214,7 @@ class _CameraSensor(_Sensor):
         )
 
 
-def _sensor(folder: Path, kind: type[S]) -> S | None:
+def _read_sensor(folder: Path, kind: type[S]) -> S | None:
     """The calibration of a sensor; None without its file."""
     file = folder / "sensor.yaml"
     if not file.exists():
@@ -314,7 +314,7 @@ def write_euroc(
     Raises:
         StrideTwinError: The recording lacks the camera or the IMU.
     """
-    camera = chosen_camera(recording, camera_topic)
+    camera = choose_camera(recording, camera_topic)
     if camera.imu_topic not in recording.topics:
         raise ConfigError(recording.path, f"IMU of {camera.topic}", camera.imu_topic, "an IMU on the camera's body")
     imu = recording.rig.imu(camera.imu_topic)
@@ -333,7 +333,7 @@ def write_euroc(
     truth = f"/truth{imu.topic}/odometry"
     if truth in recording.topics:
         counts["state_groundtruth_estimate0"] = _write_truth(recording, truth, root / "state_groundtruth_estimate0")
-    write_rig(_both_names(recording.rig, imu, cameras), folder / RIG_NAME)
+    write_rig(_with_both_names(recording.rig, imu, cameras), folder / RIG_NAME)
     return counts
 
 
@@ -343,8 +343,8 @@ def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
     _write_csv(folder, header, block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
     lines = [
         "sensor_type: imu",
-        f"comment: {_quoted(imu.part)}",
-        _transform(np.eye(4)),
+        f"comment: {_quote(imu.part)}",
+        _format_transform(np.eye(4)),
         f"rate_hz: {imu.rate_hz!r}",
         f"gyroscope_noise_density: {imu.gyroscope_noise_density!r}  # rad/s/sqrt(Hz)",
         f"gyroscope_random_walk: {imu.gyroscope_random_walk!r}  # rad/s^2/sqrt(Hz)",
@@ -390,8 +390,8 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
     model = "radial-tangential" if camera.distortion_model == "radtan" else camera.distortion_model
     lines = [
         "sensor_type: camera",
-        f"comment: {_quoted(camera.part)}",
-        _transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
+        f"comment: {_quote(camera.part)}",
+        _format_transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
         f"rate_hz: {camera.rate_hz!r}",
         f"resolution: [{camera.width}, {camera.height}]",
         "camera_model: pinhole",
@@ -406,13 +406,15 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
 def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
     c = recording.block(topic).columns
     t_ns = recording.block(topic).t_ns
-    biases = [f"b_{which}_RS_S_{axis}" for which in "wa" for axis in "xyz"]
+    biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]
     units = ["m"] * 3 + [""] * 4 + ["m s^-1"] * 3 + ["rad s^-1"] * 3 + ["m s^-2"] * 3
     names = [*POSE_COLUMNS, *VELOCITY_COLUMNS, *biases]
     header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(names, units))]
     zeros = np.zeros((len(t_ns), 6))
     _write_csv(folder, header, t_ns, c["p_frame_in_world"], c["q_world_frame"], c["v_frame_in_world"], zeros)
-    (folder / "sensor.yaml").write_text(f"sensor_type: visual-inertial\n{_transform(np.eye(4))}\n", encoding="utf-8")
+    (folder / "sensor.yaml").write_text(
+        f"sensor_type: visual-inertial\n{_format_transform(np.eye(4))}\n", encoding="utf-8"
+    )
     return len(t_ns)
 
 
@@ -421,7 +423,7 @@ def _write_csv(folder: Path, header: list[str], t_ns: Stamps, *columns: Array) -
     write_text_rows(folder / "data.csv", f"#{','.join(header)}", ",", t_ns.tolist(), np.column_stack(columns))
 
 
-def _both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
+def _with_both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
     """IMU and cameras under their own topics, and under the topics that an import of this layout uses."""
     read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
     imus = [imu, replace(imu, topic=NAMES["imu0"])]
@@ -431,9 +433,9 @@ def _both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration])
     )  # fmt: skip
 
 
-def _transform(T: Array) -> str:
+def _format_transform(T: Array) -> str:
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{', '.join(repr(float(v)) for v in T.ravel())}]"
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"

@@ -60,8 +60,8 @@ class Streams:
             if name in table:
                 return table[name]
         bare = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
-        if (found := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
-            return found
+        if (topic := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
+            return topic
         for section in (name.split("/")[1], number):
             if (target := NAMES.get(section, f"/{section}")) in by_topic:
                 return by_topic[target]
@@ -82,7 +82,7 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
     )
 
 
-def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool) -> Rig:
+def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool) -> Rig:
     """A rig whose sensors get other topics, and the bodies that these imply.
 
     Args:
@@ -92,7 +92,7 @@ def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool
             another body than the old topic.
     """
 
-    def moved(item: Any) -> Any:
+    def rename(item: Any) -> Any:
         topic, body = topic_of(item.topic), item.mount.body
         if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
@@ -102,13 +102,15 @@ def renamed_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool
                 changes[link] = topic_of(getattr(item, link))
         return replace(item, **changes)
 
-    def table(items: Mapping[str, Any]) -> dict[str, Any]:
-        return {new.topic: new for new in map(moved, items.values())}
+    def rename_all(items: Mapping[str, Any]) -> dict[str, Any]:
+        return {new.topic: new for new in map(rename, items.values())}
 
-    return Rig(imus=table(rig.imus), cameras=table(rig.cameras), boards=rig.boards, others=table(rig.others))
+    return Rig(
+        imus=rename_all(rig.imus), cameras=rename_all(rig.cameras), boards=rig.boards, others=rename_all(rig.others)
+    )
 
 
-def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
+def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
     """A rig given for a source, under our topics.
 
     Values that a plain Kalibr file does not contain (the IMU's pose on the body, rates, the depth stream of a camera)
@@ -124,7 +126,7 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
     sensors: dict[str, Mapping[str, Any]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
-    found: dict[str, str] = {}
+    topic_of: dict[str, str] = {}
     for stem in ("imu", "cam", ""):
         for i, item in enumerate(sensors[stem].values()):
             number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""
@@ -132,54 +134,54 @@ def given_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
             depth = getattr(item, "depth_topic", "")
             if target is None and depth and streams.find(depth, as_read) is not None:
                 target = item.topic  # a camera that has depth alone
-            if target is not None and target not in found.values():
-                found[item.topic] = target
-    links = {c.depth_topic for c in rig.cameras.values()} - {""} - found.keys()
+            if target is not None and target not in topic_of.values():
+                topic_of[item.topic] = target
+    links = {c.depth_topic for c in rig.cameras.values()} - {""} - topic_of.keys()
     linked = {link: streams.find(link, as_read) or link for link in links}
-    there = Rig(
-        imus={t: i for t, i in rig.imus.items() if t in found},
-        cameras={t: c for t, c in rig.cameras.items() if t in found},
+    matched = Rig(
+        imus={t: i for t, i in rig.imus.items() if t in topic_of},
+        cameras={t: c for t, c in rig.cameras.items() if t in topic_of},
         boards=rig.boards,
-        others={t: o for t, o in rig.others.items() if t in found},
+        others={t: o for t, o in rig.others.items() if t in topic_of},
     )
-    moved = renamed_rig(there, lambda t: found.get(t) or linked.get(t, t), bodies_are_known=True)
-    plain = {found[t] for t, i in there.imus.items() if i.mount.body == PLAIN_BODY}
-    plain |= {found[t] for t, c in there.cameras.items() if c.mount.body == PLAIN_BODY}
-    placed = {t: _placed_imu(i, known.imus.get(t)) if t in plain else i for t, i in moved.imus.items()}
-    mounts = {t: i.mount for t, i in {**known.imus, **placed}.items()}
-    seen = {
-        t: _placed_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
-        for t, c in moved.cameras.items()
+    renamed = rename_rig(matched, lambda t: topic_of.get(t) or linked.get(t, t), bodies_are_known=True)
+    plain = {topic_of[t] for t, i in matched.imus.items() if i.mount.body == PLAIN_BODY}
+    plain |= {topic_of[t] for t, c in matched.cameras.items() if c.mount.body == PLAIN_BODY}
+    imus = {t: _mount_imu(i, known.imus.get(t)) if t in plain else i for t, i in renamed.imus.items()}
+    mounts = {t: i.mount for t, i in {**known.imus, **imus}.items()}
+    cameras = {
+        t: _mount_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
+        for t, c in renamed.cameras.items()
     }
-    left = [item.topic for table in sensors.values() for item in table.values() if item.topic not in found]
-    return Rig(imus=placed, cameras=seen, boards=moved.boards, others=moved.others), left
+    unmatched = [item.topic for table in sensors.values() for item in table.values() if item.topic not in topic_of]
+    return Rig(imus=imus, cameras=cameras, boards=renamed.boards, others=renamed.others), unmatched
 
 
-def report_unmatched(file: Path, rig: Rig, left: Iterable[str], streams: Streams, notes: Notes) -> None:
+def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: Streams, notes: Notes) -> None:
     """Reports the calibrations of a file that match no stream; a file without any match is rejected.
 
     Raises:
         ConfigError: No calibration matches a stream, unless lenient.
     """
-    left = list(left)
+    unmatched = list(unmatched)
     names = sorted({*streams.topics, *streams.names.values(), *streams.topics.values()})
     if streams.numbered:
         names += ["/cam0, /imu0, ..."]
     valid = f"an existing stream: {', '.join(names)}"
-    if left and len(left) == len(rig.imus) + len(rig.cameras) + len(rig.others):
-        notes.invalid(ConfigError(file, "rostopic", ", ".join(left), valid))
-    elif left:
-        notes.warn(f"{file}: {', '.join(left)}: no stream of this name; its calibration is not used")
+    if unmatched and len(unmatched) == len(rig.imus) + len(rig.cameras) + len(rig.others):
+        notes.invalid(ConfigError(file, "rostopic", ", ".join(unmatched), valid))
+    elif unmatched:
+        notes.warn(f"{file}: {', '.join(unmatched)}: no stream of this name; its calibration is not used")
 
 
-def _placed_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
+def _mount_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
     """A plain calibration, whose body is the IMU itself, moved to the known mount of the IMU."""
     if known is None:
         return replace(imu, mount=Mount(body=body_of(imu.topic)))
     return replace(imu, mount=known.mount, part=imu.part or known.part)
 
 
-def _placed_camera(
+def _mount_camera(
     camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
 ) -> CameraCalibration:
     """A plain calibration, mounted in its IMU's frame, moved to the known mount of that IMU."""

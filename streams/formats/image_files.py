@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stridetwin.streams.bounded import read_bytes
 from stridetwin.streams.bounded_images import LARGEST_IMAGE, MOST_PIXELS, decode_image
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.text_rows import read_text_rows, row_stamp
+from stridetwin.streams.formats.text_rows import parse_row_stamp, read_text_rows
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
@@ -32,7 +32,7 @@ def read_image(path: Path, topic: str, t_ns: int) -> Image:
     Raises:
         StrideTwinError: The file is missing or damaged.
     """
-    pixels = _pixels(path)
+    pixels = _read_pixels(path)
     if pixels.dtype == np.uint16:
         pixels = (pixels >> 8).astype(np.uint8)
     if pixels.dtype != np.uint8:
@@ -46,7 +46,7 @@ def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
     Raises:
         StrideTwinError: The file is missing, damaged or does not have 16 bits.
     """
-    raw = _pixels(path)
+    raw = _read_pixels(path)
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise ConfigError(path, "pixels", f"{raw.dtype} {raw.shape}", "one channel of 16 bits")
     none = (raw == NONE[0]) | (raw == NONE[1])
@@ -54,15 +54,15 @@ def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
 
 
 def write_image(path: Path, sample: Image) -> None:
-    """Writes a PNG."""
+    """Writes a colour (RGB) or grey image of 8 bits as a PNG."""
     pixels = sample.pixels if sample.pixels.ndim == 2 else cv2.cvtColor(sample.pixels, cv2.COLOR_RGB2BGR)
-    _write(path, pixels)
+    _write_pixels(path, pixels)
 
 
 def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
     """Writes a PNG of 16 bits; depth out of range becomes 0, none."""
     units = np.rint(sample.depth * np.float32(per_metre))
-    _write(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
+    _write_pixels(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
 
 
 def png_is_sound(data: bytes) -> bool:
@@ -78,7 +78,7 @@ def png_is_sound(data: bytes) -> bool:
     return False
 
 
-def _pixels(path: Path) -> NDArray[Any]:
+def _read_pixels(path: Path) -> NDArray[Any]:
     data = read_bytes(path, LARGEST_IMAGE)
     try:
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
@@ -92,7 +92,7 @@ def _pixels(path: Path) -> NDArray[Any]:
     return pixels
 
 
-def _write(path: Path, pixels: NDArray[Any]) -> None:
+def _write_pixels(path: Path, pixels: NDArray[Any]) -> None:
     done, data = cv2.imencode(path.suffix, pixels)
     if not done:
         raise StrideTwinError(f"{path}: cannot be written: OpenCV refuses {pixels.dtype} {pixels.shape}")
@@ -124,25 +124,31 @@ def read_image_list(
     listed: list[tuple[int, Path]] = []
     for row in rows:
         try:
-            path = _listed(file, folder, row.line, (separator or " ").join(row.words[1:]))
-            listed.append((row_stamp(file, row.line, row.words[0], stamp), path))
+            path = _to_image_path(file, folder, row.line, (separator or " ").join(row.cells[1:]))
+            listed.append((parse_row_stamp(file, row.line, row.cells[0], stamp), path))
         except ConfigError as error:
             notes.invalid(error)
     if not listed:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return image_stream(existing(file.name, folder, listed, notes), per_metre)
+    return image_stream(select_existing(file.name, folder, listed, notes), per_metre)
 
 
-def existing(place: str, folder: Path, listed: list[tuple[int, Path]], notes: Notes) -> list[tuple[int, Path]]:
-    """The images, each with its stamp, that are there; those that are missing from `folder` are reported."""
-    there = [(t_ns, path) for t_ns, path in listed if _is_file(path)]
-    if len(there) < len(listed):
+def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], notes: Notes) -> list[tuple[int, Path]]:
+    """The listed images (stamp, path) whose files exist; one warning reports those that are missing from `folder`.
+
+    Args:
+        place: Name of the list in the warning.
+        folder: Folder of the images.
+        listed: Stamp in ns and path of each image.
+        notes: Collects the warning.
+    """
+    existing_files = [(t_ns, path) for t_ns, path in listed if _is_file(path)]
+    if len(existing_files) < len(listed):
         first = next(path for _, path in listed if not _is_file(path)).relative_to(folder)
-        lacking = (
-            f"{len(listed) - len(there)} of {len(listed)} images are listed and missing, the first of them {first}"
-        )
+        count = len(listed) - len(existing_files)
+        lacking = f"{count} of {len(listed)} images are listed and missing, the first of them {first}"
         notes.warn(f"{place}: {lacking}; they are left out")
-    return there
+    return existing_files
 
 
 def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
@@ -156,7 +162,7 @@ def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) 
     return ImageStream(kind=Image if per_metre is None else Depth, t_ns=t_ns, load=load)
 
 
-def _listed(file: Path, folder: Path, line: int, name: str) -> Path:
+def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
     where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
     parts = PurePath(name).parts
     if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
@@ -171,20 +177,20 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def chosen_camera(recording: Recording, topic: str | None) -> CameraCalibration:
+def choose_camera(recording: Recording, topic: str | None) -> CameraCalibration:
     """The camera of a topic, or the first one with depth (otherwise the first one).
 
     Raises:
         ConfigError: Unknown camera; the message lists the known ones.
     """
-    there = [c for t, c in recording.rig.cameras.items() if t in recording.topics]
-    names = ", ".join(c.topic for c in there) or "none (a recording with images)"
+    recorded_cameras = [c for t, c in recording.rig.cameras.items() if t in recording.topics]
+    names = ", ".join(c.topic for c in recorded_cameras) or "none (a recording with images)"
     if topic is not None:
         camera = recording.rig.cameras.get(topic)
-        if camera is None or camera not in there:
+        if camera is None or camera not in recorded_cameras:
             raise ConfigError(recording.path, "--camera", topic, names)
         return camera
-    colour = [c for c in there if recording.topics[c.topic].kind is Image]
+    colour = [c for c in recorded_cameras if recording.topics[c.topic].kind is Image]
     if not colour:
         raise ConfigError(recording.path, "cameras", None, "at least one colour or grey camera with a calibration")
     return next((c for c in colour if c.depth_topic in recording.topics), colour[0])

@@ -18,7 +18,7 @@ _GAP = (
 _FEWEST = 10  # samples needed to know a period
 
 
-def bridged(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def bridge_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     """A stream of equal samples without repeated stamps, and with samples in its short gaps.
 
     Repeated rows are left out. Other rows with the stamp of the row before, such as the samples of one packet, are
@@ -36,11 +36,11 @@ def bridged(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     t_ns = block.t_ns
     if len(t_ns) < _FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
         return block
-    block = _spread(name, _without_repeated_rows(name, block, notes), notes)
-    return _filled(name, block, notes)
+    block = _spread_repeated_stamps(name, _drop_repeated_rows(name, block, notes), notes)
+    return _fill_gaps(name, block, notes)
 
 
-def _without_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _drop_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     same = np.diff(block.t_ns) == 0
     for column in block.columns.values():
         same &= np.all(np.diff(column, axis=0).reshape(len(same), -1) == 0, axis=1)
@@ -50,7 +50,7 @@ def _without_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[
     return block[np.concatenate(([True], ~same))]
 
 
-def _spread(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _spread_repeated_stamps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     t_ns = block.t_ns
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
     if len(first) == len(t_ns):
@@ -63,7 +63,7 @@ def _spread(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     return replace(block, t_ns=t_ns[0] + np.rint(at).astype(np.int64))
 
 
-def _filled(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _fill_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     t_ns = block.t_ns
     steps = np.diff(t_ns)
     period = float(np.median(steps))
@@ -72,30 +72,30 @@ def _filled(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     short = wide & (steps <= LONGEST_S * 1e9)
     if (long := wide & ~short).any():
         at = int(np.argmax(long))
-        words = f"{int(long.sum())} gaps of more than {LONGEST_S:g} s are not bridged"
-        notes.warn(f"{name}: {words}, the first of them {steps[at] * 1e-9:.3g} s at {t_ns[at] * 1e-9:.6f} s")
+        report = f"{int(long.sum())} gaps of more than {LONGEST_S:g} s are not bridged"
+        notes.warn(f"{name}: {report}, the first of them {steps[at] * 1e-9:.3g} s at {t_ns[at] * 1e-9:.6f} s")
     if not short.any():
         return block
-    lacking = np.where(short, np.rint(steps / period).astype(np.int64) - 1, 0)
-    stamps = _between(t_ns, lacking)
+    missing = np.where(short, np.rint(steps / period).astype(np.int64) - 1, 0)
+    stamps = _insert_stamps(t_ns, missing)
     longest = float(steps[short].max()) * 1e-6
-    words = f"{int(short.sum())} gaps of up to {longest:.3g} ms are bridged by {int(lacking.sum())} samples"
-    notes.warn(f"{name}: {words}, interpolated linearly")
-    columns = {n: _interpolated(stamps, t_ns, column) for n, column in block.columns.items()}
+    report = f"{int(short.sum())} gaps of up to {longest:.3g} ms are bridged by {int(missing.sum())} samples"
+    notes.warn(f"{name}: {report}, interpolated linearly")
+    columns = {n: _interpolate(stamps, t_ns, column) for n, column in block.columns.items()}
     return replace(block, t_ns=stamps, columns=columns)
 
 
-def _between(t_ns: Stamps, lacking: Stamps) -> Stamps:
-    """The stamps with as many evenly spaced ones after each as are lacking there."""
-    places = np.concatenate(([0], np.cumsum(lacking + 1)))
+def _insert_stamps(t_ns: Stamps, missing: Stamps) -> Stamps:
+    """The stamps (N,) with `missing` (N - 1,) evenly spaced ones inserted after each but the last, ns."""
+    places = np.concatenate(([0], np.cumsum(missing + 1)))
     since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))
     stamps = t_ns[0] + np.rint(since).astype(np.int64)
     stamps[places] = t_ns  # exactly
     return np.asarray(stamps, np.int64)
 
 
-def _interpolated(stamps: Stamps, t_ns: Stamps, column: Array) -> Array:
+def _interpolate(stamps: Stamps, t_ns: Stamps, column: Array) -> Array:
     since, known = (stamps - t_ns[0]).astype(np.float64), (t_ns - t_ns[0]).astype(np.float64)
     flat = column.reshape(len(t_ns), -1)
-    made = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])
-    return np.asarray(made.reshape(len(stamps), *column.shape[1:]))
+    values = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])
+    return np.asarray(values.reshape(len(stamps), *column.shape[1:]))

@@ -94,7 +94,7 @@ _WITHOUT_GRAVITY = re.compile(r"(?:free|linear|lin|user)_?acc|^freeacc|^linear")
 _UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 
 
-def columns_of(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
+def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
     """The columns of a table.
 
     Args:
@@ -106,25 +106,27 @@ def columns_of(path: Path, header: Sequence[str], sensors: Sequence[str] = (), q
     Raises:
         ConfigError: An axis or a unit is missing.
     """
-    named = [_name_and_unit(cell) for cell in header]
-    words = [name for name, _ in named]
-    dialect = _dialect(words, bool(sensors))
-    owners = list(sensors) or [""] * len(words)
-    found: dict[tuple[str, str], dict[str, int]] = {}
+    named = [_split_unit(cell) for cell in header]
+    names = [name for name, _ in named]
+    dialect = _find_dialect(names, bool(sensors))
+    owners = list(sensors) or [""] * len(names)
+    axes_by_signal: dict[tuple[str, str], dict[str, int]] = {}
     for at, (name, unit) in enumerate(named):
-        kind, axis = _meaning(name, unit, quantity, words)
+        kind, axis = _classify_column(name, unit, quantity, names)
         if kind:
-            found.setdefault((owners[at], kind), {}).setdefault(axis, at)
-    signals = tuple(_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in found.items())
-    time = next((words.index(name) for name in _TIME if name in words), None)
-    if time is None and sensors and words[0] in ("", "axis"):
+            axes_by_signal.setdefault((owners[at], kind), {}).setdefault(axis, at)
+    signals = tuple(
+        _to_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in axes_by_signal.items()
+    )
+    time = next((names.index(name) for name in _TIME if name in names), None)
+    if time is None and sensors and names[0] in ("", "axis"):
         time = 0
     known = unit_of(named[time][1]) if time is not None else None
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
     return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
 
 
-def mapped_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -> Columns:
+def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -> Columns:
     """The columns that a mapping names.
 
     Args:
@@ -145,8 +147,8 @@ def mapped_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]
         at = next((names.index(w) for names in (list(header), bare) for w in (text, name) if w in names), None)
         if at is None:
             raise ConfigError(path, f"{OPTION} {key}", name, f"one of the columns {', '.join(header)}")
-        own = _UNIT.fullmatch(header[at])
-        known = unit_of(unit or (own[2] if own else ""))
+        header_unit = _UNIT.fullmatch(header[at])
+        known = unit_of(unit or (header_unit[2] if header_unit else ""))
         if known is None or known[0] != quantity:
             raise ConfigError(
                 path,
@@ -167,7 +169,7 @@ def mapped_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]
     return Columns(names=tuple(header), time=places.get("t"), time_unit=units.get("t", ""), signals=tuple(signals))
 
 
-def parsed_mapping(text: str) -> dict[str, str]:
+def parse_mapping(text: str) -> dict[str, str]:
     """The mapping of an option, `t=Time[ms],ax=...`.
 
     Raises:
@@ -197,21 +199,21 @@ def unit_of(text: str) -> tuple[str, str] | None:
     return next(((quantity, word) for quantity, units in UNITS.items() if word in units), None)
 
 
-def missing_axis(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
+def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
     """The error for a table without an axis of a quantity."""
     names = [name.format(axis) for name in _NAMES[quantity]]
-    there = ", ".join(header) or "none"
-    valid = f"a column {' or '.join(names)}; the table has {there}; other names: {OPTION} {EXAMPLE}"
+    columns = ", ".join(header) or "none"
+    valid = f"a column {' or '.join(names)}; the table has {columns}; other names: {OPTION} {EXAMPLE}"
     return ConfigError(path, names[0], None, valid)
 
 
-def _name_and_unit(cell: str) -> tuple[str, str]:
+def _split_unit(cell: str) -> tuple[str, str]:
     matched = _UNIT.fullmatch(cell)
     name, unit = (matched[1], matched[2]) if matched else (cell, "")
     return re.sub(r"[^a-z0-9]+", "_", name.strip().lower()).strip("_"), unit
 
 
-def _dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
+def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
     if has_sensors:
         return GAITMAP
     if "sampletimefine" in names or "packetcounter" in names:
@@ -223,7 +225,7 @@ def _dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
     return OURS if "t" in names else UNKNOWN
 
 
-def _meaning(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple[str, str]:
+def _classify_column(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple[str, str]:
     """Quantity and axis of a column; "" for any other."""
     known = unit_of(unit)
     if _WITHOUT_GRAVITY.search(name):
@@ -239,12 +241,12 @@ def _meaning(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple
     return "", ""
 
 
-def _signal(
+def _to_signal(
     path: Path, header: Sequence[str], sensor: str, kind: str, axes: Mapping[str, int],
     named: Sequence[tuple[str, str]], dialect: Dialect,
 ) -> Signal:  # fmt: skip
     if lacking := [axis for axis in AXES if axis not in axes]:
-        raise missing_axis(path, kind, lacking[0], header)
+        raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
     known = {unit_of(named[at][1]) for at in (x, y, z)}
     units = {unit[1] for unit in known if unit is not None} or {dialect.get(kind, "")}

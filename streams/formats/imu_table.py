@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
-from stridetwin.streams.formats.derived import joined_at_rates
-from stridetwin.streams.formats.imu_bridging import bridged
-from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis
-from stridetwin.streams.formats.imu_text import SUFFIXES, Part, TableRequest, folder_parts, read_text_table
+from stridetwin.streams.formats.derived import join_at_gyro_stamps
+from stridetwin.streams.formats.imu_bridging import bridge_gaps
+from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
+from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_folder_parts, read_text_table
 from stridetwin.streams.formats.tum import LATEST_S
 from stridetwin.streams.plausible import implausible_imu
 from stridetwin.streams.recording.index import Notes
@@ -66,29 +66,29 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
         StrideTwinError: A table cannot be read, or is invalid; names file, column, row and value.
     """
     if path.is_dir():
-        parts = folder_parts(path, request, notes)
+        parts = read_folder_parts(path, request, notes)
     elif path.suffix == ".npz":
         t, accel, gyro = _read_npz(path)
-        parts = [Part(file=path, sensor="", quantity=q, t=t, values=v) for q, v in ((ACCEL, accel), (GYRO, gyro))]
+        parts = [TablePart(file=path, sensor="", quantity=q, t=t, values=v) for q, v in ((ACCEL, accel), (GYRO, gyro))]
     elif path.suffix in SUFFIXES:
         parts = read_text_table(path, request, notes)
     else:
         raise ConfigError(path, "", path.suffix, "a table .npz, .csv, .txt or .sto")
-    by_sensor: dict[str, dict[str, Part]] = {}
+    by_sensor: dict[str, dict[str, TablePart]] = {}
     for part in parts:
         by_sensor.setdefault(part.sensor, {})[part.quantity] = part
     if not by_sensor:
-        raise missing_axis(path, ACCEL, "x", ())
-    return {sensor: _imu(path, sensor, own, notes) for sensor, own in by_sensor.items()}
+        raise missing_axis_error(path, ACCEL, "x", ())
+    return {sensor: _to_imu_block(path, sensor, sensor_parts, notes) for sensor, sensor_parts in by_sensor.items()}
 
 
-def _imu(path: Path, sensor: str, parts: Mapping[str, Part], notes: Notes) -> Block[Imu]:
+def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes: Notes) -> Block[Imu]:
     for quantity in (ACCEL, GYRO):
         if quantity not in parts:
-            (there,) = parts.values()
+            (only_part,) = parts.values()
             what = "forces" if quantity == ACCEL else "rates"
             raise ConfigError(
-                there.file, quantity, None,
+                only_part.file, quantity, None,
                 f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
             )  # fmt: skip
     force, rate = parts[ACCEL], parts[GYRO]
@@ -98,26 +98,26 @@ def _imu(path: Path, sensor: str, parts: Mapping[str, Part], notes: Notes) -> Bl
     name = sensor or "IMU"
     if force.t is rate.t:
         columns = {"angular_rate": rate.values, "specific_force": force.values}
-        block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_nanoseconds(rate.t), columns=columns)
-        block = bridged(name, block, notes)
+        block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(rate.t), columns=columns)
+        block = bridge_gaps(name, block, notes)
     else:
         blocks = [
-            bridged(
+            bridge_gaps(
                 f"{name} ({p.quantity})",
-                Block(topic=name, kind=Imu, t_ns=_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}), notes,
+                Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}), notes,
             )
             for p in (rate, force)
         ]  # fmt: skip
-        block = joined_at_rates(name, *blocks)
+        block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
-    for found in implausible_imu(block):
-        raise ConfigError(path, found.field, found.value, found.valid)
+    for implausible in implausible_imu(block):
+        raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
     return block
 
 
-def _nanoseconds(t: Array) -> Stamps:
+def _to_nanoseconds(t: Array) -> Stamps:
     return np.rint(t * 1e9).astype(np.int64)
 
 
@@ -126,15 +126,15 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
         _check_packing(path)
         with np.load(path, allow_pickle=False) as table:
             columns: dict[str, NDArray[Any]] = {n: table[n] for n in ("t", "accel", "gyro") if n in table}
-            there = table.files
+            names = table.files
     except StrideTwinError:
         raise
     except Exception as error:  # damaged ZIP files raise many unrelated exceptions
-        words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
-        raise StrideTwinError(f"{path}: cannot be read: {words[:200]}") from error
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
+        raise StrideTwinError(f"{path}: cannot be read: {reason[:200]}") from error
     for name, shape in (("t", "(N,)"), ("accel", "(N, 3)"), ("gyro", "(N, 3)")):
         if name not in columns:
-            raise ConfigError(path, name, None, f"an array {name} {shape}; the table has {', '.join(there) or 'none'}")
+            raise ConfigError(path, name, None, f"an array {name} {shape}; the table has {', '.join(names) or 'none'}")
         count = columns["t"].size
         want = (count,) if name == "t" else (count, 3)
         if columns[name].shape != want or columns[name].dtype.kind not in "fiu":
@@ -156,7 +156,7 @@ def _check_packing(path: Path) -> None:
                 raise ConfigError(path, f"size of {member.filename[:40]}, unpacked", member.file_size, f"up to {most}")
 
 
-def _check_numbers(part: Part) -> None:
+def _check_numbers(part: TablePart) -> None:
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
@@ -167,7 +167,7 @@ def _check_numbers(part: Part) -> None:
             raise ConfigError(part.file, f"{column}, row {row + 1}", float(values[row, axis]), "a finite number")
 
 
-def _check_times(part: Part) -> None:
+def _check_times(part: TablePart) -> None:
     path, t = part.file, part.t
     step = np.diff(t)
     if np.any(step < 0):

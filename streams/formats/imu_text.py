@@ -28,9 +28,9 @@ from stridetwin.streams.formats.imu_columns import (
     TIME,
     UNITS,
     Columns,
-    columns_of,
-    mapped_columns,
-    missing_axis,
+    find_columns,
+    map_columns,
+    missing_axis_error,
 )
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
@@ -61,7 +61,7 @@ class TableRequest:
     """How to read tables whose header leaves something open.
 
     Attributes:
-        columns: Column and unit of `t`, `ax` ... `gz`, see `imu_columns.mapped_columns`; empty: by the header.
+        columns: Column and unit of `t`, `ax` ... `gz`, see `imu_columns.map_columns`; empty: by the header.
         rate_hz: Rate of a table without stamps; None: from the table.
     """
 
@@ -70,7 +70,7 @@ class TableRequest:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Part:
+class TablePart:
     """The force or the rate of one sensor.
 
     Attributes:
@@ -88,7 +88,7 @@ class Part:
     values: Array
 
 
-def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: str | None = None) -> list[Part]:
+def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: str | None = None) -> list[TablePart]:
     """The parts of a table `.csv`, `.txt` or `.sto`.
 
     Args:
@@ -103,14 +103,16 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
     quantity = quantity_of(path.stem) if quantity is None else quantity
     text = read_lines(path, "utf-8-sig")
     if path.suffix == ".sto":
-        return _vectors(path, text, quantity)
+        return _read_vectors(path, text, quantity)
     try:
-        return _scalars(path, text, request, notes, quantity)
+        return _read_scalars(path, text, request, notes, quantity)
     except csv.Error as error:
         raise StrideTwinError(f"{path}: cannot be read: {error}") from error
 
 
-def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Notes, quantity: str) -> list[Part]:
+def _read_scalars(
+    path: Path, text: Iterator[str], request: TableRequest, notes: Notes, quantity: str
+) -> list[TablePart]:
     comments: list[str] = []
     first = ""
     for first in text:
@@ -127,58 +129,58 @@ def _scalars(path: Path, text: Iterator[str], request: TableRequest, notes: Note
         sensors, header = header, [cell.strip() for cell in head]  # gaitmap: sensor, axis
         head = next(rows, None)
     if request.columns:
-        columns = mapped_columns(path, header, request.columns)
+        columns = map_columns(path, header, request.columns)
     else:
-        columns = columns_of(path, header, sensors, quantity)
+        columns = find_columns(path, header, sensors, quantity)
     if not columns.signals:
-        raise missing_axis(path, quantity or ACCEL, AXES[0], header)
-    counter, rate_hz = _counter(columns, comments, request)
+        raise missing_axis_error(path, quantity or ACCEL, AXES[0], header)
+    counter, rate_hz = _find_counter(columns, comments, request)
     at = [c for c in (columns.time if counter is None else counter,) if c is not None and request.rate_hz is None]
     wanted = [*at, *(index for signal in columns.signals for index in signal.at)]
     body = chain([head], rows) if head is not None else rows
-    table = _numbers(path, header, body, wanted, decimal="," if separator == ";" else "")
+    table = _read_numbers(path, header, body, wanted, decimal="," if separator == ";" else "")
     if at:
-        t = _unwrapped(table[:, 0], header[at[0]]) / rate_hz if counter is not None else table[:, 0]
+        t = _unwrap_counter(table[:, 0], header[at[0]]) / rate_hz if counter is not None else table[:, 0]
         if counter is None:
-            t = t * _time_factor(path, columns, t, notes)
+            t = t * _find_time_factor(path, columns, t, notes)
     elif request.rate_hz is not None:
         t = np.arange(len(table)) / request.rate_hz
     else:
-        there = ", ".join(header) or "none"
-        raise ConfigError(path, "t", None, f"a column of time; the table has {there}; without one: {RATE} HZ")
+        columns_text = ", ".join(header) or "none"
+        raise ConfigError(path, "t", None, f"a column of time; the table has {columns_text}; without one: {RATE} HZ")
     values = table[:, len(at) :]
     return [
-        Part(file=path, sensor=s.sensor, quantity=s.quantity, t=t, values=s.factor * values[:, 3 * k : 3 * k + 3])
+        TablePart(file=path, sensor=s.sensor, quantity=s.quantity, t=t, values=s.factor * values[:, 3 * k : 3 * k + 3])
         for k, s in enumerate(columns.signals)
     ]
 
 
 def quantity_of(name: str) -> str:
     """Quantity that the name of a file or a folder implies, `accel` or `gyro`; "" for none or both."""
-    found = [quantity for quantity, pattern in _QUANTITIES if pattern.search(name)]
-    return found[0] if len(found) == 1 else ""
+    quantities = [quantity for quantity, pattern in _QUANTITIES if pattern.search(name)]
+    return quantities[0] if len(quantities) == 1 else ""
 
 
-def _counter(columns: Columns, comments: Sequence[str], request: TableRequest) -> tuple[int | None, float]:
-    """Index of Xsens' counter of packets or ticks, and its rate; None for a table with plain stamps."""
+def _find_counter(columns: Columns, comments: Sequence[str], request: TableRequest) -> tuple[int | None, float]:
+    """Column of Xsens' counter of packets or ticks, and its counts per second; (None, 0) for a table with stamps."""
     names = [name.strip().lower() for name in columns.names]
-    given = next((float(m[1]) for line in comments if (m := _RATE_COMMENT.match(line))), 0.0)
+    rate_hz = next((float(m[1]) for line in comments if (m := _RATE_COMMENT.match(line))), 0.0)
     if request.columns or columns.time is not None:
         return None, 0.0
-    if "packetcounter" in names and given > 0:
-        return names.index("packetcounter"), given
+    if "packetcounter" in names and rate_hz > 0:
+        return names.index("packetcounter"), rate_hz
     return (names.index("sampletimefine"), 1 / _TICK_S) if "sampletimefine" in names else (None, 0.0)
 
 
-def _unwrapped(counts: Array, name: str) -> Array:
-    """A counter without its overflows, from 0."""
+def _unwrap_counter(counts: Array, name: str) -> Array:
+    """Counts (N,) since the first row, from a counter `name` that overflows at 2¹⁶ (packets) or 2³² (ticks)."""
     size = _COUNTERS[name.strip().lower()]
     steps = np.diff(counts)
     steps = np.where(steps < -size / 2, steps + size, steps)
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
-def _time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> float:
+def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> float:
     """Factor of the stamps to s; without a unit, the only one that gives a rate of an IMU."""
     if columns.time_unit:
         return UNITS[TIME][columns.time_unit]
@@ -195,7 +197,7 @@ def _time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> float:
     raise ConfigError(path, f"{name}, unit", None, f"a unit of time in brackets, as in {OPTION} t={name}[ms]")
 
 
-def _numbers(
+def _read_numbers(
     path: Path, header: Sequence[str], rows: Iterable[list[str]], wanted: Sequence[int], decimal: str
 ) -> Array:
     """(N, K) numbers of some columns."""
@@ -221,7 +223,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _vectors(path: Path, text: Iterator[str], quantity: str) -> list[Part]:
+def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TablePart]:
     """A table of OpenSim with vectors `x,y,z` in its cells, one column per sensor."""
     keys: dict[str, str] = {}
     for line in text:
@@ -247,50 +249,50 @@ def _vectors(path: Path, text: Iterator[str], quantity: str) -> list[Part]:
             raise ConfigError(path, f"row {row}", line.strip(), f"time and {len(header) - 1} vectors x,y,z") from None
     stamps = np.array(t)
     return [
-        Part(file=path, sensor=name, quantity=quantity, t=stamps, values=np.array(rows).reshape(-1, len(AXES)))
+        TablePart(file=path, sensor=name, quantity=quantity, t=stamps, values=np.array(rows).reshape(-1, len(AXES)))
         for name, rows in vectors.items()
     ]
 
 
 def is_imu_folder(path: Path) -> bool:
     """Whether a folder has a table of forces and one of rates, by the names of its files."""
-    return {ACCEL, GYRO} <= {quantity_of(file.stem) for file in _tables(path)}
+    return {ACCEL, GYRO} <= {quantity_of(file.stem) for file in _list_tables(path)}
 
 
-def folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[Part]:
+def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[TablePart]:
     """The forces and rates of the tables in a folder; those of one sensor have the same name.
 
     Raises:
         StrideTwinError: A table cannot be read, or only forces without gravity are there.
     """
-    found: list[Part] = []
-    for file in _tables(path):
+    parts: list[TablePart] = []
+    for file in _list_tables(path):
         sensor = _WORDS.sub("", file.stem)
         for part in read_text_table(file, request, notes):
             name = part.sensor or sensor
-            if all((other.sensor, other.quantity) != (name, part.quantity) for other in found):
-                found.append(replace(part, sensor=name))
+            if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
+                parts.append(replace(part, sensor=name))
     if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
         (gravity,) = read_text_table(path / _GRAVITY, request, notes, ACCEL)
-        found = [_with_gravity(p, gravity) if p.quantity == ACCEL else p for p in found]
+        parts = [_add_gravity(p, gravity) if p.quantity == ACCEL else p for p in parts]
         notes.warn(f"{_GRAVITY} is added to the forces")
-    if all(part.quantity != ACCEL for part in found):
+    if all(part.quantity != ACCEL for part in parts):
         without = next((f.name for f in sorted(path.iterdir()) if _WITHOUT_GRAVITY.search(f.name)), None)
         raise ConfigError(path, "forces", without, "an accelerometer with gravity, as the sensor measures it")
     if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
         notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
-        found = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in found]
-    if len({part.sensor for part in found}) == 1:
-        found = [replace(part, sensor="") for part in found]
-    return found
+        parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
+    if len({part.sensor for part in parts}) == 1:
+        parts = [replace(part, sensor="") for part in parts]
+    return parts
 
 
-def _with_gravity(force: Part, gravity: Part) -> Part:
+def _add_gravity(force: TablePart, gravity: TablePart) -> TablePart:
     added = np.column_stack([np.interp(force.t, gravity.t, gravity.values[:, k]) for k in range(3)])
     return replace(force, values=force.values + added)
 
 
-def _tables(path: Path) -> list[Path]:
+def _list_tables(path: Path) -> list[Path]:
     """The tables of forces and rates in a folder; forces with gravity before those that get it added."""
     files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and quantity_of(f.stem)]
     files = [f for f in files if not _OTHER.search(f.name) and not _WITHOUT_GRAVITY.search(f.name)]

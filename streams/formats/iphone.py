@@ -25,11 +25,11 @@ from stridetwin.streams.bounded import LARGEST_TEXT, read_bytes, read_text
 from stridetwin.streams.bounded_images import check_pixels
 from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.fields import Count, Number, Positive
-from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
-from stridetwin.streams.formats.derived import odometry
-from stridetwin.streams.formats.image_files import existing, image_stream
-from stridetwin.streams.formats.text_rows import Row, numbers, read_camera_matrix, read_text_rows
-from stridetwin.streams.formats.tum import decimal_seconds
+from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.derived import to_odometry
+from stridetwin.streams.formats.image_files import image_stream, select_existing
+from stridetwin.streams.formats.text_rows import Row, read_camera_matrix, read_numbers, read_text_rows
+from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream, Source
@@ -53,7 +53,7 @@ _LZFSE = (b"bvx2", b"bvx1", b"bvxn", b"bvx-")
 
 
 def is_stray_scanner(path: Path) -> bool:
-    """Whether a folder has the layout."""
+    """Whether a folder has the layout of StrayScanner: `odometry.csv` and `camera_matrix.csv`."""
     return all((path / name).is_file() for name in (ODOMETRY, MATRIX))
 
 
@@ -69,41 +69,41 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     file = path / ODOMETRY
-    header, rows = _table(file)
-    t_ns, table = numbers(file, rows, _places(file, header, ("frame", *_POSE)), decimal_seconds, notes)
+    header, rows = _read_table(file)
+    t_ns, table = read_numbers(file, rows, _find_columns(file, header, ("frame", *_POSE)), parse_seconds, notes)
     images: dict[str, ImageStream] = {}
     if (path / VIDEO).is_file():
         frames = _Frames(path / VIDEO, t_ns)
         images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.image)
     listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), table[:, 0].tolist())]
-    if (path / "depth").is_dir() and (there := existing("depth", path / "depth", listed, notes)):
-        images[DEPTH] = image_stream(there, per_metre)
-    poses = _path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
+    if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
+        images[DEPTH] = image_stream(depth_files, per_metre)
+    poses = _to_path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
     blocks: dict[str, Block[Any]] = {poses.topic: poses}
-    if (path / INERTIAL).is_file() and (imu := _imu(path / INERTIAL, notes)) is not None:
+    if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
         blocks[IMU] = imu
-    return Source(kind="strayscanner", blocks=blocks, images=images, rig=_stray_rig(path, images, IMU in blocks))
+    return Source(kind="strayscanner", blocks=blocks, images=images, rig=_read_stray_rig(path, images, IMU in blocks))
 
 
-def _table(file: Path) -> tuple[list[str], list[Row]]:
+def _read_table(file: Path) -> tuple[list[str], list[Row]]:
     _, rows = read_text_rows(file, ",")
-    return (rows[0].words, rows[1:]) if rows else ([], [])
+    return (rows[0].cells, rows[1:]) if rows else ([], [])
 
 
-def _places(file: Path, header: list[str], names: tuple[str, ...]) -> list[tuple[str, int]]:
+def _find_columns(file: Path, header: list[str], names: tuple[str, ...]) -> list[tuple[str, int]]:
     for name in names:
         if name not in header:
             raise ConfigError(file, "header", ",".join(header), f"the columns timestamp, {', '.join(names)}")
     return [(name, header.index(name)) for name in names]
 
 
-def _imu(file: Path, notes: Notes) -> Block[Imu] | None:
-    header, rows = _table(file)
+def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
+    header, rows = _read_table(file)
     rates = next((names for names in _RATES if names[0] in header), _RATES[0])
-    places = _places(file, header, (*_FORCE, *rates))
+    places = _find_columns(file, header, (*_FORCE, *rates))
     if not rows:
         return None
-    t_ns, table = numbers(file, rows, places, decimal_seconds, notes)
+    t_ns, table = read_numbers(file, rows, places, parse_seconds, notes)
     in_g = float(np.median(np.linalg.norm(table[:, :3], axis=1))) < _MOST_IN_G
     force = -(STANDARD_GRAVITY_MPS2 if in_g else 1.0) * table[:, :3]
     unit = "g" if in_g else "m/s²"
@@ -111,11 +111,11 @@ def _imu(file: Path, notes: Notes) -> Block[Imu] | None:
     return Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table[:, 3:], "specific_force": force})
 
 
-def _stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
+def _read_stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
     fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
     # without the video, the centre of the image is all that gives its size
-    size = (image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
-    return _rig(images, (fu, fv, pu, pv), size, imu)
+    size = (first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
+    return _to_rig(images, (fu, fv, pu, pv), size, imu)
 
 
 class _Frames:
@@ -132,14 +132,14 @@ class _Frames:
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
         """
-        return Image(topic=topic, t_ns=int(self._t_ns[number]), pixels=self._pixels(number))
+        return Image(topic=topic, t_ns=int(self._t_ns[number]), pixels=self._decode_frame(number))
 
-    def _pixels(self, number: int) -> NDArray[np.uint8]:
+    def _decode_frame(self, number: int) -> NDArray[np.uint8]:
         """(H, W, 3) RGB."""
         if number == self._next - 1:
             return self._last
         if self._next < 0 or number < self._next:
-            self._frames, self._next = self._decoded(), 0
+            self._frames, self._next = self._decode(), 0
         try:
             while self._next <= number:
                 frame = next(self._frames)
@@ -154,7 +154,7 @@ class _Frames:
             raise StrideTwinError(f"{self._path}: cannot be decoded: {error}") from error
         return self._last
 
-    def _decoded(self) -> Iterator[Any]:
+    def _decode(self) -> Iterator[Any]:
         import av  # takes long to import: only where it is needed
 
         with av.open(str(self._path)) as container:
@@ -175,7 +175,7 @@ class _Metadata(BaseModel):
 
 
 def is_record3d(path: Path) -> bool:
-    """Whether a folder has the layout."""
+    """Whether a folder has the layout of an unpacked Record3D file: `rgbd/` and its metadata."""
     return (path / "rgbd").is_dir() and any((path / name).is_file() for name in _METADATA)
 
 
@@ -197,38 +197,42 @@ def read_record3d(path: Path, notes: Notes) -> Source:
         content = json.loads(read_text(file, LARGEST_TEXT))
     except ValueError as error:
         raise StrideTwinError(f"{file}: {error}") from error
-    known = validate(_Metadata, content, file)
-    count = len(known.poses)
-    given = known.frameTimestamps if len(known.frameTimestamps) == count else []
-    t = np.array(given) if given else np.arange(count) / known.fps
-    if not given:
-        notes.warn(f"{file.name}: no stamp for each frame; {known.fps:g} Hz assumed")
+    metadata = validate(_Metadata, content, file)
+    count = len(metadata.poses)
+    timestamps = metadata.frameTimestamps if len(metadata.frameTimestamps) == count else []
+    t = np.array(timestamps) if timestamps else np.arange(count) / metadata.fps
+    if not timestamps:
+        notes.warn(f"{file.name}: no stamp for each frame; {metadata.fps:g} Hz assumed")
     t_ns = np.rint(1e9 * (t - min(0.0, float(t.min(initial=0.0))))).astype(np.int64)
-    poses = np.array(known.poses, float).reshape(count, 7)
+    poses = np.array(metadata.poses, float).reshape(count, 7)
     images: dict[str, ImageStream] = {}
     for topic, suffix in ((COLOR, "jpg"), (DEPTH, "depth")):
         listed = [(t, path / "rgbd" / f"{i}.{suffix}") for i, t in enumerate(t_ns.tolist())]
-        if there := existing("rgbd", path / "rgbd", listed, notes):
-            images[topic] = image_stream(there) if topic == COLOR else _depth(there, (known.dh, known.dw))
-    block = _path(images, t_ns, poses[:, 4:], poses[:, [3, 0, 1, 2]], False, notes, file)
-    fu, fv, pu, pv = (known.K[i] for i in (0, 4, 6, 7))  # by columns
-    rig = _rig(images, (fu, fv, pu, pv), (known.w, known.h), imu=False)
+        if image_files := select_existing("rgbd", path / "rgbd", listed, notes):
+            images[topic] = (
+                image_stream(image_files)
+                if topic == COLOR
+                else _to_depth_stream(image_files, (metadata.dh, metadata.dw))
+            )
+    block = _to_path(images, t_ns, poses[:, 4:], poses[:, [3, 0, 1, 2]], False, notes, file)
+    fu, fv, pu, pv = (metadata.K[i] for i in (0, 4, 6, 7))  # by columns
+    rig = _to_rig(images, (fu, fv, pu, pv), (metadata.w, metadata.h), imu=False)
     return Source(kind="record3d", blocks={block.topic: block}, images=images, rig=rig)
 
 
-def _depth(files: list[tuple[int, Path]], shape: tuple[int, int]) -> ImageStream:
+def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> ImageStream:
     check_pixels(shape[1], shape[0])
-    _depth_of(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
+    _read_depth(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
 
     def load(topic: str, i: int) -> Depth:
         t_ns, file = files[i]
-        raw = _depth_of(file, shape)
+        raw = _read_depth(file, shape)
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
 
     return ImageStream(kind=Depth, t_ns=np.array([t for t, _ in files], np.int64), load=load)
 
 
-def _depth_of(file: Path, shape: tuple[int, int]) -> Any:
+def _read_depth(file: Path, shape: tuple[int, int]) -> Any:
     """(H, W) m of a file of float32, compressed or not."""
     size = 4 * shape[0] * shape[1]
     data = read_bytes(file, size + 4096)
@@ -244,7 +248,7 @@ def _depth_of(file: Path, shape: tuple[int, int]) -> Any:
     return np.frombuffer(data, "<f4").reshape(shape)
 
 
-def _path(
+def _to_path(
     images: dict[str, ImageStream], t_ns: Stamps, p: Array, q: Array, optical: bool, notes: Notes, file: object
 ) -> Block[Odometry]:
     """Poses of the camera's optical frame in a world with z up: ARKit's estimate, not the truth.
@@ -264,15 +268,15 @@ def _path(
     topic = f"{COLOR if COLOR in images else DEPTH}/odometry"
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
-    block = odometry(topic, t_ns, p, q, None, notes, file)
+    block = to_odometry(topic, t_ns, p, q, None, notes, file)
     R = Rotation.from_matrix(R_ZUP_YUP) * Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
     if not optical:
         R = R * Rotation.from_matrix(R_ARKIT_OPTICAL)
     p = block.columns["p_frame_in_world"] @ R_ZUP_YUP.T
-    return odometry(topic, block.t_ns, p, R.as_quat(scalar_first=True), None, notes, file)
+    return to_odometry(topic, block.t_ns, p, R.as_quat(scalar_first=True), None, notes, file)
 
 
-def _rig(
+def _to_rig(
     images: dict[str, ImageStream], intrinsics: tuple[float, float, float, float], size: tuple[int, int], imu: bool
 ) -> Rig:
     """The colour camera, and the depth camera with the same view and its own size of image.
@@ -285,11 +289,11 @@ def _rig(
     """
     cameras: dict[str, CameraCalibration] = {}
     for topic, stream in images.items():
-        own = image_size(stream) or size
-        su, sv = own[0] / size[0], own[1] / size[1]
+        stream_size = first_image_size(stream) or size
+        su, sv = stream_size[0] / size[0], stream_size[1] / size[1]
         fu, fv, pu, pv = intrinsics
         scaled = (su * fu, sv * fv, su * (pu + 0.5) - 0.5, sv * (pv + 0.5) - 0.5)
-        camera = pinhole(topic, own, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
+        camera = pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
         if imu:
             T = np.eye(4)
             T[:3, :3] = R_DEVICE_OPTICAL

@@ -34,13 +34,13 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
     if not recording.topics:
         raise RecordingError(f"{recording.path}: no stream that can be read")
     try:
-        _write(recording, path, progress)
+        _write_samples(recording, path, progress)
     except StrideTwinError:
         partial_path(path).unlink(missing_ok=True)
         raise
 
 
-def _write(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
+def _write_samples(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
     blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
     times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])

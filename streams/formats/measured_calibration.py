@@ -25,8 +25,11 @@ FULL_SCALE_ERROR, PILE, LEAST_LIMITED = 0.02, 0.985, 5
 samples lie above the share `PILE` of it. Slow rotations also dwell at their peaks, but at no usual full scale."""
 
 
-def measured_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
-    """What the samples of an unknown IMU show of it; 0 where they show nothing.
+def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
+    """Estimates the calibration of an unknown IMU from its own samples; 0 stands for what they do not determine.
+
+    Noise densities and the gyro bias come from the quietest window of 0.5 s, ranges from samples that pile up at a
+    usual full scale.
 
     Args:
         block: A whole recording.
@@ -35,23 +38,23 @@ def measured_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     """
     rate, force = block.columns["angular_rate"], block.columns["specific_force"]
     rate_hz = median_rate(block.t_ns)
-    rest = _quietest(rate, force, max(round(REST_S * rate_hz), 8))
+    rest_window = _find_rest(rate, force, max(round(REST_S * rate_hz), 8))
     gyro, accel, bias = 0.0, 0.0, 0.0
-    if rest is not None:
-        gyro, accel = (_noise_density(x[rest], resolution(x), rate_hz) for x in (rate, force))
-        mean = float(np.linalg.norm(rate[rest].mean(axis=0)))
+    if rest_window is not None:
+        gyro, accel = (_noise_density(x[rest_window], resolution(x), rate_hz) for x in (rate, force))
+        mean = float(np.linalg.norm(rate[rest_window].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
         topic=topic, part="", rate_hz=rate_hz, mount=Mount(body=body),
         gyroscope_noise_density=gyro, gyroscope_random_walk=0.0,
         accelerometer_noise_density=accel, accelerometer_random_walk=0.0,
-        gyroscope_bias_sd=bias, gyroscope_range=_limit(rate, GYRO_RANGES_RADPS),
-        accelerometer_range=_limit(force, ACCEL_RANGES_MPS2),
+        gyroscope_bias_sd=bias, gyroscope_range=_find_range(rate, GYRO_RANGES_RADPS),
+        accelerometer_range=_find_range(force, ACCEL_RANGES_MPS2),
     )  # fmt: skip
 
 
-def _quietest(rate: Array, force: Array, n: int) -> slice | None:
-    """The window of `n` samples of least rotation, unless even that is no rest."""
+def _find_rest(rate: Array, force: Array, n: int) -> slice | None:
+    """The window of `n` samples with the least spread of the rate; None if the sensor moves even then."""
     starts = range(0, len(rate) - n + 1, max(n // 2, 1))
     spread = [float(rate[i : i + n].std(axis=0).max()) for i in starts]
     if not spread:
@@ -74,8 +77,8 @@ def resolution(x: Array) -> float:
     return float(max((step.min() for step in steps if len(step)), default=0.0))
 
 
-def _limit(x: Array, full_scales: tuple[float, ...]) -> float:
-    """Magnitude from which on samples (N, 3) are cut off at one of these full scales; 0 if none is."""
+def _find_range(x: Array, full_scales: tuple[float, ...]) -> float:
+    """Magnitude at which samples (N, 3) are limited by one of the full scales; 0 if they are not limited."""
     largest = float(abs(x).max())
     usual = any(abs(largest / full_scale - 1.0) <= FULL_SCALE_ERROR for full_scale in full_scales)
     return PILE * largest if usual and np.count_nonzero(abs(x) >= PILE * largest) >= LEAST_LIMITED else 0.0

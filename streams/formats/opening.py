@@ -14,12 +14,12 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
-from stridetwin.streams.formats.assumed_calibration import completed
+from stridetwin.streams.formats.assumed_calibration import with_assumed_calibration
 from stridetwin.streams.formats.bag import Bag, read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
-from stridetwin.streams.formats.given_rig import Streams, given_rig, renamed_rig, report_unmatched, streams_of
-from stridetwin.streams.formats.imu_bridging import bridged
+from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
+from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.kalibr import read_rig
@@ -89,7 +89,7 @@ def recognise(path: Path) -> str:
     """
     try:
         if path.is_dir():
-            return _folder_kind(path)
+            return _recognise_folder(path)
         with path.open("rb") as file:
             head = file.read(16)
     except OSError as error:
@@ -130,53 +130,68 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
     kind = options.kind or recognise(path)
     is_plain = not options.names and options.rig is None
-    own = _own_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
-    if own is not None and is_plain:
-        return Recording(own, lenient)
+    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    if own_file is not None and is_plain:
+        return Recording(own_file, lenient)
     notes = Notes(path, lenient)
     metadata = {"imported_from": kind, "source": path.name}
     try:
-        if own is not None:
-            rig, metadata = read_calibration(own, notes)  # first, because recordings of newer releases are rejected
+        if own_file is not None:
+            # first, because recordings of newer releases are rejected
+            rig, metadata = read_calibration(own_file, notes)
         source = _read(path, kind, options, notes)
     except OSError as error:
         raise read_error(Path(error.filename or path), error) from error
-    if own is not None:
+    if own_file is not None:
         source = replace(source, rig=rig, names={}, assumed={})
-    topics = _topics(source, options.names)
+    topics = _assign_topics(source, options.names)
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
-    registered = _registered(source, topics)
-    source = _renamed(source, topics, bodies_are_known=own is not None)
-    if own is None and kind != "table":  # a table's IMUs are bridged before they are joined
-        source = replace(source, blocks={topic: _bridged(topic, b, notes) for topic, b in source.blocks.items()})
-    better = _better_rig(path, source.rig, options, streams, notes)
-    rig = completed(_merged(source.rig, better), source.blocks, source.images, notes, registered)
-    for topic, words in source.assumed.items():
+    registered = _find_registered(source, topics)
+    source = _rename_topics(source, topics, bodies_are_known=own_file is not None)
+    if own_file is None and kind != "table":  # a table's IMUs are bridged before they are joined
+        source = replace(
+            source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
+        )
+    better = _read_better_rig(path, source.rig, options, streams, notes)
+    rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
+    for topic, text in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:
-            notes.warn(f"{topic}: {words}")
-    if own is None:  # our own recordings are not checked when read without options
+            notes.warn(f"{topic}: {text}")
+    if own_file is None:  # our own recordings are not checked when read without options
         _check_plausible(source, notes)
     contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
-    if own is None:
+    if own_file is None:
         _check_overlap(contents, notes)
     return Recording(path, lenient, contents)
 
 
-def opened(path: Path, lenient: bool, options: ImportOptions | None = None, *, reports: bool = True) -> Recording:
-    """`open_any`, with a warning on stderr for each assumption and problem."""
+def open_with_warnings(
+    path: Path, lenient: bool, options: ImportOptions | None = None, *, reports: bool = True
+) -> Recording:
+    """Opens any source as a recording, and prints a warning on stderr for each assumption and problem.
+
+    Args:
+        path: Recording, bag, dataset folder or IMU table.
+        lenient: Read everything that is readable; problems become warnings.
+        options: Options for a foreign source.
+        reports: Whether the warnings are printed.
+
+    Raises:
+        StrideTwinError: The source cannot be read or (unless lenient) would corrupt an estimate.
+    """
     recording = open_any(path, lenient, options)
     if reports:
-        warn_of(path, [*recording.warnings, *map(str, recording.problems)])
+        print_warnings(path, [*recording.warnings, *map(str, recording.problems)])
     return recording
 
 
-def warn_of(path: Path, warnings: Iterable[str]) -> None:
+def print_warnings(path: Path, warnings: Iterable[str]) -> None:
     """Prints warnings about a source on stderr."""
-    for words in warnings:
-        print(f"stridetwin: warning: {path}: {words}", file=sys.stderr)
+    for warning in warnings:
+        print(f"stridetwin: warning: {path}: {warning}", file=sys.stderr)
 
 
-def _folder_kind(path: Path) -> str:
+def _recognise_folder(path: Path) -> str:
     if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
         return "rosbag2"
     for kind, has_layout in _LAYOUTS.items():
@@ -201,15 +216,15 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
     if kind in _READERS:
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
         return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
-    return read_bag(_bag(path, kind, notes), kind, notes)
+    return read_bag(_open_bag(path, kind, notes), kind, notes)
 
 
-def _own_file(path: Path, is_plain: bool) -> Path | None:
+def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
     """The path of our own MCAP file, which may be in a folder; None for anything else.
 
     A damaged file counts, too, if nothing else is known about it: `Recording` gives the best error message.
     """
-    files = _files_of_bag(path) if path.is_dir() else [path]
+    files = _list_bag_files(path) if path.is_dir() else [path]
     return (
         files[0]
         if len(files) == 1 and files[0].suffix != ".db3" and is_stridetwin_recording(files[0], is_plain)
@@ -217,12 +232,12 @@ def _own_file(path: Path, is_plain: bool) -> Path | None:
     )
 
 
-def _bag(path: Path, kind: str, notes: Notes) -> Bag:
+def _open_bag(path: Path, kind: str, notes: Notes) -> Bag:
     if kind == "mcap":
         return McapBag([path], notes)
     if kind == "rosbag1":
         return RosBag(path, True, notes)
-    files = _files_of_bag(path) if path.is_dir() else [path]
+    files = _list_bag_files(path) if path.is_dir() else [path]
     if files and all(f.suffix == ".mcap" for f in files):
         return McapBag(files, notes)
     for file in files:
@@ -234,7 +249,7 @@ def _bag(path: Path, kind: str, notes: Notes) -> Bag:
     return RosBag(path, False, notes)
 
 
-def _files_of_bag(path: Path) -> list[Path]:
+def _list_bag_files(path: Path) -> list[Path]:
     """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata."""
     metadata = path / "metadata.yaml"
     if not metadata.is_file():
@@ -244,8 +259,8 @@ def _files_of_bag(path: Path) -> list[Path]:
         names = [str(n) for n in info["relative_file_paths"]]
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        words = " ".join(str(error).split())
-        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {words[:120]}") from error
+        reason = " ".join(str(error).split())
+        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}") from error
     if compressed:
         raise ConfigError(
             metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
@@ -257,16 +272,16 @@ def _files_of_bag(path: Path) -> list[Path]:
     return files
 
 
-def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
+def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, str]:
     """Our topic of every stream of a source, by its name in the source."""
-    there = [*source.blocks, *source.images]
-    defaults = {name: source.names.get(name, name) for name in there}
-    for old, new in given.items():
+    names = [*source.blocks, *source.images]
+    defaults = {name: source.names.get(name, name) for name in names}
+    for old, new in requested.items():
         if old not in defaults and old not in defaults.values():
-            raise ConfigError("import", "--map", old, f"one of {', '.join(there)}")
+            raise ConfigError("import", "--map", old, f"one of {', '.join(names)}")
         if not new.startswith("/") or len(new) < 2:
             raise ConfigError("import", "--map", new, "a topic that begins with /")
-    topics = {n: given.get(n, given.get(default, default)) for n, default in defaults.items()}
+    topics = {n: requested.get(n, requested.get(default, default)) for n, default in defaults.items()}
     twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)
     if twice is not None:
         same = " and ".join(n for n, t in topics.items() if t == twice)
@@ -274,52 +289,52 @@ def _topics(source: Source, given: Mapping[str, str]) -> dict[str, str]:
     return topics
 
 
-def _renamed(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
-    """The source under our topics."""
+def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
+    """The source with its streams, assumptions and calibrations under `topics`, by their names in the source."""
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
     images = {topics[n]: p for n, p in source.images.items()}
-    assumed = {topics.get(n, n): words for n, words in source.assumed.items()}
-    rig = renamed_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
+    assumed = {topics.get(n, n): text for n, text in source.assumed.items()}
+    rig = rename_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
-def _bridged(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
-    return bridged(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
+def _bridge_inertial(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    return bridge_gaps(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
 
 
-def _registered(source: Source, topics: Mapping[str, str]) -> set[str]:
+def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
     """Our topics of the depth streams that are registered to colour, by layout, name or intrinsics."""
     cameras = source.rig.cameras
     colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
-    found: set[str] = set()
+    registered: set[str] = set()
     for name, images in source.images.items():
         by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
-        own = cameras.get(name)
+        camera = cameras.get(name)
         if images.kind is Depth and (
-            by_name or (own is not None and any(np.allclose(own.intrinsics, c.intrinsics) for c in colour))
+            by_name or (camera is not None and any(np.allclose(camera.intrinsics, c.intrinsics) for c in colour))
         ):
-            found.add(topics[name])
-    return found
+            registered.add(topics[name])
+    return registered
 
 
-def _better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
+def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
     """Calibrations with precedence over those of the source: from `--rig`, and from a `rig.yaml` in the folder."""
     better = Rig()
     if (beside := path / RIG_NAME).is_file():
         try:
             # it describes the source: its topics are the source's, even if others were given
-            better, _ = given_rig(read_rig(beside), source, streams, as_read=False)
+            better, _ = match_rig(read_rig(beside), source, streams, as_read=False)
         except StrideTwinError as error:
             notes.invalid(error)
     if options.rig is not None:
-        own_rig = read_rig(options.rig)
-        given, left = given_rig(own_rig, _merged(source, better), streams)
-        report_unmatched(options.rig, own_rig, left, streams, notes)
-        better = _merged(better, given)
+        user_rig = read_rig(options.rig)
+        matched, unmatched = match_rig(user_rig, _merge_rigs(source, better), streams)
+        report_unmatched(options.rig, user_rig, unmatched, streams, notes)
+        better = _merge_rigs(better, matched)
     return better
 
 
-def _merged(rig: Rig, better: Rig) -> Rig:
+def _merge_rigs(rig: Rig, better: Rig) -> Rig:
     return Rig(
         imus={**rig.imus, **better.imus},
         cameras={**rig.cameras, **better.cameras},
@@ -333,12 +348,12 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
             sound = block[is_increasing(block.t_ns) & block.finite]
-            for found in implausible_imu(sound) if len(sound) >= _FEWEST else ():
-                notes.problem(Problem(topic, int(sound.t_ns[0]), str(found)))
+            for implausible in implausible_imu(sound) if len(sound) >= _FEWEST else ():
+                notes.problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
-        for found in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
-            notes.problem(Problem(topic, int(rising[0]), str(found)))
+        for implausible in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+            notes.problem(Problem(topic, int(rising[0]), str(implausible)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
@@ -358,6 +373,6 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
             )
         if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
             what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
-            other = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
-            words = f"{what}, where {name} runs from {other}: expected stamps of one clock"
-            notes.problem(Problem(topic, info.first_ns, words))
+            period_text = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
+            description = f"{what}, where {name} runs from {period_text}: expected stamps of one clock"
+            notes.problem(Problem(topic, info.first_ns, description))

@@ -60,20 +60,20 @@ class Model:
     torque: Mapping[str, str]
 
 
-def _coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
-    both = {f"{ours}_{s}": (f"{theirs}_{s}", sign) for ours, (theirs, sign) in limbs.items() for s in _SIDES}
+def _bilateral_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+    both = {f"{joint}_{s}": (f"{coordinate}_{s}", sign) for joint, (coordinate, sign) in limbs.items() for s in _SIDES}
     return _TRUNK | both
 
 
 MODELS = {
     "rajagopal": Model(
-        coordinates=_coordinates(_LEG | _ARM),
+        coordinates=_bilateral_coordinates(_LEG | _ARM),
         p_hips_in_pelvis=(-0.056276, -0.07849, 0.0),
         force={s: f"ground_force_{s}_" for s in _SIDES},
         torque={s: f"ground_torque_{s}_" for s in _SIDES},
     ),
     "gait2392": Model(
-        coordinates=_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
+        coordinates=_bilateral_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
         p_hips_in_pelvis=(-0.0707, -0.0661, 0.0),
         force={"r": "ground_force_", "l": "1_ground_force_"},
         torque={"r": "ground_torque_", "l": "1_ground_torque_"},
@@ -101,7 +101,7 @@ def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") 
     sides = [s for s in _SIDES if f"/truth/foot_{s}/wrench" in recording.topics]
     if sides:
         counts[LOADS] = _write_loads(recording, MODELS[model], sides, folder / LOADS)
-        (folder / TIES).write_text(_ties(MODELS[model], sides), encoding="utf-8")
+        (folder / TIES).write_text(_format_external_loads(MODELS[model], sides), encoding="utf-8")
     return counts
 
 
@@ -118,8 +118,8 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     names = ["pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz"]
     columns = [np.degrees(np.unwrap(angles, axis=0)), p]
     for i, name in enumerate(joints.constants["names"]):
-        theirs, sign = model.coordinates.get(name, (name, 1.0))
-        names.append(theirs)
+        coordinate, sign = model.coordinates.get(name, (name, 1.0))
+        names.append(coordinate)
         columns.append(np.degrees(sign * joints.columns["position"][keep, i : i + 1]))
     return _write_mot(path, "motion", names, joints.t_ns[keep], np.column_stack(columns), in_degrees=True)
 
@@ -131,11 +131,11 @@ def _write_loads(recording: Recording, model: Model, sides: list[str], path: Pat
     for side in sides:
         names += [f"{model.force[side]}{what}{axis}" for what in ("v", "p") for axis in "xyz"]
         names += [f"{model.torque[side]}{axis}" for axis in "xyz"]
-        columns += [part @ _R_OPENSIM_WORLD.T for part in _at_pressure_centre(recording, side, t_ns)]
+        columns += [part @ _R_OPENSIM_WORLD.T for part in _loads_at_pressure_centre(recording, side, t_ns)]
     return _write_mot(path, "ground_reactions", names, t_ns, np.column_stack(columns), in_degrees=False)
 
 
-def _at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
+def _loads_at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
     """(N, 3) force, point and free torque, world axes, at the stamps; 0 for an unloaded foot."""
     force, point, torque = (np.zeros((len(t_ns), 3)) for _ in range(3))
     if f"/truth/foot_{side}/cop" not in recording.topics:
@@ -160,7 +160,7 @@ def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, tabl
     return len(t_ns)
 
 
-def _ties(model: Model, sides: list[str]) -> str:
+def _format_external_loads(model: Model, sides: list[str]) -> str:
     forces = "".join(
         f"<ExternalForce name={quoteattr('ground_' + s)}><applied_to_body>calcn_{s}</applied_to_body>"
         "<force_expressed_in_body>ground</force_expressed_in_body>"

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
-from stridetwin.streams.formats.derived import odometry
+from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import image_stream
 from stridetwin.streams.formats.text_rows import read_camera_matrix, read_matrix
 from stridetwin.streams.recording.imported import ImageStream, Source
@@ -51,52 +51,52 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     folder = frames_folder(path)
     if folder is None:
         raise ConfigError(path, "", "no frame-*.depth.png", "a folder in the 7-Scenes layout")
-    found: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
+    frame_files: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
     for file in sorted(folder.iterdir()):
         if name := _FRAME.fullmatch(file.name):
-            found[name[2].partition(".")[0]][int(name[1])] = file
+            frame_files[name[2].partition(".")[0]][int(name[1])] = file
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
-    _warn_of_missing(found, notes)
+    _warn_about_missing(frame_files, notes)
     images = {
-        topic: image_stream([(_stamp(frame), file) for frame, file in files.items()], scale)
-        for topic, files, scale in ((COLOR, found["color"], None), (DEPTH, found["depth"], per_metre))
+        topic: image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
+        for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre))
         if files
     }
     blocks: dict[str, Block[Any]] = {}
-    if found["pose"]:
-        blocks[TRUTH] = _poses(found["pose"], notes)
-    return Source(kind="7scenes", blocks=blocks, images=images, rig=_rig(path, folder, images), unread={})
+    if frame_files["pose"]:
+        blocks[TRUTH] = _read_poses(frame_files["pose"], notes)
+    return Source(kind="7scenes", blocks=blocks, images=images, rig=_read_rig(path, folder, images), unread={})
 
 
-def _warn_of_missing(found: dict[str, dict[int, Path]], notes: Notes) -> None:
-    frames = sorted({f for files in found.values() for f in files})
-    for what, files in found.items():
+def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -> None:
+    frames = sorted({f for files in frame_files.values() for f in files})
+    for what, files in frame_files.items():
         missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
         if missing:
             notes.warn(f"{what}: {len(missing)} frames are missing, the first of them frame-{missing[0]:06d}")
 
 
-def _stamp(frame: int) -> int:
+def _to_stamp(frame: int) -> int:
     return round(frame * 1e9 / RATE_HZ)
 
 
-def _poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
+def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
     stamps: list[int] = []
     poses: list[Array] = []
     for frame, file in sorted(files.items()):
         try:
-            poses.append(_pose(file))
-            stamps.append(_stamp(frame))
+            poses.append(_read_pose(file))
+            stamps.append(_to_stamp(frame))
         except StrideTwinError as error:
             notes.invalid(error)
     T = np.array(poses).reshape(-1, 4, 4)
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
-    return odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
+    return to_odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
 
 
-def _pose(file: Path) -> Array:
+def _read_pose(file: Path) -> Array:
     T = read_matrix(file, None, 4)
     R = T[:3, :3]
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-2) and np.linalg.det(R) > 0 and np.allclose(T[3], (0, 0, 0, 1))):
@@ -104,9 +104,9 @@ def _pose(file: Path) -> Array:
     return T
 
 
-def _rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
-    depth_size = image_size(images[DEPTH]) if DEPTH in images else None
-    color_size = image_size(images[COLOR]) if COLOR in images else None
+def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
+    depth_size = first_image_size(images[DEPTH]) if DEPTH in images else None
+    color_size = first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size
     file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
     if size is None:

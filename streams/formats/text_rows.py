@@ -32,8 +32,8 @@ class Row(NamedTuple):
     separator: str | None
 
     @property
-    def words(self) -> list[str]:
-        """Its words."""
+    def cells(self) -> list[str]:
+        """The cells of the line, without white space around them."""
         return [*map(str.strip, self.text.split(self.separator))]
 
 
@@ -50,11 +50,11 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
         if content := content.strip():
             rows.append(Row(number, content, separator))
         elif mark and not rows:
-            header = Row(number, comment.strip(), separator).words
+            header = Row(number, comment.strip(), separator).cells
     return header, rows
 
 
-def numbers(
+def read_numbers(
     path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
 ) -> tuple[Stamps, Array]:
     """Stamps (N,) ns from the first word of each row, and the columns (N, K).
@@ -71,15 +71,15 @@ def numbers(
     """
     stamps, table = array("q"), array("d")
     for row in rows:
-        words = row.words
+        cells = row.cells
         try:
-            values = [float(words[at]) for _, at in columns]
+            values = [float(cells[at]) for _, at in columns]
         except (ValueError, IndexError):
             values = [math.nan]
         try:
             if not all(map(math.isfinite, values)):
-                raise _no_number(path, row, columns)
-            stamps.append(row_stamp(path, row.line, words[0], stamp))
+                raise _invalid_number_error(path, row, columns)
+            stamps.append(parse_row_stamp(path, row.line, cells[0], stamp))
             table.extend(values)
         except ConfigError as error:
             notes.invalid(error)
@@ -96,7 +96,7 @@ def write_text_rows(path: Path, header: str, separator: str, stamps: Iterable[ob
             file.write(separator.join([str(t), *map(repr, row)]) + "\n")
 
 
-def row_stamp(path: str | Path, line: int, word: str, stamp: Callable[[str], int]) -> int:
+def parse_row_stamp(path: str | Path, line: int, word: str, stamp: Callable[[str], int]) -> int:
     """Stamp of a row, ns, from its first word.
 
     Raises:
@@ -116,7 +116,7 @@ def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -
     """
     _, rows = read_text_rows(path, separator)
     try:
-        matrix = np.array([[float(word) for word in row.words] for row in rows])
+        matrix = np.array([[float(word) for word in row.cells] for row in rows])
     except ValueError:
         matrix = np.zeros(0)
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
@@ -139,19 +139,23 @@ def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float,
     return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
 
 
-def integer_nanoseconds(word: str) -> int:
-    """A stamp in whole nanoseconds."""
+def parse_nanoseconds(word: str) -> int:
+    """A stamp in whole nanoseconds, from decimal digits.
+
+    Raises:
+        ValueError: The word has other characters or is 2⁶³ or more; the message says what is valid.
+    """
     value = int(word) if word.isascii() and word.isdecimal() and len(word) <= LONGEST_STAMP else -1
     if not 0 <= value < 2**63:
         raise ValueError("whole nanoseconds")
     return value
 
 
-def _no_number(path: Path, row: Row, columns: Sequence[tuple[str, int]]) -> ConfigError:
+def _invalid_number_error(path: Path, row: Row, columns: Sequence[tuple[str, int]]) -> ConfigError:
     """The error about the first of these columns that is not a finite number."""
-    words = dict(enumerate(row.words))
-    name, at = next((name, at) for name, at in columns if not _is_finite(words.get(at, "")))
-    return ConfigError(path, f"line {row.line}, {name}", words.get(at), "a finite number")
+    cells = dict(enumerate(row.cells))
+    name, at = next((name, at) for name, at in columns if not _is_finite(cells.get(at, "")))
+    return ConfigError(path, f"line {row.line}, {name}", cells.get(at), "a finite number")
 
 
 def _is_finite(word: str) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from stridetwin.streams.bounded import read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
-from stridetwin.streams.formats.text_rows import row_stamp
+from stridetwin.streams.formats.text_rows import parse_row_stamp
 from stridetwin.streams.trajectory import Trajectory
 
 LATEST_S = 9e9  # range of 64-bit nanoseconds
@@ -23,29 +23,29 @@ def write_tum(trajectory: Trajectory, path: str | Path) -> None:
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
     with atomic_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):
-            file.write(f"{seconds(t)} {' '.join(f'{v:.9g}' for v in pose)}\n")
+            file.write(f"{format_seconds(t)} {' '.join(f'{v:.9g}' for v in pose)}\n")
 
 
-def seconds(t_ns: int) -> str:
+def format_seconds(t_ns: int) -> str:
     """A stamp in the format's seconds, to the nanosecond."""
     return f"{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}"
 
 
-def decimal_seconds(word: str) -> int:
+def parse_seconds(word: str) -> int:
     """A stamp in seconds to nanoseconds, without a float's rounding of large epochs.
 
     Raises:
         ValueError: Invalid word; the message says what is valid.
     """
-    whole, _, fraction = word.partition(".")
+    integer, _, fraction = word.partition(".")
     try:
         value = float(word)
     except ValueError:
         value = math.nan
     if not 0 <= value < LATEST_S:
         raise ValueError("seconds from 0 on")
-    if word.isascii() and whole.isdecimal() and (fraction.isdecimal() or not fraction):
-        return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    if word.isascii() and integer.isdecimal() and (fraction.isdecimal() or not fraction):
+        return int(integer) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
     return round(value * 1e9)
 
 
@@ -58,12 +58,12 @@ def read_tum(path: str | Path) -> Trajectory:
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(read_lines(Path(path)), 1):
-        words = line.partition("#")[0].replace(",", " ").split()
-        if words:
-            rows.append(_row(path, number, words))
-            stamps.append(row_stamp(path, number, words[0], decimal_seconds))
+        cells = line.partition("#")[0].replace(",", " ").split()
+        if cells:
+            rows.append(_parse_row(path, number, cells))
+            stamps.append(parse_row_stamp(path, number, cells[0], parse_seconds))
             if len(stamps) > 1 and stamps[-1] <= stamps[-2]:
-                raise ConfigError(path, f"line {number}, t", words[0], "a time after that of the previous row")
+                raise ConfigError(path, f"line {number}, t", cells[0], "a time after that of the previous row")
     if not rows:
         raise StrideTwinError(f"{path}: no pose: expected rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)
@@ -75,11 +75,11 @@ def read_tum(path: str | Path) -> Trajectory:
     )
 
 
-def _row(path: str | Path, number: int, words: list[str]) -> list[float]:
-    if len(words) != len(_COLUMNS):
-        raise ConfigError(path, f"line {number}", " ".join(words), f"8 numbers: {' '.join(_COLUMNS)}")
+def _parse_row(path: str | Path, number: int, cells: list[str]) -> list[float]:
+    if len(cells) != len(_COLUMNS):
+        raise ConfigError(path, f"line {number}", " ".join(cells), f"8 numbers: {' '.join(_COLUMNS)}")
     values: list[float] = []
-    for name, word in zip(_COLUMNS, words, strict=True):
+    for name, word in zip(_COLUMNS, cells, strict=True):
         try:
             values.append(float(word))
         except ValueError:

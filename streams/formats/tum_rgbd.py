@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import image_size, pinhole
-from stridetwin.streams.formats.derived import joined_at_rates, odometry
-from stridetwin.streams.formats.image_files import chosen_camera, read_image_list, write_depth, write_image
-from stridetwin.streams.formats.text_rows import numbers, read_text_rows, write_text_rows
-from stridetwin.streams.formats.tum import decimal_seconds, seconds, write_tum
+from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.derived import join_at_gyro_stamps, to_odometry
+from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_depth, write_image
+from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows, write_text_rows
+from stridetwin.streams.formats.tum import format_seconds, parse_seconds, write_tum
 from stridetwin.streams.kalibr import write_rig
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream, Source
@@ -39,7 +39,7 @@ _PLAUSIBLE_M = (0.25, 15.0)
 
 
 def is_tum_rgbd(path: Path) -> bool:
-    """Whether a folder has the layout."""
+    """Whether a folder has the TUM RGB-D layout: `rgb.txt` or `depth.txt`."""
     return any((path / name).is_file() for name in ("rgb.txt", "depth.txt"))
 
 
@@ -57,46 +57,46 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
     if (path / "rgb.txt").is_file():
-        images[COLOR] = read_image_list(path / "rgb.txt", path, None, decimal_seconds, notes)
+        images[COLOR] = read_image_list(path / "rgb.txt", path, None, parse_seconds, notes)
     if (path / "depth.txt").is_file():
-        images[DEPTH] = read_image_list(path / "depth.txt", path, None, decimal_seconds, notes, per_metre)
+        images[DEPTH] = read_image_list(path / "depth.txt", path, None, parse_seconds, notes, per_metre)
         _check_depth(images[DEPTH], per_metre, notes)
     images = {topic: stream for topic, stream in images.items() if len(stream.t_ns)}
-    blocks |= _inertial(path, notes)
+    blocks |= _read_inertial(path, notes)
     file = path / "groundtruth.txt"
     if file.is_file():
         _, rows = read_text_rows(file, None)
-        t_ns, table = numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], decimal_seconds, notes)
-        blocks[TRUTH] = odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
-    return Source(kind="tum", blocks=blocks, images=images, rig=_rig(path, images), unread={})
+        t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
+        blocks[TRUTH] = to_odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
+    return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
 
 
-def _inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
+def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
     """Accelerometer and IMU, if their files exist."""
     blocks: dict[str, Block[Any]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
-        t_ns, table = _columns(force, _FORCE, notes)
+        t_ns, table = _read_columns(force, _FORCE, notes)
         columns = {"specific_force": table}
         blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
     if both.is_file():
-        t_ns, table = _columns(both, (*_RATE, *_FORCE), notes)
+        t_ns, table = _read_columns(both, (*_RATE, *_FORCE), notes)
         columns = {"angular_rate": table[:, :3], "specific_force": table[:, 3:]}
         blocks[IMU] = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns=columns)
     elif rate.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:
-        t_ns, table = _columns(rate, _RATE, notes)
+        t_ns, table = _read_columns(rate, _RATE, notes)
         gyro = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table})
-        blocks[IMU] = joined_at_rates(IMU, gyro, blocks[ACCELEROMETER])
+        blocks[IMU] = join_at_gyro_stamps(IMU, gyro, blocks[ACCELEROMETER])
         notes.warn("gyroscope.txt and accelerometer.txt are joined, the force interpolated to the stamps of the rate")
     return blocks
 
 
-def _columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Stamps, Array]:
+def _read_columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Stamps, Array]:
     """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
     named = all(name in header for name in names)
     places = [(name, header.index(name) if named else i) for i, name in enumerate(names, 1)]
-    return numbers(file, rows, places, decimal_seconds, notes)
+    return read_numbers(file, rows, places, parse_seconds, notes)
 
 
 def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
@@ -113,20 +113,20 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
         )
 
 
-def _rig(path: Path, images: dict[str, ImageStream]) -> Rig:
+def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
     file = path / "calibration.txt"
     topic = COLOR if COLOR in images else DEPTH
-    if not file.is_file() or topic not in images or (size := image_size(images[topic])) is None:
+    if not file.is_file() or topic not in images or (size := first_image_size(images[topic])) is None:
         return Rig()
     _, rows = read_text_rows(file, None)
-    words = [w for row in rows for w in row.words]
+    cells = [w for row in rows for w in row.cells]
     try:
-        fu, fv, pu, pv = (float(w) for w in words[:4])
+        fu, fv, pu, pv = (float(w) for w in cells[:4])
         sound = bool(np.isfinite([fu, fv, pu, pv]).all() and fu > 0 and fv > 0)
     except ValueError:
         sound = False
     if not sound:
-        raise ConfigError(file, "calibration", " ".join(words[:8]), "fx fy cx cy, focal lengths above 0")
+        raise ConfigError(file, "calibration", " ".join(cells[:8]), "fx fy cx cy, focal lengths above 0")
     rate, depth = mean_rate(images[topic].t_ns), DEPTH if DEPTH in images else ""
     return Rig(cameras={topic: pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
 
@@ -143,7 +143,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     Raises:
         StrideTwinError: The recording lacks the camera or its depth.
     """
-    camera = chosen_camera(recording, camera_topic)
+    camera = choose_camera(recording, camera_topic)
     if camera.depth_topic not in recording.topics:
         raise ConfigError(
             recording.path, f"depth of {camera.topic}", camera.depth_topic or None,
@@ -155,7 +155,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     imu = camera.imu_topic
     if imu in recording.topics:
         block = recording.block(imu)
-        stamps = [seconds(t) for t in block.t_ns.tolist()]
+        stamps = [format_seconds(t) for t in block.t_ns.tolist()]
         force, rate = block.columns["specific_force"], block.columns["angular_rate"]
         write_text_rows(folder / "accelerometer.txt", "# timestamp ax ay az", " ", stamps, force)
         both = np.column_stack((rate, force))
@@ -166,7 +166,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
         write_tum(path, folder / "groundtruth.txt")
         counts["groundtruth.txt"] = len(path)
     (folder / "calibration.txt").write_text(" ".join(repr(float(v)) for v in camera.intrinsics) + "\n", "ascii")
-    write_rig(_both_names(camera, recording.rig.imus.get(imu)), folder / RIG_NAME)
+    write_rig(_with_both_names(camera, recording.rig.imus.get(imu)), folder / RIG_NAME)
     return counts
 
 
@@ -193,7 +193,7 @@ def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory |
     )
 
 
-def _both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
+def _with_both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
     """Camera and IMU under their own topics, and under the topics that an import of this layout uses."""
     read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
     imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}
@@ -204,11 +204,11 @@ def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> 
     (folder / name).mkdir()
     rows = ["# timestamp filename"]
     for sample in recording.samples([topic]):
-        file = f"{name}/{seconds(sample.t_ns)}.png"
+        file = f"{name}/{format_seconds(sample.t_ns)}.png"
         if isinstance(sample, Depth):
             write_depth(folder / file, sample, PER_METRE)
         elif isinstance(sample, Image):
             write_image(folder / file, sample)
-        rows.append(f"{seconds(sample.t_ns)} {file}")
+        rows.append(f"{format_seconds(sample.t_ns)} {file}")
     (folder / f"{name}.txt").write_text("\n".join(rows) + "\n", encoding="ascii")
     return len(rows) - 1

@@ -55,7 +55,7 @@ def rank_of(kind: type[Sample]) -> int:
 
 
 class Encoder:
-    """Samples to messages.
+    """Converts samples to ROS 2 messages.
 
     Args:
         rig: Its noise and ranges are part of the messages, as in recordings.
@@ -70,7 +70,7 @@ class Encoder:
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
     def message(self, sample: Sample) -> Message:
-        """The message of a sample."""
+        """The ROS 2 message of a sample: an image by its encoding, any other sample by its topic's template."""
         if isinstance(sample, Image):
             typename = RAW if self._quality is None else COMPRESSED
             payload = raw_image_message(sample) if self._quality is None else image_message(sample, self._quality)
@@ -92,7 +92,7 @@ class Encoder:
 
 
 class Decoder:
-    """Messages of one topic to samples.
+    """Converts the ROS 2 messages of one topic to samples.
 
     Args:
         topic: Topic.

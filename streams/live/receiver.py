@@ -69,7 +69,7 @@ class Traffic:
 
 @dataclass(kw_only=True, eq=False)
 class _Sender:
-    """What is known of a sender.
+    """State of a sender, as the receiver knows it.
 
     Attributes:
         epoch_ns: See `Hello`.
@@ -339,7 +339,7 @@ class Reorder:
             yield self._pop()
 
     def flush(self) -> Iterator[Arrival]:
-        """All buffered samples, in order."""
+        """Yields all buffered samples in the order of their stamps, whether they are due or not; use it at the end."""
         while self._heap:
             yield self._pop()
 

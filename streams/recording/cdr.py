@@ -76,9 +76,11 @@ class _LayoutParser:
         self.strings: dict[str, str | list[str]] = {}
 
     def align_to(self, size: int) -> None:
+        """Moves to the next multiple of `size` bytes after the encapsulation header."""
         self.at += -(self.at - ENCAPSULATION) % size
 
     def length(self) -> int:
+        """Reads the length of a string or sequence, u32, and records its offset."""
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
         if value > len(self.payload):
@@ -88,12 +90,14 @@ class _LayoutParser:
         return int(value)
 
     def string(self) -> str:
+        """Reads a string: its length with the terminating NUL, then UTF-8."""
         n = self.length()
         text = self.payload[self.at : self.at + n].rstrip(b"\0").decode()
         self.at += n
         return text
 
     def numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
+        """Records the offset and the NumPy type of `shape` numbers of the ROS type `base`, and skips them."""
         form = np.dtype(self.order + _CODES[base])
         count = int(np.prod(shape))
         if count:
@@ -102,6 +106,7 @@ class _LayoutParser:
         self.at += count * form.itemsize
 
     def message(self, path: str, typename: str) -> None:
+        """Walks through a message; one of float64s alone becomes a single vector."""
         members = self.store.fielddefs[typename][1]
         if path and all(d[0] == Nodetype.BASE and d[1][0] == "float64" for _, d in members):
             self.numbers(path, "float64", (len(members),))
@@ -110,6 +115,7 @@ class _LayoutParser:
             self.member(f"{path}.{name}" if path else name, description)
 
     def member(self, path: str, description: Any) -> None:
+        """Walks through a field of a message, by rosbags' description of its type."""
         node, detail = description
         if node == Nodetype.NAME:
             self.message(path, detail)
@@ -131,7 +137,7 @@ class _LayoutParser:
 
 
 def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
-    """Layout of one serialised message.
+    """Finds the layout of one serialised message in one pass over its bytes.
 
     Raises:
         ValueError: The bytes are not a message of this type.

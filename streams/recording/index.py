@@ -110,7 +110,7 @@ class Notes:
             self.problems.append(problem)
 
     def invalid(self, error: StrideTwinError) -> None:
-        """Likewise for an invalid value in a file; the error itself names the file."""
+        """Raises an error about an invalid value in a file, or (when lenient) records it as a problem, once."""
         if not self.lenient:
             raise error
         self.problem(Problem("", None, str(error)))
@@ -123,7 +123,14 @@ class Notes:
 
 @dataclass(frozen=True)
 class ChunkPart:
-    """One topic in one chunk: samples kept, first and last stamp, last stamp before the chunk."""
+    """The samples of one topic in one chunk.
+
+    Attributes:
+        count: Number of valid samples.
+        first: Stamp of the first valid one, ns.
+        last: Stamp of the last valid one, ns.
+        before: Latest stamp of the topic before the chunk, ns; -1 without one.
+    """
 
     count: int
     first: int
@@ -133,14 +140,14 @@ class ChunkPart:
 
 @dataclass(frozen=True)
 class ChunkInfo:
-    """Position of a chunk in the file, and its contents by topic."""
+    """Byte offset of a chunk in the file, and the part of each topic that has valid samples in it."""
 
     offset: int
     parts: dict[str, ChunkPart]
 
 
 def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
-    """Topics whose rate differs much from the one that the rig declares."""
+    """Yields a problem for each topic whose mean rate differs by more than 20 % from the one that the rig declares."""
     if rig is None:
         return
     declared = {t: imu.rate_hz for t, imu in rig.imus.items()}

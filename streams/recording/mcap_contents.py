@@ -163,7 +163,7 @@ class McapContents(RecordingIndex):
 
 
 def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Each group's number, and its values; the groups are in order."""
+    """Yields the number of each group with its values; `groups` (N,) is sorted and assigns `values` (N,) to groups."""
     edges = np.flatnonzero(np.diff(groups)) + 1
     for first, part in zip(np.concatenate(([0], edges)), np.split(values, edges)):
         if len(part):

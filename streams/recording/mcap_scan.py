@@ -80,7 +80,7 @@ class Unpacking:
         """Counts messages, and other records (schemas and channels).
 
         Raises:
-            RecordingError: As `contents`.
+            RecordingError: The file is a decompression bomb.
         """
         self._messages -= messages
         self._check_limit(self._messages, "messages")
@@ -234,7 +234,7 @@ def chunk_contents(
 
     Raises:
         DamagedError: The bytes are not a sequence of records.
-        RecordingError: As `Unpacking.contents`.
+        RecordingError: The file is a decompression bomb.
     """
     definitions: list[records.McapRecord] = []
     offsets: dict[int, list[int]] = {}

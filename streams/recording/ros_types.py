@@ -34,7 +34,7 @@ class Definitions:
         self._known: set[str] = set()
 
     def add(self, text: str) -> None:
-        """Adds one.
+        """Adds the text of a definition; texts that are known count once.
 
         Raises:
             ValueError: The definition is too long, or there are too many.

@@ -122,7 +122,11 @@ class RecordingWriter:
     def _check_stamps(
         self, topic: str, kind: type[Sample], stamps: NDArray[np.int64], log_ns: ArrayLike | None
     ) -> NDArray[np.int64]:
-        """Arrival times of the samples, checked."""
+        """Arrival times of the samples, (N,) ns: `log_ns`, or the stamps by default.
+
+        Raises:
+            RecordingError: A stamp or arrival is not after the previous one, or the topic changes its kind.
+        """
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic}: invalid {kind.__name__}: expected {known.__name__}, as before")

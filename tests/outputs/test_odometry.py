@@ -10,7 +10,7 @@ import pytest
 from stridetwin.cli.main import main
 from stridetwin.outputs.path.scores import compare
 from stridetwin.outputs.truth import TruePath
-from stridetwin.streams.formats.opening import opened
+from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
 from tests.plots import figures
@@ -107,7 +107,7 @@ def test_folders_and_bags_of_others_bring_what_the_odometry_takes(walked, tmp_pa
     """From equal samples and an equal rig comes an equal path; TUM's depth is in fifths of a millimetre."""
     recording, folder = Recording(walked / "recording.mcap"), tmp_path / form[0]
     assert main(["export", str(walked / "recording.mcap"), "--format", *form, "-o", str(folder)]) == 0
-    back = opened(folder, lenient=False)
+    back = open_with_warnings(folder, lenient=False)
     a, b = recording.block("/head/imu"), back.block("/head/imu")
     np.testing.assert_array_equal(a.t_ns, b.t_ns)
     for name in ("angular_rate", "specific_force"):

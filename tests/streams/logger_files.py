@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.formats.imu_columns import parsed_mapping
+from stridetwin.streams.formats.imu_columns import parse_mapping
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2 as G
 
@@ -126,7 +126,7 @@ ONE: dict[str, tuple[Callable[[Path], Path], TableRequest]] = {
     "Sensor Logger": (sensor_logger, TableRequest()),
     "Sensor Logger, gravity": (lambda folder: sensor_logger(folder, total=False), TableRequest()),
     "Sensor Logger, iPhone": (lambda folder: sensor_logger(folder, sign=-1.0), TableRequest()),
-    "another": (other, TableRequest(columns=parsed_mapping(
+    "another": (other, TableRequest(columns=parse_mapping(
         "t=clock[ms],ax=accX[mg],ay=accY[mg],az=accZ[mg],gx=p[deg/s],gy=q[dps],gz=r[°/s]"
     ))),
 }  # fmt: skip

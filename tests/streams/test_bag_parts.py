@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stridetwin.streams.formats.assumed_calibration import completed
+from stridetwin.streams.formats.assumed_calibration import with_assumed_calibration
 from stridetwin.streams.formats.bag_calibration import BagCalibration
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
@@ -85,10 +85,10 @@ def rig_of(calibration):
 
 def test_mounts_come_along_the_tree_of_static_transforms():
     calibration = BagCalibration(Notes(Path("a"), False))
-    calibration.camera_info("/cam/color/camera_info", info())
+    calibration.add_camera_info("/cam/color/camera_info", info())
     T = {}
     for child, rotvec, p in (("imu_frame", (0.1, 0, 0), (0, 0, 1)), ("color_optical", (0, -1.5, 0.2), (0.1, 0.2, 0.3))):
-        calibration.transforms(Message(transforms=[transform("base", child, rotvec, p)]))
+        calibration.add_transforms(Message(transforms=[transform("base", child, rotvec, p)]))
         T[child] = np.eye(4)
         T[child][:3, :3], T[child][:3, 3] = Rotation.from_rotvec(rotvec).as_matrix(), p
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
@@ -101,12 +101,12 @@ def test_mounts_come_along_the_tree_of_static_transforms():
 
 def test_a_loop_or_a_gap_in_the_tree_is_no_mount():
     calibration = BagCalibration(Notes(Path("a"), False))
-    calibration.camera_info("/cam/color/camera_info", info())
+    calibration.add_camera_info("/cam/color/camera_info", info())
     loop = [
         transform("a", "color_optical", (0, 0, 0), (1, 0, 0)),
         transform("color_optical", "a", (0, 0, 0), (1, 0, 0)),
     ]
-    calibration.transforms(Message(transforms=loop))
+    calibration.add_transforms(Message(transforms=loop))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
     np.testing.assert_array_equal(camera.mount.T_body_sensor, np.eye(4))
     assert "no mount in /tf_static" in calibration.assumed["/cam/color/image_raw"]
@@ -124,7 +124,7 @@ def test_a_loop_or_a_gap_in_the_tree_is_no_mount():
 )
 def test_unsupported_distortions_are_reported(d, model, report):
     calibration = BagCalibration(Notes(Path("a"), False))
-    calibration.camera_info("/cam/color/camera_info", info(d, model))
+    calibration.add_camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
     assert camera.distortion[0] == 0.1
     words = calibration.assumed["/cam/color/image_raw"].partition("the same orientation")[2]
@@ -140,7 +140,7 @@ AZURE = (0.5237, -2.2886, 0.0007, -0.0002, 1.3255, 0.4035, -2.1325, 1.2605)
 )
 def test_lenses_of_more_terms_are_fitted_and_the_rest_is_reported(d, model):
     calibration = BagCalibration(Notes(Path("a"), False))
-    calibration.camera_info("/cam/color/camera_info", info(d, model))
+    calibration.add_camera_info("/cam/color/camera_info", info(d, model))
     camera = rig_of(calibration).cameras["/cam/color/image_raw"]
     u, v = np.meshgrid(np.linspace(-0.7, 0.7, 15), np.linspace(-0.5, 0.5, 11))
     rays, zero = np.column_stack((u.ravel(), v.ravel(), np.ones(u.size))), np.zeros(3)
@@ -157,7 +157,7 @@ def test_lenses_of_more_terms_are_fitted_and_the_rest_is_reported(d, model):
 def test_rectified_images_go_with_p_and_no_distortion(topic):
     calibration = BagCalibration(Notes(Path("a"), False))
     P = (380.0, 0, 310, -20, 0, 381, 235, 0, 0, 0, 1, 0)
-    calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=P))
+    calibration.add_camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=P))
     blocks, images = streams()
     raw = images["/cam/color/image_raw"]
     cameras = calibration.rig(blocks, {topic: raw, "/cam/color/image_raw": raw}, {}).cameras
@@ -165,7 +165,7 @@ def test_rectified_images_go_with_p_and_no_distortion(topic):
     assert not any(cameras[topic].distortion)
     assert cameras["/cam/color/image_raw"].intrinsics == (400.0, 400.0, 320.0, 240.0)
     assert cameras["/cam/color/image_raw"].distortion[0] == -0.3
-    calibration.camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
+    calibration.add_camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
     camera = calibration.rig(blocks, {topic: raw}, {}).cameras[topic]
     assert (camera.intrinsics[0], any(camera.distortion)) == (400.0, False)
     assert "has no P for rectified images" in calibration.assumed[topic]
@@ -174,7 +174,7 @@ def test_rectified_images_go_with_p_and_no_distortion(topic):
 def test_realsense_files_keep_calibrations_apart_from_images():
     calibration = BagCalibration(Notes(Path("a"), False))
     for sensor, focal in (("Color_0", 610.0), ("Depth_0", 420.0)):
-        calibration.camera_info(f"/device_0/sensor_1/{sensor}/info/camera_info", info(focal=focal))
+        calibration.add_camera_info(f"/device_0/sensor_1/{sensor}/info/camera_info", info(focal=focal))
     blocks, images = streams()
     topics = [f"/device_0/sensor_1/{sensor}/image/data" for sensor in ("Color_0", "Depth_0")]
     cameras = calibration.rig(blocks, dict.fromkeys(topics, images["/cam/color/image_raw"]), {}).cameras
@@ -193,7 +193,7 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
     }
     for registered in ((), ("/head/depth",)):
         notes = Notes(Path("a"), False)
-        rig = completed(Rig(), {}, images, notes, registered)
+        rig = with_assumed_calibration(Rig(), {}, images, notes, registered)
         assert rig.cameras["/head/color"].depth_topic == "/head/depth"
         assert any("because of its size" in w for w in notes.warnings) is not bool(registered)
 
@@ -201,6 +201,6 @@ def test_depth_of_the_size_of_colour_is_taken_as_registered_with_a_warning():
 def test_a_camera_info_without_a_focal_length_is_none():
     notes = Notes(Path("a"), False)
     calibration = BagCalibration(notes)
-    calibration.camera_info("/cam/color/camera_info", info(focal=0.0))
+    calibration.add_camera_info("/cam/color/camera_info", info(focal=0.0))
     assert not rig_of(calibration).cameras
     assert "not calibrated" in notes.warnings[0]

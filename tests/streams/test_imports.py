@@ -12,7 +12,7 @@ from benchmarks import foreign_files
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.bag import bag_names
-from stridetwin.streams.formats.derived import joined
+from stridetwin.streams.formats.derived import join_gyro_and_accel
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.mcap_export import write_recording
 from stridetwin.streams.formats.opening import ImportOptions, open_any, recognise
@@ -575,7 +575,7 @@ def test_a_gyro_and_an_accelerometer_apart_become_one_imu():
         "/camera/accel/sample": Block(topic="/camera/accel/sample", kind=Imu, t_ns=t[::5] + 1000, columns=accel),
     }
     notes = Notes(Path("bag"), False)
-    (imu,) = joined(blocks, notes).values()
+    (imu,) = join_gyro_and_accel(blocks, notes).values()
     assert imu.topic == "/camera/imu"
     np.testing.assert_array_equal(imu.t_ns, t[1:46])
     np.testing.assert_array_equal(imu.columns["angular_rate"], gyro["angular_rate"][1:46])

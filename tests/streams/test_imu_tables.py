@@ -26,7 +26,7 @@ from logger_files import (
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.imu_columns import parsed_mapping, unit_of
+from stridetwin.streams.formats.imu_columns import parse_mapping, unit_of
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.opening import ImportOptions, open_any, recognise
 from stridetwin.streams.formats.tum import read_tum
@@ -108,10 +108,10 @@ def test_orientations_of_opensense_are_no_imu(tmp_path):
 @pytest.mark.parametrize("text", ["t=Time", "bx=Acc[g]", "t", "ax=Acc[g],,"])
 def test_a_mapping_of_another_form_is_refused(text):
     if text == "t=Time":
-        assert parsed_mapping(text) == {"t": "Time"}
+        assert parse_mapping(text) == {"t": "Time"}
     else:
         with pytest.raises(StrideTwinError, match=r"--columns: invalid .*: expected t, ax, ay"):
-            parsed_mapping(text)
+            parse_mapping(text)
 
 
 def test_units_have_many_spellings():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stridetwin.streams.formats.measured_calibration import measured_imu, resolution
+from stridetwin.streams.formats.measured_calibration import measure_imu, resolution
 from stridetwin.streams.samples import Block, Imu
 
 RATE_HZ = 200.0
@@ -27,7 +27,7 @@ def samples(rng, rest_s=2.0, moving_s=6.0, gyro=0.0, accel=0.0, bias=0.0, limit_
 
 
 def measured(block):
-    return measured_imu(block, "/foot_l/imu", "foot_l")
+    return measure_imu(block, "/foot_l/imu", "foot_l")
 
 
 @pytest.mark.parametrize("seed", range(3))
