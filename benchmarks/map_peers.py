@@ -31,7 +31,8 @@ import open3d as o3d
 from scipy.spatial import cKDTree
 
 from benchmarks.command import answer, command
-from stridetwin.estimators.base import OPEN3D, Options
+from stridetwin.estimators.backends import OPEN3D
+from stridetwin.estimators.base import Options
 from stridetwin.estimators.terrain_map import TerrainMap, TerrainMapParameters
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, depth_calibration
 from stridetwin.outputs.chosen_poses import find_pose_topic

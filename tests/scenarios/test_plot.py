@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from stridetwin.pages.html import page, section
-from stridetwin.pages.plot import Plot, data_range, joined, thin
+from stridetwin.pages.plot import Plot, data_range, join_curves, thin
 from tests.plots import figure, figures
 
 
@@ -27,7 +27,7 @@ def test_ranges_are_never_empty(values):
 
 def test_separate_curves_of_one_label_have_one_entry_in_the_legend():
     plot = Plot(title="a < b & c", x_label="t, s", y_label="<v>")
-    plot.line(*joined([[(0, 1), (1, 2)], [(3, 4), (5, 6)]]).T, "#123456", label="</script>")
+    plot.line(*join_curves([[(0, 1), (1, 2)], [(3, 4), (5, 6)]]).T, "#123456", label="</script>")
     plot.dots([0.5], [0.5], "#123456", label="</script>")
     plot.band([0, 1], [0, 0], [1, 1], "#eeeeee")
     found = figures(plot.html())
