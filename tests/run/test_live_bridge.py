@@ -338,5 +338,5 @@ def test_times_are_accurate_to_a_percent_in_constant_memory():
     assert json.dumps(latency.data())
     latency.add("dvio", "/head/imu", whole_s=0.02, work_s=0.001, estimated=True)
     assert not latency.within
-    latency.travelled("/head/imu", -0.5)  # a clock that is ahead of ours
+    latency.add_travel("/head/imu", -0.5)  # a clock that is ahead of ours
     assert latency.data()["stamp_to_arrival"]["/head/imu"]["min_ms"] == -500.0

@@ -107,7 +107,7 @@ def test_the_mesh_lies_on_the_ground():
 
 def test_a_missing_open3d_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(StrideTwinError, match=r"open3d is not installed; .*stridetwin\[open3d\]"):
+    with pytest.raises(StrideTwinError, match=r"open3d is not installed; .*\.\[open3d\]"):
         published_map()
 
 
