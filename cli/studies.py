@@ -80,8 +80,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         return _study_command(arguments, progress)
     try:
         from stridetwin.studies.experiment import experiment
-        from stridetwin.studies.registry import ExperimentOptions as RunOptions
-        from stridetwin.studies.registry import run_experiment
+        from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 
         study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
@@ -89,7 +88,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         raise StrideTwinError(
             f"{error.name} is not installed; experiments need the simulator: {install_hint(extra)}"
         ) from error
-    options = RunOptions(
+    options = ExperimentBatchOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers or 1,
         scheduler=arguments.scheduler,

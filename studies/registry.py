@@ -25,7 +25,7 @@ _USED = "another process runs an experiment there: expected another folder"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExperimentOptions(BatchOptions):
+class ExperimentBatchOptions(BatchOptions):
     """Options of an experiment run. The folder has one JSON file per case, written when the case is done.
 
     Attributes:
@@ -63,7 +63,7 @@ class ExperimentOptions(BatchOptions):
         ]
 
 
-def run_experiment(name: str, options: ExperimentOptions, progress: Progress) -> dict[str, Any]:
+def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progress) -> dict[str, Any]:
     """Runs the cases of an experiment.
 
     Returns:

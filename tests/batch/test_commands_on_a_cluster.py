@@ -21,7 +21,7 @@ from stridetwin.studies.case import CaseWalk, ExperimentCase
 from stridetwin.studies.experiment import Experiment
 from stridetwin.studies.placement.problem_file import read_problem
 from stridetwin.studies.placement.run import PlacementOptions, run_placement
-from stridetwin.studies.registry import ExperimentOptions, run_experiment
+from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 from stridetwin.studies.walks import record_walk
 
 pytest.importorskip("mujoco")
@@ -84,9 +84,9 @@ def test_an_experiment_survives_a_killed_worker_and_resumes(cluster, tmp_path, m
         name="small", seeds=tuple(range(5, 9)), run_case=run_case, collect=collect, table=lambda result: []
     )
     monkeypatch.setitem(experiment_module._LOADED, "small", small)
-    result = run_experiment("small", ExperimentOptions(folder=tmp_path / "one"), lambda *_: None)
+    result = run_experiment("small", ExperimentBatchOptions(folder=tmp_path / "one"), lambda *_: None)
     (tmp_path / "kill_6").touch()
-    options = ExperimentOptions(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address, resume=True)
+    options = ExperimentBatchOptions(folder=tmp_path / "cluster", scheduler=cluster.scheduler_address, resume=True)
     assert run_experiment("small", options, lambda *_: None) == result
     assert not (tmp_path / "kill_6").exists()
     assert contents(tmp_path / "cluster") == contents(tmp_path / "one")

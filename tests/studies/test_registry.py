@@ -20,7 +20,7 @@ from stridetwin.studies import experiment as experiment_module
 from stridetwin.studies import registry
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import Experiment, experiment
-from stridetwin.studies.registry import ExperimentOptions, run_experiment
+from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 
 
 def collected(results: list[dict]) -> dict:
@@ -50,7 +50,9 @@ def make_small(seeds, run_case) -> Experiment:
 
 def run(folder, **options):
     shares = []
-    result = run_experiment("small", ExperimentOptions(folder=folder, **options), lambda _, share: shares.append(share))
+    result = run_experiment(
+        "small", ExperimentBatchOptions(folder=folder, **options), lambda _, share: shares.append(share)
+    )
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     return result
@@ -79,7 +81,7 @@ def test_rows_of_another_physics_or_version_are_run_again_and_counted(tmp_path, 
 
     def resumed(**options):
         stages.clear()
-        asked = ExperimentOptions(folder=tmp_path, resume=True, **options)
+        asked = ExperimentBatchOptions(folder=tmp_path, resume=True, **options)
         return run_experiment("small", asked, lambda stage, _: stages.append(stage))
 
     assert [c["physics"] for c in resumed(subset=1, physics="kinematic")["cases"]] == ["kinematic"]
@@ -103,7 +105,7 @@ def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_
         ("jao_simulation", "dvio", "expected none"),
     ):
         with pytest.raises(StrideTwinError, match=f"experiment {name}: invalid estimator '{estimator}': {valid}"):
-            run_experiment(name, ExperimentOptions(folder=tmp_path, estimators=(estimator,)), lambda *_: None)
+            run_experiment(name, ExperimentBatchOptions(folder=tmp_path, estimators=(estimator,)), lambda *_: None)
 
 
 def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
@@ -126,7 +128,7 @@ def test_a_case_of_which_every_worker_dies_is_an_error_and_the_others_are_kept(t
     with monkeypatch.context() as patch:
         make_frail(patch, lambda task: task.case.seed == 6)
         with pytest.raises(StrideTwinError, match=r"small: seed_6: its worker died; .*; --resume runs it again"):
-            run_experiment("small", ExperimentOptions(folder=tmp_path, workers=2), lambda *_: None)
+            run_experiment("small", ExperimentBatchOptions(folder=tmp_path, workers=2), lambda *_: None)
     assert set(ran) == {5, 7, 8}  # a case beside the one that died may have run twice
     finished = len(ran)
     run(tmp_path, resume=True)
@@ -136,9 +138,9 @@ def test_a_case_of_which_every_worker_dies_is_an_error_and_the_others_are_kept(t
 def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:
     def run_another(stage: str, share: float) -> None:
         with pytest.raises(StrideTwinError, match="another process runs an experiment there: expected another folder"):
-            run_experiment("small", ExperimentOptions(folder=tmp_path), lambda *_: None)
+            run_experiment("small", ExperimentBatchOptions(folder=tmp_path), lambda *_: None)
 
-    run_experiment("small", ExperimentOptions(folder=tmp_path, subset=1), run_another)
+    run_experiment("small", ExperimentBatchOptions(folder=tmp_path, subset=1), run_another)
 
 
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
@@ -205,7 +207,7 @@ def test_runs_that_are_killed_add_up(tmp_path, monkeypatch) -> None:
         name="small", seeds=tuple(range(count)), run_case=run_case, collect=collected, table=lambda result: []
     )
     monkeypatch.setitem(experiment_module._LOADED, "small", slow)
-    options = ExperimentOptions(folder=tmp_path / "rows", resume=True)
+    options = ExperimentBatchOptions(folder=tmp_path / "rows", resume=True)
     run_experiment("small", replace(options, subset=1), lambda *_: None)  # caches
     killed, done = 0, 1
     for _ in range(6):
@@ -235,4 +237,4 @@ def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:
         assert loaded.seeds
         assert loaded.module.startswith("stridetwin.studies.")
     with pytest.raises(StrideTwinError, match="jao_loop_126m"):
-        run_experiment("magic", ExperimentOptions(folder=tmp_path), lambda *_: None)
+        run_experiment("magic", ExperimentBatchOptions(folder=tmp_path), lambda *_: None)
