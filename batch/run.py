@@ -32,9 +32,13 @@ class Batch(Generic[Task]):
     """
 
     def __init__(
-        self, jobs: Sequence[Job[Task]], store: RowStore | None, *, resume: bool = True,
+        self,
+        jobs: Sequence[Job[Task]],
+        store: RowStore | None,
+        *,
+        resume: bool = True,
         update_row: Callable[[Job[Task], Row], Row | None] = lambda job, row: row,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._jobs, self._store = jobs, store
         self.results: dict[str, Any] = {}
         self.missing: list[Job[Task]] = []
@@ -51,9 +55,12 @@ class Batch(Generic[Task]):
             self.outdated += bool(resume and store is not None and store.has_any(job))
 
     def run(
-        self, work: Work[Task, Any], executor: Executor, progress: Callable[[float], None],
+        self,
+        work: Work[Task, Any],
+        executor: Executor,
+        progress: Callable[[float], None],
         forecast: Forecast | None = None,
-    ) -> list[Any]:  # fmt: skip
+    ) -> list[Any]:
         """Runs the missing jobs.
 
         Args:

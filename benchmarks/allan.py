@@ -48,9 +48,15 @@ def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
     free = {"range": math.inf, "bandwidth_hz": math.inf}
     imu = replace(imu, gyroscope=replace(imu.gyroscope, **free), accelerometer=replace(imu.accelerometer, **free))
     nominal = ImuCalibration(
-        topic="/imu", part=imu.name, rate_hz=imu.rate_hz, mount=Mount(body="b"), gyroscope_noise_density=0.0,
-        gyroscope_random_walk=0.0, accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
-    )  # fmt: skip
+        topic="/imu",
+        part=imu.name,
+        rate_hz=imu.rate_hz,
+        mount=Mount(body="b"),
+        gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0,
+        accelerometer_random_walk=0.0,
+    )
     model = ImuModel(nominal, imu, Noise.of_topic(seed, imu.name))
     samples = []
     count = round(CHUNK_S * imu.rate_hz)
@@ -58,9 +64,12 @@ def at_rest(imu: ImuPart, seconds: float, seed: int) -> Array:
         t_ns = np.round(np.arange(start, start + count) * (1e9 / imu.rate_hz)).astype(np.int64)
         nothing = np.zeros((count, 3))
         still = Track(
-            t_ns=t_ns, p_body_in_world=nothing, q_world_body=np.tile([1.0, 0, 0, 0], (count, 1)),
-            v_body_in_world=nothing, w_body=nothing,
-        )  # fmt: skip
+            t_ns=t_ns,
+            p_body_in_world=nothing,
+            q_world_body=np.tile([1.0, 0, 0, 0], (count, 1)),
+            v_body_in_world=nothing,
+            w_body=nothing,
+        )
         block = model.read(still, t_ns)
         samples.append(np.hstack([block.columns["angular_rate"], block.columns["specific_force"]]))
     return np.concatenate(samples)
@@ -139,9 +148,13 @@ def plot(results: dict[str, dict[str, dict[str, Any]]]) -> str:
     low, high = float(every.min()) - 0.1, float(every.max()) + 0.1
     title = "Allan deviation of the simulated gyroscopes"
     axes = Plot(
-        title=title, x=(float(tau[0]), float(tau[-1])), y=(low, high), x_label="averaging time, log10 of seconds",
-        y_label="Allan deviation, log10 of deg/h", height=380,
-    )  # fmt: skip
+        title=title,
+        x=(float(tau[0]), float(tau[-1])),
+        y=(low, high),
+        x_label="averaging time, log10 of seconds",
+        y_label="Allan deviation, log10 of deg/h",
+        height=380,
+    )
     for (name, y), color in zip(deviation.items(), COLORS):
         r = results[name]["gyroscope"]
         axes.line(np.log10(r["tau_s"]), np.log10(np.degrees(r["model"]) * 3600), color, width=1.2, dash="dash")

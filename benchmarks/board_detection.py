@@ -195,7 +195,7 @@ def _disturbed(T_camera_board: Array, rng: np.random.Generator) -> Array:
 
 def _errors(
     observation: BoardObservation, true_px: Array, T: Array, camera: CameraCalibration, square_m: float
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Errors of corners and pose of a detection."""
     miss, sd = DistortionModel(camera).pixels(observation.rays) - true_px, observation.ray_sd * camera.intrinsics[0]
     result: dict[str, Any] = {"miss_px": miss, "sd_px": sd}
@@ -265,9 +265,11 @@ def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
             own = [
                 c
                 for c in cases
-                if c["in_view"] and c["whole"]
-                and low <= c["per_square_px"] < high and sharp <= c["blur_squares"] < blurred
-            ]  # fmt: skip
+                if c["in_view"]
+                and c["whole"]
+                and low <= c["per_square_px"] < high
+                and sharp <= c["blur_squares"] < blurred
+            ]
             if not own:
                 continue
             row = {"per_square_px": low, "blur_squares": sharp, "images": len(own)}

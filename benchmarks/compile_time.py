@@ -64,9 +64,11 @@ def _compiled_by(folder: Path, arguments: list[str]) -> dict[str, float]:
     with tempfile.TemporaryDirectory(dir=folder) as cache:
         result = folder / "seconds.json"
         subprocess.run(
-            [sys.executable, "-c", _MEASURED, str(result), *arguments], env=os.environ | {"NUMBA_CACHE_DIR": cache},
-            stdout=subprocess.DEVNULL, check=True,
-        )  # fmt: skip
+            [sys.executable, "-c", _MEASURED, str(result), *arguments],
+            env=os.environ | {"NUMBA_CACHE_DIR": cache},
+            stdout=subprocess.DEVNULL,
+            check=True,
+        )
         return dict(json.loads(result.read_text()))
 
 

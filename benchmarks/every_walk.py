@@ -76,8 +76,15 @@ def walk(terrain: str, manner: str, physics: str, dynamics: Dynamics | None, see
         verdict, why = _judge(twin, given)
     except StrideTwinError as error:
         verdict, why = "refused", str(error)
-    return Outcome(terrain=terrain, manner=manner, verdict=verdict, why=why, duration_s=duration,
-                   wall_s=time.perf_counter() - began, **given)  # fmt: skip
+    return Outcome(
+        terrain=terrain,
+        manner=manner,
+        verdict=verdict,
+        why=why,
+        duration_s=duration,
+        wall_s=time.perf_counter() - began,
+        **given,
+    )
 
 
 def _help(twin: Twin) -> dict[str, float]:
@@ -87,9 +94,10 @@ def _help(twin: Twin) -> dict[str, float]:
         return {}
     force, _ = root_help(twin, walk)
     return {
-        "help_mean_pct": float(force.mean()), "help_p95_pct": float(np.quantile(force, 0.95)),
+        "help_mean_pct": float(force.mean()),
+        "help_p95_pct": float(np.quantile(force, 0.95)),
         "help_max_pct": float(force.max()),
-    }  # fmt: skip
+    }
 
 
 def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
@@ -99,8 +107,10 @@ def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
         return "wrong", f"help {given['help_mean_pct']:.1f} % of the body weight, allowed {HELP_MEAN_PCT:g}"
     if twin.config.physics == "dynamic":  # real contacts sink in and slip: see benchmarks.dynamics
         return "ok", ""
-    found = {"penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
-             "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES)}  # fmt: skip
+    found = {
+        "penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
+        "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES),
+    }
     wrong = [f"{name} {value:.2f}, allowed {ALLOWED[name]}" for name, value in found.items() if value > ALLOWED[name]]
     return ("wrong", "; ".join(wrong)) if wrong else ("ok", "")
 

@@ -23,9 +23,7 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 
 DEG = math.pi / 180
-RANGES = (
-    (450, 5), (450, 0), (400, 0), (350, 0), (300, 0), (250, 0), (200, 0), (0, 5), (0, 4), (0, 3), (0, 2),
-)  # fmt: skip
+RANGES = ((450, 5), (450, 0), (400, 0), (350, 0), (300, 0), (250, 0), (200, 0), (0, 5), (0, 4), (0, 3), (0, 2))
 """Ranges of gyroscope, °/s, and accelerometer, g; 0 = that of the recording. The first is that of an ADIS16485."""
 SHARES_PCT = (0, 1, 5, 10, 20, 30, 50)
 TOPIC = "/foot_l/imu"
@@ -40,10 +38,17 @@ def clipped(walk: ViconWalk, rate_max: float, force_max: float) -> tuple[float, 
             columns[name] = np.clip(columns[name], -limit, limit)
             hit |= (np.abs(columns[name]) >= _NEAR * limit).any(axis=1)
     calibration = ImuCalibration(
-        topic=TOPIC, part="unknown", rate_hz=200.0, mount=Mount(body="foot_l"), gyroscope_noise_density=0.0,
-        gyroscope_random_walk=0.0, accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
-        gyroscope_range=rate_max, accelerometer_range=force_max,
-    )  # fmt: skip
+        topic=TOPIC,
+        part="unknown",
+        rate_hz=200.0,
+        mount=Mount(body="foot_l"),
+        gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0,
+        accelerometer_random_walk=0.0,
+        gyroscope_range=rate_max,
+        accelerometer_range=force_max,
+    )
     imu = replace(walk.imu, topic=TOPIC, columns=columns)
     path = FootIns(Rig(imus={TOPIC: calibration}), options=Options(foot="l")).run(imu)
     return 100.0 * float(hit.mean()), armse(path.trajectory.p_frame_in_world, walk.truth)
@@ -77,8 +82,10 @@ def measure(_: Namespace) -> dict[str, Any]:
 def show(result: dict[str, Any]) -> None:
     """One line per range of shares."""
     for name, row in result["summary"].items():
-        print(f"{name:10s} {row['cases']:4d} cases: error x {row['ratio_median']:.2f} (95 %: {row['ratio_p95']:.1f}), "
-              f"{row['added_median_m']:+.3f} m")  # fmt: skip
+        print(
+            f"{name:10s} {row['cases']:4d} cases: error x {row['ratio_median']:.2f} (95 %: {row['ratio_p95']:.1f}), "
+            f"{row['added_median_m']:+.3f} m"
+        )
 
 
 if __name__ == "__main__":

@@ -113,9 +113,11 @@ def loop_errors(imu: Block[Imu]) -> dict[str, float]:
     assert path.covariance is not None
     way, variance = path.p_frame_in_world[-1] - path.p_frame_in_world[0], np.diag(path.covariance[-1])
     return {
-        "horizontal_m": float(np.hypot(way[0], way[1])), "horizontal_sd_m": float(np.sqrt(variance[0] + variance[1])),
-        "height_m": float(way[2]), "height_sd_m": float(np.sqrt(variance[2])),
-    }  # fmt: skip
+        "horizontal_m": float(np.hypot(way[0], way[1])),
+        "horizontal_sd_m": float(np.sqrt(variance[0] + variance[1])),
+        "height_m": float(way[2]),
+        "height_sd_m": float(np.sqrt(variance[2])),
+    }
 
 
 def climb_of(imu: Block[Imu]) -> dict[str, float]:

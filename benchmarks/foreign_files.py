@@ -129,9 +129,15 @@ def write_npz_table(folder: Path, walk: Walk) -> Path:
 
 def write_ours(folder: Path, walk: Walk) -> Path:
     imu = ImuCalibration(
-        topic="/head/imu", part="BMI055", rate_hz=IMU_HZ, mount=Mount(body="head"), gyroscope_noise_density=1e-3,
-        gyroscope_random_walk=1e-5, accelerometer_noise_density=1e-2, accelerometer_random_walk=1e-4,
-    )  # fmt: skip
+        topic="/head/imu",
+        part="BMI055",
+        rate_hz=IMU_HZ,
+        mount=Mount(body="head"),
+        gyroscope_noise_density=1e-3,
+        gyroscope_random_walk=1e-5,
+        accelerometer_noise_density=1e-2,
+        accelerometer_random_walk=1e-4,
+    )
     columns = {"angular_rate": walk.gyro, "specific_force": walk.accel}
     with RecordingWriter(folder / "walk.mcap", Rig(imus={imu.topic: imu}), {"seed": "1"}) as writer:
         writer.write(Block(topic=imu.topic, kind=Imu, t_ns=walk.t, columns=columns))
@@ -245,9 +251,14 @@ def _imu(store: Any, t: int, gyro: Any, accel: Any) -> Any:
     vector, quaternion = store.types["geometry_msgs/msg/Vector3"], store.types["geometry_msgs/msg/Quaternion"]
     absent = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
     return store.types["sensor_msgs/msg/Imu"](
-        _header(store, t, "camera_imu"), quaternion(0.0, 0.0, 0.0, 1.0), absent, vector(*gyro.tolist()),
-        np.zeros(9), vector(*accel.tolist()), np.zeros(9),
-    )  # fmt: skip
+        _header(store, t, "camera_imu"),
+        quaternion(0.0, 0.0, 0.0, 1.0),
+        absent,
+        vector(*gyro.tolist()),
+        np.zeros(9),
+        vector(*accel.tolist()),
+        np.zeros(9),
+    )
 
 
 def _pose(store: Any, t: int, p: Any, q: Any) -> Any:
@@ -270,9 +281,15 @@ def _info(store: Any, t: int, upper: bool) -> Any:
     names = ("D", "K", "R", "P") if upper else ("d", "k", "r", "p")
     parts = dict(zip(names, (np.zeros(5), k, np.eye(3).ravel(), np.zeros(12))))
     return store.types["sensor_msgs/msg/CameraInfo"](
-        header=_header(store, t, "camera_color"), height=HEIGHT, width=WIDTH, distortion_model="plumb_bob",
-        binning_x=0, binning_y=0, roi=roi, **parts,
-    )  # fmt: skip
+        header=_header(store, t, "camera_color"),
+        height=HEIGHT,
+        width=WIDTH,
+        distortion_model="plumb_bob",
+        binning_x=0,
+        binning_y=0,
+        roi=roi,
+        **parts,
+    )
 
 
 def _csv(path: Path, header: str, t: Any, *columns: Any) -> None:

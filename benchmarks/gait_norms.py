@@ -45,19 +45,31 @@ PELVIS = ("pelvis_anterior_tilt_deg", "pelvis_obliquity_deg", "pelvis_rotation_d
 LEVEL_BANDS: dict[str, tuple[float, float]] = {
     **{f"{joint}_1sd_pct": (80, 100) for joint in ANGLES},
     **{f"{joint}_2sd_pct": (100, 100) for joint in ANGLES},
-    "peak1_bw": (1.0, 1.25), "valley_bw": (0.65, 0.90), "peak2_bw": (1.0, 1.25), "double_support_pct": (15, 30),
-    "clearance_mm": (10, 60), "foot_speed_mps": (4.0, 5.2), "foot_rate_degps": (600, 1000),
+    "peak1_bw": (1.0, 1.25),
+    "valley_bw": (0.65, 0.90),
+    "peak2_bw": (1.0, 1.25),
+    "double_support_pct": (15, 30),
+    "clearance_mm": (10, 60),
+    "foot_speed_mps": (4.0, 5.2),
+    "foot_rate_degps": (600, 1000),
     "cop_inside_pct": (100, 100),
-}  # fmt: skip
+}
 TERRAINS: dict[str, tuple[Segment, ...]] = {
     "stairs": (
-        Level(length_m=3.0), Stairs(risers=7), Level(length_m=2.5), Stairs(risers=7, down=True), Level(length_m=3.0),
+        Level(length_m=3.0),
+        Stairs(risers=7),
+        Level(length_m=2.5),
+        Stairs(risers=7, down=True),
+        Level(length_m=3.0),
     ),
     "ramps": (
-        Level(length_m=3.0), Ramp(angle_rad=np.radians(9.0), rise_m=0.8), Level(length_m=2.5),
-        Ramp(angle_rad=np.radians(9.0), rise_m=0.8, down=True), Level(length_m=3.0),
+        Level(length_m=3.0),
+        Ramp(angle_rad=np.radians(9.0), rise_m=0.8),
+        Level(length_m=2.5),
+        Ramp(angle_rad=np.radians(9.0), rise_m=0.8, down=True),
+        Level(length_m=3.0),
     ),
-}  # fmt: skip
+}
 _MODES = {"stairs": {"ascent": "SA", "descent": "SD"}, "ramps": {"ascent": "RA", "descent": "RD"}}
 NORM_LEG = 0.967  # leg of the norms (pelvis to ankle) as a share of the model's (hip centre to sole)
 # The norms were measured barefoot. The shoe's sole is 28 mm thick under the heel and 22 mm under the toes, 176 mm ahead
@@ -85,11 +97,16 @@ def walk(route: tuple[Segment, ...], person: Person, speed_mps: float, exo: bool
     """A walk without sensors."""
     return Twin(
         TwinConfig(
-            name="norms", route=Route(segments=route), person=person, gait=Gait(speed_mps=speed_mps),
-            exo=Exo() if exo else None, physics="dynamic" if simulated else "kinematic", sensors=(),
+            name="norms",
+            route=Route(segments=route),
+            person=person,
+            gait=Gait(speed_mps=speed_mps),
+            exo=Exo() if exo else None,
+            physics="dynamic" if simulated else "kinematic",
+            sensors=(),
         ),
         seed,
-    )  # fmt: skip
+    )
 
 
 def inside(curve: Array, group: str, quantity: str, limit: float) -> float:
@@ -114,8 +131,11 @@ class Strides:
 
     def speed(self) -> float:
         """Mean walking speed, m/s."""
-        return float(np.mean([np.linalg.norm(b.p_foot_in_world - a.p_foot_in_world) / (b.t_touch - a.t_touch)
-                              for a, b in self.steps]))  # fmt: skip
+        return float(
+            np.mean(
+                [np.linalg.norm(b.p_foot_in_world - a.p_foot_in_world) / (b.t_touch - a.t_touch) for a, b in self.steps]
+            )
+        )
 
     def stance(self) -> float:
         """Mean stance share of the cycle."""
@@ -173,11 +193,14 @@ def _both(strides: Mapping[str, Strides], signals: Mapping[str, Array]) -> Array
 
 def _pelvis(strides: Mapping[str, Strides], R: Array) -> dict[str, Array]:
     curves = {}
-    for quantity, angle in zip(PELVIS, (
-        np.arctan2(-R[:, 2, 0], np.hypot(R[:, 2, 1], R[:, 2, 2])),
-        np.arctan2(R[:, 2, 1], R[:, 2, 2]),
-        -np.arctan2(R[:, 1, 0], R[:, 0, 0]),
-    )):  # fmt: skip
+    for quantity, angle in zip(
+        PELVIS,
+        (
+            np.arctan2(-R[:, 2, 0], np.hypot(R[:, 2, 1], R[:, 2, 2])),
+            np.arctan2(R[:, 2, 1], R[:, 2, 2]),
+            -np.arctan2(R[:, 1, 0], R[:, 0, 0]),
+        ),
+    ):
         signs = {"l": 1.0, "r": 1.0 if quantity == PELVIS[0] else -1.0}
         curves[quantity] = _both(strides, {side: signs[side] * np.degrees(angle) for side in SIDES})
     return curves
@@ -187,8 +210,12 @@ def _ground_reaction(curve: Array, stance: float) -> dict[str, float]:
     middle = round(25 * stance)  # of stance, on the cycle's 51 samples
     early, late = curve[:middle], curve[middle : int(50 * stance) + 1]
     first, second = int(early.argmax()), middle + int(late.argmax())
-    return {"peak1_bw": float(early.max()), "valley_bw": float(curve[first : second + 1].min()),
-            "peak2_bw": float(late.max()), "double_support_pct": 100.0 * (2.0 * stance - 1.0)}  # fmt: skip
+    return {
+        "peak1_bw": float(early.max()),
+        "valley_bw": float(curve[first : second + 1].min()),
+        "peak2_bw": float(late.max()),
+        "double_support_pct": 100.0 * (2.0 * stance - 1.0),
+    }
 
 
 def _pressure(twin: Twin, side: str, strides: Strides, load: FootLoad, motion: Motion) -> dict[str, float]:
@@ -204,8 +231,11 @@ def _pressure(twin: Twin, side: str, strides: Strides, load: FootLoad, motion: M
         early.append(np.interp(0.1, u, share))
         late.append(np.interp(0.9, u, share))
     in_sole = (np.array(x) > -_BEYOND) & (np.array(x) < 1.0 + _BEYOND)
-    return {"cop_at_10pct_stance": float(np.mean(early)), "cop_at_90pct_stance": float(np.mean(late)),
-            "cop_inside_pct": 100.0 * float(in_sole.mean())}  # fmt: skip
+    return {
+        "cop_at_10pct_stance": float(np.mean(early)),
+        "cop_at_90pct_stance": float(np.mean(late)),
+        "cop_inside_pct": 100.0 * float(in_sole.mean()),
+    }
 
 
 def _foot(twin: Twin, side: str, strides: Strides, motion: Motion) -> dict[str, float]:
@@ -277,8 +307,14 @@ def plot_curves(case: Case) -> Markup:
             x, mean, sd = level_norm(case.group, quantity)
             bands = [(x, mean - k * sd, mean + k * sd, color) for k, color in ((2, "#e6ebf1"), (1, "#c9d5e3"))]
         low_high = [edge for _, low, high, _ in bands for edge in (low, high)]
-        plot = Plot(title=quantity, x=(0.0, 100.0), y=data_range(curve, *low_high),
-                    x_label="share of the gait cycle, %", y_label=quantity, height=280)  # fmt: skip
+        plot = Plot(
+            title=quantity,
+            x=(0.0, 100.0),
+            y=data_range(curve, *low_high),
+            x_label="share of the gait cycle, %",
+            y_label=quantity,
+            height=280,
+        )
         for x, low, high, color in bands:
             plot.band(x, low, high, color)
         plot.line(_CYCLE, curve, "#b3261e")

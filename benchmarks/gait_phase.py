@@ -92,9 +92,16 @@ def draw_terrain(rng: np.random.Generator, name: str) -> list[dict[str, Any]]:
             segments.reverse()
         return [level(3, 6), *segments, level(3, 6)]
     return [
-        level(3, 6), stairs("up"), level(2, 4), ramp("down"), level(3, 5),
-        ramp("up"), level(2, 4), stairs("down"), level(3, 5),
-    ]  # fmt: skip
+        level(3, 6),
+        stairs("up"),
+        level(2, 4),
+        ramp("down"),
+        level(3, 5),
+        ramp("up"),
+        level(2, 4),
+        stairs("down"),
+        level(3, 5),
+    ]
 
 
 def draw_walk(terrain: str, seed: int, physics: str = "kinematic") -> dict[str, Any]:
@@ -222,9 +229,13 @@ def measure(seeds: Sequence[int], physics: str, terrains: Sequence[str]) -> dict
         for name, groups in pooled.items()
     }
     return {
-        "experiment": "gait_phase", "physics": physics, "seeds": list(seeds), "summary": summary,
-        "us_per_sample": 1e6 * elapsed_s / max(samples, 1), "cases": cases,
-    }  # fmt: skip
+        "experiment": "gait_phase",
+        "physics": physics,
+        "seeds": list(seeds),
+        "summary": summary,
+        "us_per_sample": 1e6 * elapsed_s / max(samples, 1),
+        "cases": cases,
+    }
 
 
 def foot_mount(imu: Block[Imu]) -> Array:
@@ -247,10 +258,15 @@ def real_foot(imu: Block[Imu]) -> FootWalk:
     topic, mount = "/foot_l/imu", np.eye(4)
     mount[:3, :3] = foot_mount(imu)
     calibration = ImuCalibration(
-        topic=topic, part="unknown", rate_hz=1e9 / float(np.median(np.diff(imu.t_ns))),
-        mount=Mount(body="foot_l", T_body_sensor=mount), gyroscope_noise_density=0.0, gyroscope_random_walk=0.0,
-        accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
-    )  # fmt: skip
+        topic=topic,
+        part="unknown",
+        rate_hz=1e9 / float(np.median(np.diff(imu.t_ns))),
+        mount=Mount(body="foot_l", T_body_sensor=mount),
+        gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0,
+        accelerometer_random_walk=0.0,
+    )
     return FootWalk(foot="l", rig=Rig(imus={topic: calibration}), imu=imu, strides=[])
 
 

@@ -46,9 +46,11 @@ def measured(arguments: Namespace) -> dict[str, Any]:
     """Horizontal end errors, m, of both feet on every walk: `{NAME: {VALUE: [..]}}`; and the values in use."""
     found: dict[str, dict[str, list[float]]] = {name: {f"{v:g}": [] for v in values} for name, values in GRID.items()}
     config = replace(
-        load_scenario("jao_straight_53m").config, sensors=("foot_imu",), fittings={"foot_imu": endless_gyro()},
+        load_scenario("jao_straight_53m").config,
+        sensors=("foot_imu",),
+        fittings={"foot_imu": endless_gyro()},
         physics=arguments.physics,
-    )  # fmt: skip
+    )
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(arguments.walks):
             file = Path(folder) / f"{seed}.mcap"

@@ -140,15 +140,21 @@ class Open3d:
         cloud = cloud.select_by_index(np.flatnonzero(near))
         cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=0.08, max_nn=30))
         boxes = cloud.detect_planar_patches(
-            normal_variance_threshold_deg=60, coplanarity_deg=75, outlier_ratio=0.75, min_plane_edge_length=0.1,
-            min_num_points=30, search_param=o3d.geometry.KDTreeSearchParamKNN(knn=30),
-        )  # fmt: skip
+            normal_variance_threshold_deg=60,
+            coplanarity_deg=75,
+            outlier_ratio=0.75,
+            min_plane_edge_length=0.1,
+            min_num_points=30,
+            search_param=o3d.geometry.KDTreeSearchParamKNN(knn=30),
+        )
         return np.asarray(cloud.points), lambda place: _piece_of(boxes, place)
 
 
 MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {
-    "ours": Ours, "published": partial(Ours, backend=OPEN3D), "open3d": Open3d,
-}  # fmt: skip
+    "ours": Ours,
+    "published": partial(Ours, backend=OPEN3D),
+    "open3d": Open3d,
+}
 
 
 def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:

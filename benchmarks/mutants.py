@@ -10,13 +10,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 _ARITHMETIC: dict[type[ast.operator], tuple[type[ast.operator], ...]] = {
-    ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,), ast.Mod: (ast.Mult,),
+    ast.Add: (ast.Sub,),
+    ast.Sub: (ast.Add,),
+    ast.Mult: (ast.Div,),
+    ast.Div: (ast.Mult,),
+    ast.Mod: (ast.Mult,),
     ast.FloorDiv: (ast.Mult,),
-}  # fmt: skip
+}
 _COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
-    ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.GtE), ast.Gt: (ast.GtE, ast.Lt), ast.GtE: (ast.Gt, ast.LtE),
-    ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,),
-}  # fmt: skip
+    ast.Lt: (ast.LtE, ast.Gt),
+    ast.LtE: (ast.Lt, ast.GtE),
+    ast.Gt: (ast.GtE, ast.Lt),
+    ast.GtE: (ast.Gt, ast.LtE),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+}
 _NAMES = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "argmin": "argmax", "argmax": "argmin"}
 _EVEN = ("abs", "np.abs", "math.fabs", "np.linalg.norm", "np.square")
 """Functions of the size of their first argument; a norm along any axis is one."""
@@ -185,6 +193,7 @@ def _other_calls(node: ast.Call) -> Iterator[tuple[str, ast.expr]]:
         yield "function", ast.Call(func=renamed, args=node.args, keywords=node.keywords)
     starred = any(isinstance(a, ast.Starred) for a in node.args)
     if len(node.args) >= 2 and not starred and ast.unparse(function) not in ("min", "max", "math.hypot", "isinstance"):
-        yield "order", ast.Call(
-            func=function, args=[node.args[1], node.args[0], *node.args[2:]], keywords=node.keywords
-        )  # fmt: skip
+        yield (
+            "order",
+            ast.Call(func=function, args=[node.args[1], node.args[0], *node.args[2:]], keywords=node.keywords),
+        )

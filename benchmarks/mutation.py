@@ -42,69 +42,141 @@ SCOPES = ("estimators", "outputs", "gate", "sim/truth.py", "sim/gait/footsteps.p
 """Folders and files into which bugs are inserted."""
 _SET = "tests/estimators/test_parameter_set.py"
 NEAREST: dict[str, tuple[str, ...]] = {
-    "estimators/foot_ins": (_SET, "tests/estimators/test_kernel_algebra.py", "tests/estimators/test_foot_kernels.py",
+    "estimators/foot_ins": (
+        _SET,
+        "tests/estimators/test_kernel_algebra.py",
+        "tests/estimators/test_foot_kernels.py",
         "tests/estimators/test_strapdown.py",
-        "tests/estimators/test_foot_ins.py", "tests/estimators/test_foot_clipping.py",
-        "tests/estimators/test_foot_floor.py", "tests/estimators/test_foot_ins_faults.py",
-        "tests/estimators/test_foot_ins_smoother.py", "tests/estimators/test_foot_pinned.py"),
-    "estimators/foot_to_foot": (_SET, "tests/estimators/test_foot_to_foot_kernels.py",
-        "tests/estimators/test_foot_to_foot.py", "tests/estimators/test_foot_pinned.py",
+        "tests/estimators/test_foot_ins.py",
+        "tests/estimators/test_foot_clipping.py",
+        "tests/estimators/test_foot_floor.py",
+        "tests/estimators/test_foot_ins_faults.py",
+        "tests/estimators/test_foot_ins_smoother.py",
+        "tests/estimators/test_foot_pinned.py",
+    ),
+    "estimators/foot_to_foot": (
+        _SET,
+        "tests/estimators/test_foot_to_foot_kernels.py",
+        "tests/estimators/test_foot_to_foot.py",
+        "tests/estimators/test_foot_pinned.py",
         "tests/estimators/test_gyro_scale.py",
-        "tests/estimators/test_left_right.py", "tests/estimators/test_board_tracking.py",
-        "tests/outputs/test_feet_and_head.py"),
-    "estimators/checkerboard": (_SET, "tests/estimators/test_board_pattern.py", "tests/estimators/test_board_pose.py",
-        "tests/estimators/test_board_tracking.py", "tests/estimators/test_board.py"),
-    "estimators/contact_terrain": (_SET, "tests/estimators/test_contact_terrain_parts.py",
+        "tests/estimators/test_left_right.py",
+        "tests/estimators/test_board_tracking.py",
+        "tests/outputs/test_feet_and_head.py",
+    ),
+    "estimators/checkerboard": (
+        _SET,
+        "tests/estimators/test_board_pattern.py",
+        "tests/estimators/test_board_pose.py",
+        "tests/estimators/test_board_tracking.py",
+        "tests/estimators/test_board.py",
+    ),
+    "estimators/contact_terrain": (
+        _SET,
+        "tests/estimators/test_contact_terrain_parts.py",
         "tests/estimators/test_contact_terrain_leg.py",
-        "tests/estimators/test_contact_terrain_filter.py", "tests/estimators/test_contact_terrain_published.py"),
+        "tests/estimators/test_contact_terrain_filter.py",
+        "tests/estimators/test_contact_terrain_published.py",
+    ),
     "estimators/terrain_map": (_SET, "tests/estimators/terrain_map"),
     "estimators/locomotion_mode": (_SET, "tests/estimators/locomotion_mode"),
     "estimators/dvio": (_SET, "tests/estimators/dvio", "tests/outputs/test_odometry.py"),
-    "estimators": ("tests/estimators/test_kernel_algebra.py", "tests/estimators/test_methods.py",
-        "tests/estimators/test_compiled.py", "tests/estimators/test_foot_ins.py",
-        "tests/estimators/test_contact_terrain_filter.py", "tests/run/test_example_package.py"),
+    "estimators": (
+        "tests/estimators/test_kernel_algebra.py",
+        "tests/estimators/test_methods.py",
+        "tests/estimators/test_compiled.py",
+        "tests/estimators/test_foot_ins.py",
+        "tests/estimators/test_contact_terrain_filter.py",
+        "tests/run/test_example_package.py",
+    ),
     "gate": ("tests/gate",),
     "reference/norms.py": ("tests/report/test_report.py",),
-    "outputs": ("tests/outputs/test_map_scores.py", "tests/outputs/test_scoring.py",
-        "tests/outputs/test_steps.py", "tests/outputs/test_step_scores.py", "tests/outputs/test_mode_score.py",
-        "tests/outputs/test_drift.py", "tests/outputs/test_footprints.py", "tests/outputs/test_ahead.py",
-        "tests/outputs/test_score_needs.py", "tests/outputs/test_terrain_files.py",
-        "tests/outputs/test_phase_scores.py", "tests/outputs/test_feet_and_head.py"),
+    "outputs": (
+        "tests/outputs/test_map_scores.py",
+        "tests/outputs/test_scoring.py",
+        "tests/outputs/test_steps.py",
+        "tests/outputs/test_step_scores.py",
+        "tests/outputs/test_mode_score.py",
+        "tests/outputs/test_drift.py",
+        "tests/outputs/test_footprints.py",
+        "tests/outputs/test_ahead.py",
+        "tests/outputs/test_score_needs.py",
+        "tests/outputs/test_terrain_files.py",
+        "tests/outputs/test_phase_scores.py",
+        "tests/outputs/test_feet_and_head.py",
+    ),
     "sim/truth.py": ("tests/sim/test_twin.py", "tests/sim/test_gait.py", "tests/sim/test_walk_pinned.py"),
-    "sim/gait/footsteps.py": ("tests/sim/test_gait.py", "tests/sim/test_gait_style.py", "tests/sim/test_twin.py",
-        "tests/sim/test_walk_pinned.py"),
-    "sim/sensors/exo_sensors.py": ("tests/sim/test_sensors.py", "tests/sim/test_twin.py",
-        "tests/sim/test_walk_pinned.py"),
-}  # fmt: skip
+    "sim/gait/footsteps.py": (
+        "tests/sim/test_gait.py",
+        "tests/sim/test_gait_style.py",
+        "tests/sim/test_twin.py",
+        "tests/sim/test_walk_pinned.py",
+    ),
+    "sim/sensors/exo_sensors.py": (
+        "tests/sim/test_sensors.py",
+        "tests/sim/test_twin.py",
+        "tests/sim/test_walk_pinned.py",
+    ),
+}
 """Tests of a file or of a folder's files; the longest name that fits a module counts."""
 EQUIVALENT = {
-    ("outputs/alignment.py", "truth.p_frame_in_world - mean_t", "truth.p_frame_in_world"):
-        "the other factor has the mean 0, so a constant adds nothing to the sum of the products",
+    (
+        "outputs/alignment.py",
+        "truth.p_frame_in_world - mean_t",
+        "truth.p_frame_in_world",
+    ): "the other factor has the mean 0, so a constant adds nothing to the sum of the products",
     ("estimators/so3.py", "s > 1e-7", "s >= 1e-7"): "both branches agree at their limit to the last digits",
     ("estimators/foot_ins/kalman.py", "n = P.shape[0]", "n = P.shape[1]"): "P is square",
     ("estimators/foot_ins/smoother.py", "llvm_level=1", "llvm_level=2"): "another speed of the same result",
     ("estimators/checkerboard/pose.py", ".max() < 1e-4", ".max() <= 1e-4"): "no two solutions differ by just that",
-    ("estimators/checkerboard/pose.py", "points[:, :2] - points[:, :2].mean(axis=0)",
-        "points[:, :2].mean(axis=0) - points[:, :2]"): "singular values have no sign",
-    ("estimators/compiled.py", '("so3.py", "matrices.py", "cholesky.py")', '("matrices.py", "so3.py", "cholesky.py")'):
-        "the order of the sources names the folder of compiled functions alone",
+    (
+        "estimators/checkerboard/pose.py",
+        "points[:, :2] - points[:, :2].mean(axis=0)",
+        "points[:, :2].mean(axis=0) - points[:, :2]",
+    ): "singular values have no sign",
+    (
+        "estimators/compiled.py",
+        '("so3.py", "matrices.py", "cholesky.py")',
+        '("matrices.py", "so3.py", "cholesky.py")',
+    ): "the order of the sources names the folder of compiled functions alone",
     ("estimators/dvio/landmarks.py", "> most * most", ">= most * most"): "no residual is just that",
     ("estimators/foot_to_foot/published.py", "total += value", "total -= value"): "only its square counts",
-    ("estimators/foot_to_foot/rewind.py", "w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)",
-        "w = axpy(rate_of(memory, ring_row(memory, 1)), -1.0, gyro_bias)"): "the loop replaces it where it is used",
-    ("estimators/locomotion_mode/published.py", "zip(self._divisions, self._divisions[1:])",
-        "zip(self._divisions[1:], self._divisions)"): "a distance has no sign",
-    ("estimators/terrain_map/tsdf_integration.py", "(descent > _ZERO)", "(descent >= _ZERO)"):
-        "the product with the descent is 0 as well",
-    ("estimators/contact_terrain/offsets.py", "explained[i, j] + explained[j, i]",
-        "explained[i, j] + explained[i, j]"): "the matrix is symmetric but for rounding errors",
-    ("estimators/locomotion_mode/rhythm.py", "elapsed < _BOUNCE_SHARE", "elapsed <= _BOUNCE_SHARE"):
-        "no step takes just that share",
-    ("outputs/terrain/mapped_route.py", "self._s > place_m - _BEHIND_M", "self._s >= place_m - _BEHIND_M"):
-        "no cell's middle is just there",
-    ("gate/metric_policy.py", "self.slack, 1e-12", "self.slack, 2e-12"):
-        "it keeps the logarithm of 0 finite; no score is as small",
-}  # fmt: skip
+    (
+        "estimators/foot_to_foot/rewind.py",
+        "w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)",
+        "w = axpy(rate_of(memory, ring_row(memory, 1)), -1.0, gyro_bias)",
+    ): "the loop replaces it where it is used",
+    (
+        "estimators/locomotion_mode/published.py",
+        "zip(self._divisions, self._divisions[1:])",
+        "zip(self._divisions[1:], self._divisions)",
+    ): "a distance has no sign",
+    (
+        "estimators/terrain_map/tsdf_integration.py",
+        "(descent > _ZERO)",
+        "(descent >= _ZERO)",
+    ): "the product with the descent is 0 as well",
+    (
+        "estimators/contact_terrain/offsets.py",
+        "explained[i, j] + explained[j, i]",
+        "explained[i, j] + explained[i, j]",
+    ): "the matrix is symmetric but for rounding errors",
+    (
+        "estimators/locomotion_mode/rhythm.py",
+        "elapsed < _BOUNCE_SHARE",
+        "elapsed <= _BOUNCE_SHARE",
+    ): "no step takes just that share",
+    (
+        "outputs/terrain/mapped_route.py",
+        "self._s > place_m - _BEHIND_M",
+        "self._s >= place_m - _BEHIND_M",
+    ): "no cell's middle is just there",
+    (
+        "gate/metric_policy.py",
+        "self.slack, 1e-12",
+        "self.slack, 2e-12",
+    ): "it keeps the logarithm of 0 finite; no score is as small",
+}
 """Changes without an effect that `is_change` does not see, each with the reason. They are left out of the sample.
 A key is a file, a text in it, and what that text is changed to."""
 SHOWN = ("survived", "found", "timeout")
@@ -183,9 +255,12 @@ class Copy:
     def __init__(self, folder: Path, root: Path = ROOT) -> None:
         self.folder = folder / "tree"
         listed = subprocess.run(
-            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=root, check=True,
-            capture_output=True, text=True,
-        ).stdout  # fmt: skip
+            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+            cwd=root,
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
         for name in filter(None, listed.split("\0")):
             source, target = root / name, self.folder / name
             if source.is_file() or source.is_symlink():
@@ -193,9 +268,13 @@ class Copy:
                 shutil.copy(source, target, follow_symlinks=False)
         data = os.environ.get("STRIDETWIN_DATA", str(root.parent / "shared" / "data"))
         self._environment = os.environ | {
-            "NUMBA_CACHE_DIR": str(folder / "numba"), "PYTHONPATH": str(self.folder), "STRIDETWIN_DATA": data,
-            "PYTHONDONTWRITEBYTECODE": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-        }  # fmt: skip
+            "NUMBA_CACHE_DIR": str(folder / "numba"),
+            "PYTHONPATH": str(self.folder),
+            "STRIDETWIN_DATA": data,
+            "PYTHONDONTWRITEBYTECODE": "1",
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
+        }
 
     def failing(self, tests: tuple[str, ...], timeout_s: float) -> tuple[str, str]:
         """Runs tests until one fails, or until they have used `timeout_s` of CPU time.
@@ -206,9 +285,15 @@ class Copy:
         there = [test for test in tests if (self.folder / test).exists()]
         arguments = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", *there]
         process = subprocess.Popen(
-            arguments, cwd=self.folder, env=self._environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True, start_new_session=True, preexec_fn=lambda: _limit_cpu(timeout_s),
-        )  # fmt: skip
+            arguments,
+            cwd=self.folder,
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            preexec_fn=lambda: _limit_cpu(timeout_s),
+        )
         try:
             output, _ = process.communicate(timeout=_WAITING * timeout_s)
         except subprocess.TimeoutExpired:

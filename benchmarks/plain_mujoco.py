@@ -37,9 +37,12 @@ def load(scenes: Sequence[Path], seconds: float, images: Path | None = None) -> 
     assert spec.origin is not None
     words = [sys.executable, "-I", "-S", __file__, str(Path(spec.origin).parents[1]), str(seconds), *map(str, scenes)]
     done = subprocess.run(
-        words + (["--images", str(images)] if images else []), capture_output=True, text=True, check=False,
+        words + (["--images", str(images)] if images else []),
+        capture_output=True,
+        text=True,
+        check=False,
         env={"MUJOCO_GL": "egl"} | os.environ,
-    )  # fmt: skip
+    )
     if done.returncode:
         raise RuntimeError((done.stderr.splitlines() or ["no output"])[-1])
     return list(json.loads(done.stdout))

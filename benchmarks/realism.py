@@ -120,8 +120,11 @@ def measure() -> dict[str, Any]:
         of_real, of_twin = (float(np.mean([t[name] for t in table])) for table in tables)
         ratio = of_twin / of_real if of_real else float("nan")
         rows[name] = {
-            "real": of_real, "twin": of_twin, "ratio": ratio, "realistic": REALISTIC[0] <= ratio <= REALISTIC[1],
-        }  # fmt: skip
+            "real": of_real,
+            "twin": of_twin,
+            "ratio": ratio,
+            "realistic": REALISTIC[0] <= ratio <= REALISTIC[1],
+        }
     return {"experiment": "realism", "summary": rows, "paper": {}, "cases": []}
 
 

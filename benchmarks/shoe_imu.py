@@ -128,10 +128,13 @@ def twin_walks(twin: Twin, rate_hz: float) -> dict[str, FootWalk]:
         block = ImuModel(imu, part, Noise(None)).read(carrier, t_ns)
         truth = carrier.to_sensor(imu.mount.T_body_sensor)
         walks[side] = FootWalk(
-            t=t_ns * 1e-9, rate=block.columns["angular_rate"], force=block.columns["specific_force"],
-            t_truth=t_ns * 1e-9, p_truth=truth.p_body_in_world,
+            t=t_ns * 1e-9,
+            rate=block.columns["angular_rate"],
+            force=block.columns["specific_force"],
+            t_truth=t_ns * 1e-9,
+            p_truth=truth.p_body_in_world,
             speed=np.linalg.norm(truth.v_body_in_world, axis=1),
-        )  # fmt: skip
+        )
     return walks
 
 
@@ -158,9 +161,13 @@ def recorded(imu: Block[Imu], t: Array, p: Array) -> FootWalk:
     window = max(5, round(_MARKER_WINDOW_S / dt) | 1)
     velocity = savgol_filter(p, window, 2, deriv=1, delta=dt, axis=0)
     return FootWalk(
-        t=imu.t_ns * 1e-9, rate=imu.columns["angular_rate"], force=imu.columns["specific_force"],
-        t_truth=t, p_truth=p, speed=np.linalg.norm(velocity, axis=1),
-    )  # fmt: skip
+        t=imu.t_ns * 1e-9,
+        rate=imu.columns["angular_rate"],
+        force=imu.columns["specific_force"],
+        t_truth=t,
+        p_truth=p,
+        speed=np.linalg.norm(velocity, axis=1),
+    )
 
 
 def medians(walks: Sequence[FootWalk]) -> dict[str, float]:

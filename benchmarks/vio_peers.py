@@ -140,22 +140,44 @@ def settings(camera: CameraCalibration, imu: ImuCalibration, imu_noise: float) -
     T = (np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor).ravel()
     fu, fv, pu, pv = camera.intrinsics
     viewer = {
-        "KeyFrameSize": 0.05, "KeyFrameLineWidth": 1.0, "GraphLineWidth": 0.9, "PointSize": 2.0, "CameraSize": 0.08,
-        "CameraLineWidth": 3.0, "ViewpointX": 0.0, "ViewpointY": -0.7, "ViewpointZ": -3.5, "ViewpointF": 500.0,
-    }  # fmt: skip
+        "KeyFrameSize": 0.05,
+        "KeyFrameLineWidth": 1.0,
+        "GraphLineWidth": 0.9,
+        "PointSize": 2.0,
+        "CameraSize": 0.08,
+        "CameraLineWidth": 3.0,
+        "ViewpointX": 0.0,
+        "ViewpointY": -0.7,
+        "ViewpointZ": -3.5,
+        "ViewpointF": 500.0,
+    }
     values: dict[str, Any] = {
-        "File.version": '"1.0"', "Camera.type": '"PinHole"', "Camera1.fx": fu, "Camera1.fy": fv, "Camera1.cx": pu,
-        "Camera1.cy": pv, "Camera.width": camera.width, "Camera.height": camera.height,
-        "Camera.fps": round(camera.rate_hz), "Camera.RGB": 1, "Stereo.ThDepth": 60.0, "Stereo.b": 0.095,
+        "File.version": '"1.0"',
+        "Camera.type": '"PinHole"',
+        "Camera1.fx": fu,
+        "Camera1.fy": fv,
+        "Camera1.cx": pu,
+        "Camera1.cy": pv,
+        "Camera.width": camera.width,
+        "Camera.height": camera.height,
+        "Camera.fps": round(camera.rate_hz),
+        "Camera.RGB": 1,
+        "Stereo.ThDepth": 60.0,
+        "Stereo.b": 0.095,
         "RGBD.DepthMapFactor": 1.0,
-        "IMU.InsertKFsWhenLost": 0, "IMU.Frequency": imu.rate_hz,
+        "IMU.InsertKFsWhenLost": 0,
+        "IMU.Frequency": imu.rate_hz,
         "IMU.NoiseGyro": imu_noise * imu.gyroscope_noise_density,
         "IMU.NoiseAcc": imu_noise * imu.accelerometer_noise_density,
-        "IMU.GyroWalk": imu_noise * imu.gyroscope_random_walk, "IMU.AccWalk": imu_noise * imu.accelerometer_random_walk,
-        "ORBextractor.nFeatures": 1250, "ORBextractor.scaleFactor": 1.2, "ORBextractor.nLevels": 8,
-        "ORBextractor.iniThFAST": 20, "ORBextractor.minThFAST": 7,
+        "IMU.GyroWalk": imu_noise * imu.gyroscope_random_walk,
+        "IMU.AccWalk": imu_noise * imu.accelerometer_random_walk,
+        "ORBextractor.nFeatures": 1250,
+        "ORBextractor.scaleFactor": 1.2,
+        "ORBextractor.nLevels": 8,
+        "ORBextractor.iniThFAST": 20,
+        "ORBextractor.minThFAST": 7,
         **{f"Viewer.{name}": value for name, value in viewer.items()},
-    }  # fmt: skip
+    }
     matrix = f"IMU.T_b_c1: !!opencv-matrix\n  rows: 4\n  cols: 4\n  dt: f\n  data: [{', '.join(f'{v:.9f}' for v in T)}]"
     return "\n".join(["%YAML:1.0", *(f"{name}: {value}" for name, value in values.items()), matrix, ""])
 

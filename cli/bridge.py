@@ -22,10 +22,16 @@ from stridetwin.streams.rig import Rig
 
 TRUTH = "/truth/"
 FIGURES = {
-    "received": "received", "late": "late", "lost": "lost before they arrived",
-    "not_increasing": "stamps not increasing", "not_finite": "not finite", "before_start": "before the start",
-    "other_kind": "of another kind", "other_size": "of another size", "skipped": "skipped for having waited",
-}  # fmt: skip
+    "received": "received",
+    "late": "late",
+    "lost": "lost before they arrived",
+    "not_increasing": "stamps not increasing",
+    "not_finite": "not finite",
+    "before_start": "before the start",
+    "other_kind": "of another kind",
+    "other_size": "of another size",
+    "skipped": "skipped for having waited",
+}
 _OVER_BUDGET = 1
 _LEAD_NS = 500_000_000
 """Time for a receiver to process the hello, so that playback starts on time."""
@@ -104,11 +110,14 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     if not _is_loopback(address[0]):
         _say(f"warning: {address[0]} can be reached from other machines, and there is no password")
     request = LiveRequest(
-        chain=wanted, address=address, rig=arguments.rig, record=arguments.record,
+        chain=wanted,
+        address=address,
+        rig=arguments.rig,
+        record=arguments.record,
         budget_s=None if arguments.budget is None else arguments.budget * 1e-3,
         window_s=None if arguments.window is None else arguments.window * 1e-3,
         skip_images_s=None if arguments.skip_images is None else arguments.skip_images * 1e-3,
-    )  # fmt: skip
+    )
     prints = wanted is not None and wanted.output is None and not arguments.json
     sys.setswitchinterval(_SWITCH_S)
     if threading.current_thread() is threading.main_thread():
@@ -116,11 +125,18 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     done = run_live(request, _say, _print if prints else lambda _: None)
     code = _OVER_BUDGET if arguments.budget is not None and done.latency and not done.latency.within else 0
     data = {
-        "estimator": name, "files": [str(f) for f in done.files], "rows": {str(f): n for f, n in done.files.items()},
-        "recording": str(arguments.record) if arguments.record else None, "recorded": done.recorded,
-        "duration_s": done.duration_s, "window_ms": 1e3 * done.window_s, "streams": done.streams,
-        "refused": done.refused, "refusals": done.refusals, "latency": done.latency.data() if done.latency else None,
-    }  # fmt: skip
+        "estimator": name,
+        "files": [str(f) for f in done.files],
+        "rows": {str(f): n for f, n in done.files.items()},
+        "recording": str(arguments.record) if arguments.record else None,
+        "recorded": done.recorded,
+        "duration_s": done.duration_s,
+        "window_ms": 1e3 * done.window_s,
+        "streams": done.streams,
+        "refused": done.refused,
+        "refusals": done.refusals,
+        "latency": done.latency.data() if done.latency else None,
+    }
     lines = [f"{file}: {rows} rows" for file, rows in done.files.items()]
     if arguments.record:
         lines.append(f"{arguments.record}: {done.recorded} messages")

@@ -25,15 +25,20 @@ def conform_command(arguments: ConformOptions, progress: Progress) -> Outcome:
     with redirect_stdout(sys.stderr):  # of the estimator's own prints: stdout is for the verdicts
         estimator_class = _load_estimator(arguments.estimator)
         verdicts = check_conformance(
-            estimator_class, options=_estimator_options(arguments, estimator_class), recording=arguments.recording,
-            only=arguments.only, progress=progress,
-        )  # fmt: skip
+            estimator_class,
+            options=_estimator_options(arguments, estimator_class),
+            recording=arguments.recording,
+            only=arguments.only,
+            progress=progress,
+        )
     failed = sum(verdict.outcome == FAILED for verdict in verdicts)
     passed = sum(verdict.outcome == PASSED for verdict in verdicts)
     data = {
-        "estimator": arguments.estimator, "failed": failed, "passed": passed,
+        "estimator": arguments.estimator,
+        "failed": failed,
+        "passed": passed,
         "checks": [asdict(verdict) for verdict in verdicts],
-    }  # fmt: skip
+    }
     rows = [(verdict.check, verdict.outcome, verdict.message) for verdict in verdicts]
     summary = f"{arguments.estimator}: {passed} passed, {failed} failed, {len(verdicts) - passed - failed} skipped"
     return Outcome(data=data, lines=[table(rows, text_columns=3), summary], code=int(failed > 0))

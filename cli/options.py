@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 _MOST_DIGITS = 1000
 LARGEST_PX = 1024
 """Edge of a scene's textures, pixels."""
-_OUTPUTS = {
-    "output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history",
-}  # fmt: skip
+_OUTPUTS = {"output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history"}
 _FOLDERS = ("run", "generate", "export", "experiment", "place", "scene")
 """Commands whose `-o` may be a folder."""
 _MAKE_FOLDERS = (("import", "output"), ("score", "history"))

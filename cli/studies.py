@@ -209,10 +209,13 @@ def placement_lines(result: dict[str, Any]) -> list[str | Table]:
 
     scores = [score["name"] for score in result["scores"]]
     rows = [
-        [str(row["rank"]), *(value_text(row["values"], name) for name in result["free"]),
-         *(interval_text(row["scores"].get(name)) for name in scores)]
+        [
+            str(row["rank"]),
+            *(value_text(row["values"], name) for name in result["free"]),
+            *(interval_text(row["scores"].get(name)) for name in scores),
+        ]
         for row in result["table"]
-    ]  # fmt: skip
+    ]
     lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]
     lines += [f"{row['rank']} failed: {row['failed']}" for row in result["table"] if "failed" in row]
     lines += ["", *result["words"], "", _size(result)]

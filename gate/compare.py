@@ -293,11 +293,21 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
             b, n = 1.0, n / b
         lines.append(
             Line(
-                estimator=c.estimator, metric=c.metric, method=method, walks=c.count(method), baseline=b, now=n,
-                change=0.0, low=0.0, high=0.0, p=1.0, in_points=c.scale.in_points, mean=c.scale.mean,
+                estimator=c.estimator,
+                metric=c.metric,
+                method=method,
+                walks=c.count(method),
+                baseline=b,
+                now=n,
+                change=0.0,
+                low=0.0,
+                high=0.0,
+                p=1.0,
+                in_points=c.scale.in_points,
+                mean=c.scale.mean,
                 absolute=c.scale.signed,
             )
-        )  # fmt: skip
+        )
     # a score that is equal on every walk cannot have become worse and does not count as a comparison
     changed = [i for i, c in enumerate(columns) if method == UNPAIRED or np.nanmax(np.abs(c.now - c.before)) > 0.0]
     if not changed:
@@ -366,10 +376,15 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
         if len(has) < len(had):
             lines.append(
                 Line(
-                    estimator=name, metric=WALKS, method=method, walks=len(had), verdict=MISSING,
-                    baseline=float(len(had)), now=float(len(has)),
+                    estimator=name,
+                    metric=WALKS,
+                    method=method,
+                    walks=len(had),
+                    verdict=MISSING,
+                    baseline=float(len(had)),
+                    now=float(len(has)),
                 )
-            )  # fmt: skip
+            )
     return lines
 
 
@@ -386,9 +401,15 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
             if scale is None or (scale.by_walks_only and current is not None):
                 continue
             line = Line(
-                estimator=name, metric=metric, method=TOLERANCE, walks=0, baseline=value, verdict=MISSING,
-                in_points=scale.in_points, mean=ARITHMETIC,
-            )  # fmt: skip
+                estimator=name,
+                metric=metric,
+                method=TOLERANCE,
+                walks=0,
+                baseline=value,
+                verdict=MISSING,
+                in_points=scale.in_points,
+                mean=ARITHMETIC,
+            )
             if current is not None:
                 allowance = abs(value) * rules.tolerance + scale.slack
                 limit = value - allowance if scale.higher_is_better else value + allowance

@@ -23,8 +23,13 @@ from stridetwin.streams.samples import Sample
 Scores = dict[str, float]
 """The scores of one output of one walk, by name; an undefined score is left out."""
 SCALES = ERROR, LEAD, SHARE, BAD_SHARE, CLAIM, DESCRIPTIVE = (
-    "error", "lead", "share", "bad_share", "claim", "descriptive"
-)  # fmt: skip
+    "error",
+    "lead",
+    "share",
+    "bad_share",
+    "claim",
+    "descriptive",
+)
 """How a score changes for the worse: an error grows; a lead time or a share of what is right shrinks; a share of what
 is wrong grows; a claim, such as NEES, is an error relative to the reported covariance; the rest describes the walk."""
 

@@ -168,9 +168,10 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
         return path, 0.0
     rotation = _rotation_onto_z(up)
     upright_path = Trajectory(
-        t_ns=path.t_ns, p_frame_in_world=rotation.apply(path.p_frame_in_world),
+        t_ns=path.t_ns,
+        p_frame_in_world=rotation.apply(path.p_frame_in_world),
         q_world_frame=(rotation * Rotation.from_quat(path.q_world_frame, scalar_first=True)).as_quat(scalar_first=True),
-    )  # fmt: skip
+    )
     return upright_path, angle
 
 

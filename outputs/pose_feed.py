@@ -48,9 +48,13 @@ def pose_sample(t_ns: int, p_frame_in_world: Array, q_world_frame: Array, topic:
     """A pose, position (3,) m and quaternion (4,), as a sample; its velocities are unknown (NaN)."""
     unknown = np.full(3, np.nan)
     return Odometry(
-        topic=topic, t_ns=t_ns, p_frame_in_world=p_frame_in_world, q_world_frame=q_world_frame,
-        v_frame_in_world=unknown, angular_rate=unknown,
-    )  # fmt: skip
+        topic=topic,
+        t_ns=t_ns,
+        p_frame_in_world=p_frame_in_world,
+        q_world_frame=q_world_frame,
+        v_frame_in_world=unknown,
+        angular_rate=unknown,
+    )
 
 
 def merge_poses(

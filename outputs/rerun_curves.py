@@ -14,9 +14,14 @@ CURVES_HZ = 50.0
 
 
 def log_curves(
-    rerun: Any, stream: Any, entity: str, t_ns: NDArray[np.int64], values: Array, labels: tuple[str, ...],
+    rerun: Any,
+    stream: Any,
+    entity: str,
+    t_ns: NDArray[np.int64],
+    values: Array,
+    labels: tuple[str, ...],
     colors: Sequence[tuple[int, int, int]] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Logs (N, K) values at (N,) stamps as K curves; an empty label stands for the last part of the entity."""
     seconds, thinned = thin_out(t_ns, CURVES_HZ, values)
     names = [label or entity.rsplit("/", 1)[1] for label in labels]

@@ -99,10 +99,14 @@ class StraightenedRoute:
         """An empty plot of one row, to scale."""
         is_last = number == len(rows) - 1
         return Plot(
-            title=title if number == 0 else f"{title}, row {number + 1}", x=rows[number],
-            y=(-HALF_WIDTH_M, HALF_WIDTH_M), to_scale=True, x_label="along the route, m" if is_last else "",
-            y_label="left, m", continued=number > 0,
-        )  # fmt: skip
+            title=title if number == 0 else f"{title}, row {number + 1}",
+            x=rows[number],
+            y=(-HALF_WIDTH_M, HALF_WIDTH_M),
+            to_scale=True,
+            x_label="along the route, m" if is_last else "",
+            y_label="left, m",
+            continued=number > 0,
+        )
 
     def draw_footprints(self, plot: Plot, span: Range) -> None:
         """Draws the true footprints within a span of the route."""

@@ -126,9 +126,16 @@ class Plot:
             points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
             line = {"color": stroke, "width": 1} if stroke else {"width": 0}
             self._add(
-                label, x=_numbers(points[:, 0]), y=_numbers(points[:, 1]), mode="lines", line=line, fill="toself",
-                fillcolor=fill, hoverinfo="name" if label else "skip", hoveron="fills",
-            )  # fmt: skip
+                label,
+                x=_numbers(points[:, 0]),
+                y=_numbers(points[:, 1]),
+                mode="lines",
+                line=line,
+                fill="toself",
+                fillcolor=fill,
+                hoverinfo="name" if label else "skip",
+                hoveron="fills",
+            )
 
     def bars(
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
@@ -138,9 +145,17 @@ class Plot:
         self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
 
     def dots(
-        self, x: ArrayLike, y: ArrayLike, color: str, *, size: float = 6.0, label: str = "", symbol: str = "circle",
-        sd: ArrayLike | None = None, labels: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+        self,
+        x: ArrayLike,
+        y: ArrayLike,
+        color: str,
+        *,
+        size: float = 6.0,
+        label: str = "",
+        symbol: str = "circle",
+        sd: ArrayLike | None = None,
+        labels: Sequence[str] = (),
+    ) -> None:
         """Markers, with error bars (`sd`) and words where given."""
         mark = {"color": color, "size": size, "symbol": symbol}
         more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
@@ -148,22 +163,37 @@ class Plot:
             more |= {"text": list(labels), "textposition": "top center"}
         self._add(
             label, x=_numbers(x), y=_numbers(y), mode="markers+text" if labels else "markers", marker=mark, **more
-        )  # fmt: skip
+        )
 
     def heatmap(self, x: ArrayLike, y: ArrayLike, z: Array, *, label: str, reverse: bool) -> None:
         """(Y, X) values as colours, bright where they are high, or low with `reverse`; NaN stays empty."""
         self._add(
-            "", type="heatmap", x=_numbers(x), y=_numbers(y), colorscale="Viridis", reversescale=reverse,
+            "",
+            type="heatmap",
+            x=_numbers(x),
+            y=_numbers(y),
+            colorscale="Viridis",
+            reversescale=reverse,
             z=[[None if np.isnan(v) else float(f"{v:.6g}") for v in row] for row in z],
-            colorbar={"title": {"text": label, "side": "right"}}, hoverinfo="x+y+z",
-        )  # fmt: skip
+            colorbar={"title": {"text": label, "side": "right"}},
+            hoverinfo="x+y+z",
+        )
 
     def image(self, x: Range, y: Range, uri: str) -> None:
         """An image below everything, stretched over a range of the data."""
         self._layout.setdefault("images", []).append(
-            {"source": uri, "xref": "x", "yref": "y", "x": x[0], "y": y[1], "sizex": x[1] - x[0],
-             "sizey": y[1] - y[0], "sizing": "stretch", "layer": "below"}
-        )  # fmt: skip
+            {
+                "source": uri,
+                "xref": "x",
+                "yref": "y",
+                "x": x[0],
+                "y": y[1],
+                "sizex": x[1] - x[0],
+                "sizey": y[1] - y[0],
+                "sizing": "stretch",
+                "layer": "below",
+            }
+        )
 
     def key(self, label: str, color: str) -> None:
         """An entry of the legend for a colour of an image."""

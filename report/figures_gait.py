@@ -97,10 +97,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
             loads[foot] = block.t_ns, load
     if not loads:
         return ""
-    plot = Plot(
-        title="Vertical ground reaction", x=(0, 100), x_label="gait cycle, %",
-        y_label="force, body weights",
-    )  # fmt: skip
+    plot = Plot(title="Vertical ground reaction", x=(0, 100), x_label="gait cycle, %", y_label="force, body weights")
     _draw_strides(plot, strides, loads)
     return plot.html()
 
@@ -115,9 +112,12 @@ def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
     """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
     plot = Plot(
-        title="Centre of pressure", x_label="ahead of the heel, m", y_label="left of the axis, m",
-        x=(-0.04, 0.30), y=(-0.11, 0.11),
-    )  # fmt: skip
+        title="Centre of pressure",
+        x_label="ahead of the heel, m",
+        y_label="left of the axis, m",
+        x=(-0.04, 0.30),
+        y=(-0.11, 0.11),
+    )
     for foot in FEET:
         topic = f"/truth/foot_{foot}/cop"
         prints = [p for p in footprints if p.foot == foot]

@@ -88,7 +88,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
             span = data_range(values)
             plot = Plot(
                 title=curves.title, x=window, y=span, x_label="time, s", y_label=quantity, height=220, hover="x"
-            )  # fmt: skip
+            )
             _shade(plot, [f for f in faults if f.topic == topic], window, span)
             for column, label, color in zip(values.T, curves.labels, PALETTE):
                 plot.line(t[inside], column, color, label=label, width=1.2)

@@ -36,9 +36,14 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
     plot = Plot(
-        title=f"{name} {metric}", x=(-0.5, max(len(lines) - 0.5, 0.5)), y=data_range(values, include=(0.0,)),
-        x_label="version", y_label=metric, x_names=_labels(lines), height=230,
-    )  # fmt: skip
+        title=f"{name} {metric}",
+        x=(-0.5, max(len(lines) - 0.5, 0.5)),
+        y=data_range(values, include=(0.0,)),
+        x_label="version",
+        y_label=metric,
+        x_names=_labels(lines),
+        height=230,
+    )
     walks = np.array([line["walks_digest"] for line in lines])
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
     plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])

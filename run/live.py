@@ -137,11 +137,15 @@ class _Live:
                 for topic, traffic in sorted(receiver.traffic.items())
             }
             return Outcome(
-                latency=self._latency if self._chain is not None else None, files=files, streams=streams,
-                refused=receiver.refused, refusals=receiver.refusals, window_s=self._window_s,
+                latency=self._latency if self._chain is not None else None,
+                files=files,
+                streams=streams,
+                refused=receiver.refused,
+                refusals=receiver.refusals,
+                window_s=self._window_s,
                 recorded=self._recorder.count if self._recorder else 0,
                 duration_s=(self._span[1] - self._span[0]) * 1e-9 if self._span else 0.0,
-            )  # fmt: skip
+            )
 
     def _follow(self, receiver: Receiver) -> None:
         try:
@@ -236,9 +240,12 @@ class _Live:
             for estimator, line in self._chain.update(arrival.sample):
                 now = time.perf_counter_ns()
                 self._latency.add(
-                    estimator, topic, whole_s=(now - arrival.since_ns) * 1e-9, work_s=(now - before) * 1e-9,
+                    estimator,
+                    topic,
+                    whole_s=(now - arrival.since_ns) * 1e-9,
+                    work_s=(now - before) * 1e-9,
                     estimated=line is not None,
-                )  # fmt: skip
+                )
                 if line:
                     self._emit(line)
                 before = time.perf_counter_ns()

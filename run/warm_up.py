@@ -37,21 +37,36 @@ def synthetic_rig() -> Rig:
         T_body_sensor[:3, :3] = np.transpose(axes)
         mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
         imu = ImuCalibration(
-            topic=f"/{body}/imu", part="", rate_hz=_HZ, mount=Mount(body=body), gyroscope_noise_density=2e-4,
-            gyroscope_random_walk=5e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=4e-5,
-        )  # fmt: skip
+            topic=f"/{body}/imu",
+            part="",
+            rate_hz=_HZ,
+            mount=Mount(body=body),
+            gyroscope_noise_density=2e-4,
+            gyroscope_random_walk=5e-6,
+            accelerometer_noise_density=1e-3,
+            accelerometer_random_walk=4e-5,
+        )
         camera = CameraCalibration(
-            topic="/head/color" if on_head else f"/{body}/camera", part="", rate_hz=30.0, mount=mount,
-            width=_WIDTH, height=_HEIGHT, intrinsics=(_FOCAL, _FOCAL, (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2),
+            topic="/head/color" if on_head else f"/{body}/camera",
+            part="",
+            rate_hz=30.0,
+            mount=mount,
+            width=_WIDTH,
+            height=_HEIGHT,
+            intrinsics=(_FOCAL, _FOCAL, (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2),
             depth_topic="/head/depth" if on_head else "",
-        )  # fmt: skip
+        )
         imus[imu.topic], cameras[camera.topic] = imu, camera
         if not on_head:
             boards[body] = Board(name=body, mount=mount, squares=_SQUARES, square_m=0.005)
             sonar = OtherSensor(
-                topic=f"/{body}/sonar", kind="range", part="", rate_hz=_HZ, mount=Mount(body=body),
+                topic=f"/{body}/sonar",
+                kind="range",
+                part="",
+                rate_hz=_HZ,
+                mount=Mount(body=body),
                 parameters={"range_min_m": 0.03, "range_max_m": 6.0, "range_step_m": 0.01, "range_sd_m": 0.01},
-            )  # fmt: skip
+            )
             others[sonar.topic] = sonar
     return Rig(imus=imus, cameras=cameras, boards=boards, others=others)
 

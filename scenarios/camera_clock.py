@@ -165,9 +165,14 @@ def _estimate_clock(
     if fit is None:
         return None
     return CameraClock(
-        imu=camera.imu_topic, shift_s=fit.shift_s, half_s=fit.half_s, calibrated_s=camera.timeshift_cam_imu_s,
-        correlation=fit.correlation, mount_off_deg=off_deg, pairs=len(visual),
-    )  # fmt: skip
+        imu=camera.imu_topic,
+        shift_s=fit.shift_s,
+        half_s=fit.half_s,
+        calibrated_s=camera.timeshift_cam_imu_s,
+        correlation=fit.correlation,
+        mount_off_deg=off_deg,
+        pairs=len(visual),
+    )
 
 
 def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:

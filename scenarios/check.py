@@ -149,10 +149,16 @@ def check_table(check: Check) -> list[str]:
     for topic, row in check.data["topics"].items():
         declared, hits = row["declared_hz"], row["range_hits_pct"]
         cells = (
-            topic, row["kind"], str(row["samples"]), f"{row['rate_hz']:.2f}", f"{declared:g}" if declared else "-",
-            f"{row['jitter_ms']:.3f}", str(row["gaps"]), f"{row['longest_gap_s']:.3f}",
+            topic,
+            row["kind"],
+            str(row["samples"]),
+            f"{row['rate_hz']:.2f}",
+            f"{declared:g}" if declared else "-",
+            f"{row['jitter_ms']:.3f}",
+            str(row["gaps"]),
+            f"{row['longest_gap_s']:.3f}",
             "-" if hits is None else f"{hits:.2f}",
-        )  # fmt: skip
+        )
         lines.append(f"{_line(cells)}  {_remark(row)}".rstrip())
     for topic, clock in check.data["camera_clocks"].items():
         shift = f"{clock['shift_s'] * 1e3:+.1f} ± {clock['half_s'] * 1e3:.1f} ms (95 %)"

@@ -65,9 +65,7 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
 def scale_cost(cost: Cost, walks: int) -> Cost:
     """The cost of a number of walks, if each costs as much as the mean of those in `cost`."""
     share = walks / cost.walks
-    return Cost(
-        walks=walks, walked_s=share * cost.walked_s, size_mb=share * cost.size_mb, cpu_s=share * cost.cpu_s
-    )  # fmt: skip
+    return Cost(walks=walks, walked_s=share * cost.walked_s, size_mb=share * cost.size_mb, cpu_s=share * cost.cpu_s)
 
 
 def _rate(by_group: dict[str, float], other_sensors: float, sensors: Collection[str]) -> float:

@@ -54,9 +54,8 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
 
     def mount(topic: str, frame: int) -> Attitude:
         return Attitude(
-            topic=topic, frame=frame,
-            R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3],
-        )  # fmt: skip
+            topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
+        )
 
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
@@ -65,7 +64,11 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
         side: Leg(
             rows=tuple(
                 DhRow(
-                    alpha=row.alpha, a=row.a, d=row.d, theta=row.theta, turns=row.joint is not None,
+                    alpha=row.alpha,
+                    a=row.a,
+                    d=row.d,
+                    theta=row.theta,
+                    turns=row.joint is not None,
                     stops=_stops(side, row.joint),
                 )
                 for row in dh_table(links, side)
@@ -74,14 +77,17 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
             knee=Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
             foot=mount(f"/exo/foot_{side}/ahrs", _FOOT),
             sole=Sole(
-                topic=f"/foot_{side}/insole", T_foot_sole=T_foot_sole,
+                topic=f"/foot_{side}/insole",
+                T_foot_sole=T_foot_sole,
                 cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
-                heel_x=size.shoe.heel_back_x, hinge_x=size.shoe.toe_hinge_x,
-                hinge_z=size.shoe.toe_hinge_z, tip_x=size.shoe.toe_tip_x,
+                heel_x=size.shoe.heel_back_x,
+                hinge_x=size.shoe.toe_hinge_x,
+                hinge_z=size.shoe.toe_hinge_z,
+                tip_x=size.shoe.toe_tip_x,
             ),
         )
         for side in SIDES
-    }  # fmt: skip
+    }
     return Exoskeleton(
         description="Exoskeleton of Shim et al. 2019, set to its wearer",
         back=mount("/exo/back/ahrs", 0),

@@ -47,9 +47,13 @@ class FootLoad:
 
 
 def split_wrench(
-    force: Array, torque: Array, origin: Array, shares: dict[str, Array], planned: dict[str, Array],
+    force: Array,
+    torque: Array,
+    origin: Array,
+    shares: dict[str, Array],
+    planned: dict[str, Array],
     p_foot: dict[str, Array],
-) -> tuple[dict[str, FootLoad], Array, Array]:  # fmt: skip
+) -> tuple[dict[str, FootLoad], Array, Array]:
     """Splits the total wrench of the ground between the two feet.
 
     Each foot takes its share of the force. The centres of pressure are the planned ones, both translated equally in the
@@ -83,7 +87,7 @@ def split_wrench(
         free = np.column_stack([np.zeros((len(share), 2)), share * twist[:, 2]])
         loads[foot] = FootLoad(
             force=foot_force, torque=cross(cop - p_foot[foot], foot_force) + free, cop=cop, loaded=share > 0.0
-        )  # fmt: skip
+        )
         residual_force -= foot_force
         residual_torque -= cross(cop - origin, foot_force) + free
     return loads, residual_force, residual_torque
@@ -191,7 +195,7 @@ class Player(Generic[AnyWalk]):
 
     def _tracks(
         self, bodies: Iterable[str], tree: Tree, t_ns: NDArray[np.int64], q: Array, v: Array
-    ) -> dict[str, Track]:  # fmt: skip
+    ) -> dict[str, Track]:
         """Tracks of some bodies of a tree.
 
         Args:
@@ -208,7 +212,7 @@ class Player(Generic[AnyWalk]):
                 t_ns=t_ns, p_body_in_world=p[:, i], q_world_body=quat[:, i], v_body_in_world=speed[:, i], w_body=w[:, i]
             )
             for body, i in rows.items()
-        }  # fmt: skip
+        }
 
     def track(self, body: str, t_ns: NDArray[np.int64]) -> Track:
         """Track of the carrier of a body's sensors (`Motion.carrier`) at (N,) instants; much faster than `motion`.
@@ -237,11 +241,13 @@ class Playback(Player[Reference]):
         total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
         planned = reference.loads(t_ns * 1e-9)
         feet, residual_force, residual_torque = split_wrench(
-            total, torque, q[:, :3],
+            total,
+            torque,
+            q[:, :3],
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
-        )  # fmt: skip
+        )
         applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         for c in self._couplings:
             exo, limb = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
@@ -254,9 +260,12 @@ class Playback(Player[Reference]):
         joint_torque = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
         joint_torque += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
-            t_ns=t_ns, feet=feet, joint_torque=joint_torque, residual_force=residual_force,
+            t_ns=t_ns,
+            feet=feet,
+            joint_torque=joint_torque,
+            residual_force=residual_force,
             residual_torque=residual_torque,
-        )  # fmt: skip
+        )
 
 
 def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:

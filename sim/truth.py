@@ -46,14 +46,16 @@ def truth(
         yield _odometry(f"/truth{topic}/odometry", carrier.to_sensor(imu.mount.T_body_sensor))
     names = walk.coordinates.names[6:]
     yield Block(
-        topic="/truth/joints", kind=Joints, t_ns=t_ns,
+        topic="/truth/joints",
+        kind=Joints,
+        t_ns=t_ns,
         columns={
             "position": np.column_stack([motion.angle[n][rows] for n in names]),
             "velocity": np.column_stack([motion.speed[n][rows] for n in names]),
             "torque": loads.joint_torque,
         },
         constants={"names": names},
-    )  # fmt: skip
+    )
     for side in SIDES:
         load = loads.feet[side]
         yield _wrench(f"/truth/foot_{side}/wrench", t_ns, load.force, load.torque)
@@ -66,9 +68,11 @@ def truth(
                 columns={"p_in_world": load.cop[on]},
             )
         yield Block(
-            topic=f"/truth/foot_{side}/phase", kind=FootPhase, t_ns=t_ns,
+            topic=f"/truth/foot_{side}/phase",
+            kind=FootPhase,
+            t_ns=t_ns,
             columns={"phase": foot_phase(walk, side, t_ns * 1e-9)},
-        )  # fmt: skip
+        )
     yield _wrench("/truth/root_residual", t_ns, loads.residual_force, loads.residual_torque)
     yield from _footprints(walk, after_ns, until_ns)
 
@@ -96,12 +100,16 @@ def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating[Any]]) -> NDA
 def _odometry(topic: str, track: Track) -> Block[Odometry]:
     """Block of a track as odometry."""
     return Block(
-        topic=topic, kind=Odometry, t_ns=track.t_ns,
+        topic=topic,
+        kind=Odometry,
+        t_ns=track.t_ns,
         columns={
-            "p_frame_in_world": track.p_body_in_world, "q_world_frame": track.q_world_body,
-            "v_frame_in_world": track.v_body_in_world, "angular_rate": track.w_body,
+            "p_frame_in_world": track.p_body_in_world,
+            "q_world_frame": track.q_world_body,
+            "v_frame_in_world": track.v_body_in_world,
+            "angular_rate": track.w_body,
         },
-    )  # fmt: skip
+    )
 
 
 def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Block[Wrench]:
@@ -118,6 +126,11 @@ def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Foot
         t_ns = standing.index(step) if step in standing else round(step.t_touch * 1e9)
         if after_ns < t_ns <= until_ns:
             yield Footprint(
-                topic="/truth/footprints", t_ns=t_ns, foot=step.foot, p_foot_in_world=step.p_foot_in_world,
-                q_world_foot=quat_from_matrix(step.R_world_sole), terrain=step.terrain, mode=step.mode,
-            )  # fmt: skip
+                topic="/truth/footprints",
+                t_ns=t_ns,
+                foot=step.foot,
+                p_foot_in_world=step.p_foot_in_world,
+                q_world_foot=quat_from_matrix(step.R_world_sole),
+                terrain=step.terrain,
+                mode=step.mode,
+            )

@@ -68,9 +68,13 @@ class Twin:
     """
 
     def __init__(
-        self, config: TwinConfig, seed: int, *, plan: Callable[..., Reference] = plan_reference,
+        self,
+        config: TwinConfig,
+        seed: int,
+        *,
+        plan: Callable[..., Reference] = plan_reference,
         plan_control: Callable[..., Plan] = plan_control,
-    ) -> None:  # fmt: skip
+    ) -> None:
         if config.physics not in PHYSICS:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         if config.dynamics is not None and config.physics != "dynamic":
@@ -87,9 +91,13 @@ class Twin:
         self._plan_control = plan_control
         grid, paths = self.reference.grid, self.reference.paths
         self.crowd: Crowd = plan_bystanders(
-            config.route.bystanders, self.terrain, grid, (paths["l"].s + paths["r"].s) / 2,
-            self.reference.splines(grid)[:, :2], self._rng(_CROWD),
-        )  # fmt: skip
+            config.route.bystanders,
+            self.terrain,
+            grid,
+            (paths["l"].s + paths["r"].s) / 2,
+            self.reference.splines(grid)[:, :2],
+            self._rng(_CROWD),
+        )
 
     def _rng(self, *stream: int) -> np.random.Generator:
         """Random numbers of one part of the walk, independent of those of the others."""
@@ -138,9 +146,14 @@ class Twin:
             law: Control law that replaces the scenario's drive of the exoskeleton.
         """
         return Simulation(
-            self.model, self.reference, self.control_plan, self.config.dynamics or Dynamics(), self.config.exo,
-            self._rng(_JOINT_TORQUE), law,
-        )  # fmt: skip
+            self.model,
+            self.reference,
+            self.control_plan,
+            self.config.dynamics or Dynamics(),
+            self.config.exo,
+            self._rng(_JOINT_TORQUE),
+            law,
+        )
 
     @cached_property
     def mount_slips(self) -> MountSlips:
@@ -190,9 +203,13 @@ class Twin:
                 return np.linalg.norm(track.v_body_in_world, axis=1)
 
             uppers[foot] = UpperMotion.of(
-                self.walk.steps[side], partial(self.walk.pitch, side), speed, foot_imu_position(self.config, side),
-                self._rng(_SHOE, i), SHOE,
-            )  # fmt: skip
+                self.walk.steps[side],
+                partial(self.walk.pitch, side),
+                speed,
+                foot_imu_position(self.config, side),
+                self._rng(_SHOE, i),
+                SHOE,
+            )
         return uppers
 
     def blocks(self) -> Iterator[list[Block[Any] | Sample]]:

@@ -87,9 +87,13 @@ def _test_means(values: Array) -> BootstrapResult:
     half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
     below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
     return BootstrapResult(
-        count=np.full(len(mean), count), mean=mean, low=mean - half, high=mean + half, p_above=1.0 - below,
+        count=np.full(len(mean), count),
+        mean=mean,
+        low=mean - half,
+        high=mean + half,
+        p_above=1.0 - below,
         p_below=below,
-    )  # fmt: skip
+    )
 
 
 def _interval_bounds(result: BootstrapResult, walks: int) -> list[tuple[float | None, float | None]]:

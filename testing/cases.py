@@ -63,13 +63,14 @@ CHECKS: dict[str, Check] = {
     "follow": _check(check_follow, _DETERMINISTIC),
     **{
         case.name: Check(
-            run=partial(check_fault, case=case), requires=_ESTIMATES,
+            run=partial(check_fault, case=case),
+            requires=_ESTIMATES,
             summary=f"Finite estimates and no exception where {case.summary}.",
         )
         for case in FAULT_CASES
     },
     "bounded_memory": _check(check_bounded_memory, _ESTIMATES),
-}  # fmt: skip
+}
 """All checks by name, each after the one that it requires."""
 
 

@@ -91,67 +91,84 @@ _FLOATS: tuple[type[Sample], ...] = tuple(kind for kind in Sample.__subclasses__
 
 FAULT_CASES = (
     FaultCase(
-        name="fault_dropout", summary="samples are lost",
+        name="fault_dropout",
+        summary="samples are lost",
         injections=(Injection(create=lambda topic: Dropout(topic=topic)),),
     ),
     FaultCase(
-        name="fault_gap", summary="all samples of some seconds are lost",
+        name="fault_gap",
+        summary="all samples of some seconds are lost",
         injections=(Injection(create=lambda topic: Dropout(topic=topic), windows=(_GAP,), each=None),),
     ),
     FaultCase(
-        name="fault_repeat", summary="samples come twice",
+        name="fault_repeat",
+        summary="samples come twice",
         injections=(Injection(create=lambda topic: Repeat(topic=topic)),),
     ),
     FaultCase(
-        name="fault_out_of_order", summary="of two samples the later comes first",
+        name="fault_out_of_order",
+        summary="of two samples the later comes first",
         injections=(Injection(create=lambda topic: OutOfOrder(topic=topic)),),
     ),
     FaultCase(
-        name="fault_late", summary="samples of one stream come after newer ones of others",
+        name="fault_late",
+        summary="samples of one stream come after newer ones of others",
         injections=(Injection(create=lambda topic: Late(topic=topic, delay_s=_LATE_S), windows=()),),
     ),
     FaultCase(
-        name="fault_nan", summary="values are NaN",
+        name="fault_nan",
+        summary="values are NaN",
         injections=(Injection(create=lambda topic: Constant(topic=topic, value=np.nan), kinds=_FLOATS),),
     ),
     FaultCase(
-        name="fault_inf", summary="values are infinite",
+        name="fault_inf",
+        summary="values are infinite",
         injections=(
             Injection(create=lambda topic: Constant(topic=topic, value=np.inf), kinds=_FLOATS),
-            Injection(create=lambda topic: Constant(topic=topic, value=-np.inf), windows=(_LAST,), each=None,
-                      kinds=_FLOATS),
+            Injection(
+                create=lambda topic: Constant(topic=topic, value=-np.inf), windows=(_LAST,), each=None, kinds=_FLOATS
+            ),
         ),
     ),
     FaultCase(
-        name="fault_saturation", summary="values clip far below the range of the part",
+        name="fault_saturation",
+        summary="values clip far below the range of the part",
         injections=(
-            Injection(create=lambda topic: Saturation(topic=topic, fraction=_SHARE_OF_RANGE), windows=(_LONG,),
-                      each=None, kinds=Saturation.sample_types),
+            Injection(
+                create=lambda topic: Saturation(topic=topic, fraction=_SHARE_OF_RANGE),
+                windows=(_LONG,),
+                each=None,
+                kinds=Saturation.sample_types,
+            ),
         ),
     ),
     FaultCase(
-        name="fault_freeze", summary="the last values repeat with new stamps",
+        name="fault_freeze",
+        summary="the last values repeat with new stamps",
         injections=(Injection(create=lambda topic: Freeze(topic=topic)),),
     ),
     FaultCase(
-        name="fault_clock_forward", summary="stamps jump forward for good",
+        name="fault_clock_forward",
+        summary="stamps jump forward for good",
         injections=(
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_JUMP_S), windows=(_FROM_THERE,), each=None),
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_FAR_JUMP_S), windows=(_FOR_GOOD,), each=None),
         ),
     ),
     FaultCase(
-        name="fault_clock_back", summary="stamps jump back for a moment, or forward and back",
+        name="fault_clock_back",
+        summary="stamps jump back for a moment, or forward and back",
         injections=(
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=-_JUMP_S)),
             Injection(create=lambda topic: ClockJump(topic=topic, jump_s=_SHORT_JUMP_S), windows=(_LAST,), each=None),
         ),
     ),
     FaultCase(
-        name="fault_blank_images", summary="images are all zeros",
+        name="fault_blank_images",
+        summary="images are all zeros",
         injections=(Injection(create=lambda topic: Constant(topic=topic, value=0), kinds=_IMAGES),),
     ),
-)  # fmt: skip
+)
 
 
 def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySamples | None:
@@ -203,11 +220,14 @@ def _events(
         windows.append((begin + width * first, begin + width * (first + 1.0 / count)))
     return tuple(
         Event(
-            kind=fault.kind, topic=topic, part=part, from_ns=begin_ns + round(begin * duration_ns),
+            kind=fault.kind,
+            topic=topic,
+            part=part,
+            from_ns=begin_ns + round(begin * duration_ns),
             until_ns=begin_ns + round(end * duration_ns),
         )
         for begin, end in windows
-    )  # fmt: skip
+    )
 
 
 def _part(rig: Rig, topic: str) -> str:

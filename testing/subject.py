@@ -234,9 +234,13 @@ def stream_kinds(rig: Rig) -> dict[str, type[Sample]]:
     from stridetwin.streams.samples import Actuator, Ahrs, Encoder, Imu, Insole, Interaction, Range
 
     others: dict[str, type[Sample]] = {
-        "range": Range, "insole": Insole, "ahrs": Ahrs, "encoder": Encoder, "interaction": Interaction,
+        "range": Range,
+        "insole": Insole,
+        "ahrs": Ahrs,
+        "encoder": Encoder,
+        "interaction": Interaction,
         "actuator": Actuator,
-    }  # fmt: skip
+    }
     kinds: dict[str, type[Sample]] = {topic: Imu for topic in rig.imus}
     kinds |= {topic: Image for topic in rig.cameras}
     kinds |= {camera.depth_topic: Depth for camera in rig.cameras.values() if camera.depth_topic}

@@ -32,9 +32,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 _NAME, _SEED = "conformance", 1
 _LENGTH_M, _STAND_S = 2.0, 1.0
-_SMALL_SENSORS = (
-    "foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu",
-)  # fmt: skip
+_SMALL_SENSORS = ("foot_imu", "sonar", "insole", "ahrs", "exo_imu", "encoder", "interaction", "actuator", "head_imu")
 _CAMERAS = ((), ("head_camera",), ("foot_camera",), ("head_camera", "foot_camera"))
 """Cameras of the walk; the first set with most of the estimator's streams is rendered: images take most of the time."""
 _CAMERA_RATES_HZ = {"head_camera": 10.0, "foot_camera": 5.0}
@@ -85,9 +83,10 @@ class Walk:
             return None
         block = self.recording.block(topic)
         return Trajectory(
-            t_ns=block.t_ns, p_frame_in_world=block.columns["p_frame_in_world"],
+            t_ns=block.t_ns,
+            p_frame_in_world=block.columns["p_frame_in_world"],
             q_world_frame=block.columns["q_world_frame"],
-        )  # fmt: skip
+        )
 
 
 def find_walk(estimator_class: type[Estimator], options: Options | None, recording: Path | None) -> Walk:
@@ -215,10 +214,13 @@ def _session_folder() -> Path:
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
     """Configuration of the twin's walk with some groups of cameras."""
     return TwinConfig(
-        name=_NAME, route=Route(segments=(Level(length_m=_LENGTH_M),)), gait=Gait(stand_s=_STAND_S),
-        sensors=(*_SMALL_SENSORS, *cameras), fittings={camera: _small_camera(camera) for camera in cameras},
+        name=_NAME,
+        route=Route(segments=(Level(length_m=_LENGTH_M),)),
+        gait=Gait(stand_s=_STAND_S),
+        sensors=(*_SMALL_SENSORS, *cameras),
+        fittings={camera: _small_camera(camera) for camera in cameras},
         rig_mount=mount,
-    )  # fmt: skip
+    )
 
 
 def _small_camera(group: str) -> SensorConfig:
@@ -299,6 +301,10 @@ def _poses_at_rest(topic: str) -> Iterator[Sample]:
     """Six seconds of poses, on a topic, of a sensor that stands at the height of the eyes."""
     for i in range(6 * _SYNTHETIC_POSE_HZ + 1):
         yield Odometry(
-            topic=topic, t_ns=i * 10**9 // _SYNTHETIC_POSE_HZ, v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
-            p_frame_in_world=np.array([0.0, 0.0, _SYNTHETIC_EYES_M]), q_world_frame=np.array([1.0, 0.0, 0.0, 0.0]),
-        )  # fmt: skip
+            topic=topic,
+            t_ns=i * 10**9 // _SYNTHETIC_POSE_HZ,
+            v_frame_in_world=np.zeros(3),
+            angular_rate=np.zeros(3),
+            p_frame_in_world=np.array([0.0, 0.0, _SYNTHETIC_EYES_M]),
+            q_world_frame=np.array([1.0, 0.0, 0.0, 0.0]),
+        )

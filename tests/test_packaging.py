@@ -58,8 +58,13 @@ def test_every_data_file_is_packaged():
         assert {f for f in files if not f.name.startswith(".")} <= packaged
 
 
-NAMES = {"cv2": "opencv-python-headless", "rerun": "rerun-sdk", "sklearn": "scikit-learn", "yaml": "pyyaml",
-         "zenoh": "eclipse-zenoh"}  # fmt: skip
+NAMES = {
+    "cv2": "opencv-python-headless",
+    "rerun": "rerun-sdk",
+    "sklearn": "scikit-learn",
+    "yaml": "pyyaml",
+    "zenoh": "eclipse-zenoh",
+}
 """Distributions that are not called as what they are imported as."""
 
 

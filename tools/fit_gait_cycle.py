@@ -25,43 +25,62 @@ from stridetwin.streams.samples import Array
 from tools.steady_cycle import SAMPLES, Cycle, Walker, steady_cycle
 
 PACES = (0.23, 0.26, 0.29, 0.33, 0.38, 0.43, 0.48)  # 0.8 m/s of tall people to 1.4 m/s of small ones
-BODIES = (
-    Person(height_m=1.55, mass_kg=50, sex="female"), Person(height_m=1.83, mass_kg=85),
-)  # fmt: skip
+BODIES = (Person(height_m=1.55, mass_kg=50, sex="female"), Person(height_m=1.83, mass_kg=85))
 _HEIGHT = LABELS.index("height_0")
 _STEP_SIGMAS = 1.5  # largest step of the fit in any coordinate, in sigmas
 _SETTLED = 2e-3  # share of the cost: a step that gains less ends the fit
 # Rounded from earlier runs, by speed; the fit begins on the line through them.
 START = {
     0.26: Style(
-        double_support=0.27, transfer=0.991, flat_after=0.089, heel_off_before=0.385,
+        double_support=0.27,
+        transfer=0.991,
+        flat_after=0.089,
+        heel_off_before=0.385,
         rise=np.array([0.0499, 0.179, 0.627]),
         pitch=np.array([0.728, 1.07, 0.922, 0.703, 0.328, -0.0438, -0.165, -0.314, -0.165]),
         travel=np.array([-0.27, -0.0864, 0.164, 0.139, 0.883, 1.38, 1.27, 1.16]),
         height=np.array([0.979, -0.0108, -0.00575, -0.000311, 0.000413, 0.000482, -0.000393]),
         forward=np.array([0.149, -0.36, -0.0831, 0.0691, 0.957]),
         lift=np.array([0.024, 0.0479, -0.0959, -0.186, 0.72]),
-        tilt=0.146, turn=0.06, list_=0.05,
+        tilt=0.146,
+        turn=0.06,
+        list_=0.05,
     ),
     0.48: Style(
-        double_support=0.2, transfer=0.965, flat_after=0.0933, heel_off_before=0.387,
+        double_support=0.2,
+        transfer=0.965,
+        flat_after=0.0933,
+        heel_off_before=0.387,
         rise=np.array([0.0919, 0.245, 0.579]),
         pitch=np.array([0.867, 1.41, 1.16, 0.915, 0.49, 0.0585, -0.147, -0.506, -0.224]),
         travel=np.array([-0.267, -0.111, 0.21, 0.502, 1.39, 1.42, 1.42, 1.14]),
         height=np.array([0.966, -0.0113, -0.00822, 0.000254, 0.00126, 0.000257, -0.00011]),
         forward=np.array([0.1, -0.454, -0.168, -0.06, 0.922]),
         lift=np.array([0.024, 0.00401, 0.0412, -0.39, 0.831]),
-        tilt=0.163, turn=0.34, list_=0.1,
+        tilt=0.163,
+        turn=0.34,
+        list_=0.1,
     ),
-}  # fmt: skip
+}
 _TABLE = Path(__file__).parents[1] / "sim" / "gait" / "level_style.csv"
 _CLASS_CENTRES = {"VerySlow": 0.17, "Slow": 0.295, "Free": 0.43, "Fast": 0.57, "VeryFast": 0.70}  # of the groups
 _PASSING = 2.0  # the norm changes from one group's to the next in the middle half between their centres
 _PACE_OF_WHOLE_NORM = 0.2  # people who walk more slowly use part of the slowest group's range
 _SIGMA = {
-    "double_support": 0.006, "transfer": 0.06, "flat_after": 0.03, "heel_off_before": 0.08, "rise": 0.10, "pitch": 0.15,
-    "travel": 0.08, "height": 0.003, "forward": 0.08, "lift": 0.08, "tilt": 0.08, "turn": 0.03, "list_": 0.02,
-}  # fmt: skip
+    "double_support": 0.006,
+    "transfer": 0.06,
+    "flat_after": 0.03,
+    "heel_off_before": 0.08,
+    "rise": 0.10,
+    "pitch": 0.15,
+    "travel": 0.08,
+    "height": 0.003,
+    "forward": 0.08,
+    "lift": 0.08,
+    "tilt": 0.08,
+    "turn": 0.03,
+    "list_": 0.02,
+}
 
 
 def double_support(pace: float) -> float:
@@ -101,9 +120,10 @@ def norm(pace: float, quantity: str) -> tuple[Array, Array]:
 
 _ANGLES = {"hip": "hip_flexion_deg", "knee": "knee_flexion_deg", "ankle": "ankle_dorsiflexion_deg"}
 _MOMENTS = {
-    "hip": "hip_extension_moment_Nm_kg", "knee": "knee_extension_moment_Nm_kg",
+    "hip": "hip_extension_moment_Nm_kg",
+    "knee": "knee_extension_moment_Nm_kg",
     "ankle": "ankle_plantarflexion_moment_Nm_kg",
-}  # fmt: skip
+}
 _PELVIS = {
     "pelvis_anterior_tilt_deg": lambda angles: angles[:, 1],
     "pelvis_obliquity_deg": lambda angles: angles[:, 2],

@@ -137,7 +137,7 @@ def fit_ringing(target: Array) -> tuple[Array, Array, float, float]:
                 made = [
                     atoms[hz, d, 0.0][i // 3] + slap**2 * atoms[hz, d, SLAP_DELAY_S][i // 3]
                     for hz, d in zip(SHOE.mode_hz, decays)
-                ]  # fmt: skip
+                ]
                 atoms_seen = np.array([(m * weight[i]).ravel() for m in made]).T
                 squares, rest = nnls(atoms_seen, (target[i] * weight[i]).ravel())
                 amplitude[:, i], left = np.sqrt(squares), left + rest**2

@@ -77,9 +77,19 @@ def row(label: str, config: TwinConfig) -> NDArray[np.uint8]:
 
 def _terrains() -> dict[str, TwinConfig]:
     names = (
-        "level_20m", "shim_stairs", "zhao_stair_25cm", "uneven_stairs", "ramp_up_down", "shim_ramp_14",
-        "zhao_ramp_17_8", "cross_slope", "turns", "jao_loop_126m", "zhao_parallel", "room",
-    )  # fmt: skip
+        "level_20m",
+        "shim_stairs",
+        "zhao_stair_25cm",
+        "uneven_stairs",
+        "ramp_up_down",
+        "shim_ramp_14",
+        "zhao_ramp_17_8",
+        "cross_slope",
+        "turns",
+        "jao_loop_126m",
+        "zhao_parallel",
+        "room",
+    )
     return {name: load_scenario(name).config for name in names}
 
 

@@ -25,10 +25,12 @@ EXPERIMENTS = {"shim_table5": 6, "jao_simulation": 100, "zhao_closed_loop": 2, "
 DEMO_SEEDS = range(1, 4)
 TIMINGS = ("_ms", "real_time", "_s_per", "seconds", "cpu", "rate_x", "latency")  # parts of the names of timings
 RENAMED = {
-    "stridetwin": "proposed", "told_rmse": "all_rmse", "told": "predicted",
+    "stridetwin": "proposed",
+    "told_rmse": "all_rmse",
+    "told": "predicted",
     "single_picture": "single_image",
     **{f"told_{name}": f"estimated_{name}" for name in ("elevation", "mode", "place", "probability", "slope")},
-}  # fmt: skip
+}
 """The key or word of an older version: today's."""
 IGNORED = ("key", "version", "folder", "recording")
 

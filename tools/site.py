@@ -59,9 +59,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     uri = page.file.src_uri
     at_top = {page: name for name, page in TOP.items()}
     place = at_top.get(uri, f"docs/{uri}")
-    return "".join(
-        text if fenced else _unescaped(relinked(text, place, uri)) for fenced, text in parts(markdown)
-    )  # fmt: skip
+    return "".join(text if fenced else _unescaped(relinked(text, place, uri)) for fenced, text in parts(markdown))
 
 
 def on_page_content(page_html: str, page: Page, config: MkDocsConfig, files: Files) -> str:

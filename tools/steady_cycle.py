@@ -130,8 +130,13 @@ def steady_cycle(
     side_angles = {j: np.degrees(x[:, names.index(f"{n}_l")]) for j, n in _JOINTS.items()}
     return Cycle(
         angles_deg={j: angle[:-1] for j, angle in side_angles.items()},
-        moments=_moments(walker, q[:-1], needed[:-1], load[:-1, None] * (needed[:-1, :3] / needed[:-1, 2:3]), 
-                         (centres["l"][:, :2] + zmp - wanted)[:-1]),
+        moments=_moments(
+            walker,
+            q[:-1],
+            needed[:-1],
+            load[:-1, None] * (needed[:-1, :3] / needed[:-1, 2:3]),
+            (centres["l"][:, :2] + zmp - wanted)[:-1],
+        ),
         pelvis_deg=np.degrees(pose.pelvis[:-1]),
         load=load[:-1] / weight,
         total=needed[:-1, 2] / weight,
@@ -139,11 +144,12 @@ def steady_cycle(
         heel_speed=_speed(size, wide_paths["l"], wide)[mid][:-1],
         pitch_rate=np.gradient(wide_paths["l"].pitch, wide)[mid][:-1],
         stretch=legs_["l"].stretch[:-1],
-        excess=solve_leg(size, "l", p_pelvis, R_pelvis, paths["l"].p_foot_in_world, paths["l"].R_world_foot,
-                         _BENT_RAD).stretch[:-1],
+        excess=solve_leg(
+            size, "l", p_pelvis, R_pelvis, paths["l"].p_foot_in_world, paths["l"].R_world_foot, _BENT_RAD
+        ).stretch[:-1],
         over_ground=path,
         zmp_error=float(np.abs(error).max()),
-    )  # fmt: skip
+    )
 
 
 _JOINTS = {"hip": "hip_flexion", "knee": "knee_flexion", "ankle": "ankle_dorsiflexion"}
@@ -154,13 +160,25 @@ def _footsteps(style: Style, step_m: float, step_s: float) -> dict[str, list[Foo
     share = float(style.double_support)
     for k in range(-2, _FIRST + 6):
         foot, sign = ("l", 1.0) if k % 2 == 0 else ("r", -1.0)
-        steps[foot].append(Footstep(
-            foot=foot, p_foot_in_world=np.array([k * step_m, sign * HALF_STEP_WIDTH_M, 0.0]),
-            R_world_sole=rot_z(np.array(sign * TOE_OUT_RAD)),
-            s=k * step_m, heading=0.0, slope=0.0, rise=0.0, fall=0.0,
-            terrain="level", mode="LG", arrival="heel", departure="push",
-            t_touch=k * step_s if k >= 0 else -np.inf, t_off=(k + 1 + share) * step_s, style=style,
-        ))  # fmt: skip
+        steps[foot].append(
+            Footstep(
+                foot=foot,
+                p_foot_in_world=np.array([k * step_m, sign * HALF_STEP_WIDTH_M, 0.0]),
+                R_world_sole=rot_z(np.array(sign * TOE_OUT_RAD)),
+                s=k * step_m,
+                heading=0.0,
+                slope=0.0,
+                rise=0.0,
+                fall=0.0,
+                terrain="level",
+                mode="LG",
+                arrival="heel",
+                departure="push",
+                t_touch=k * step_s if k >= 0 else -np.inf,
+                t_off=(k + 1 + share) * step_s,
+                style=style,
+            )
+        )
     return steps
 
 

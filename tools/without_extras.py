@@ -15,11 +15,31 @@ from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
-EXTRAS = frozenset({
-    "mujoco", "glfw", "dm_control", "dm_env", "joblib", "platformdirs", "trimesh", "rerun", "rerun_sdk", "dask",
-    "distributed", "cma", "sklearn", "pandas", "zenoh", "open3d",
-    "lzfse", "projectaria_tools", "plotly", "jinja2", "markupsafe",
-})  # fmt: skip
+EXTRAS = frozenset(
+    {
+        "mujoco",
+        "glfw",
+        "dm_control",
+        "dm_env",
+        "joblib",
+        "platformdirs",
+        "trimesh",
+        "rerun",
+        "rerun_sdk",
+        "dask",
+        "distributed",
+        "cma",
+        "sklearn",
+        "pandas",
+        "zenoh",
+        "open3d",
+        "lzfse",
+        "projectaria_tools",
+        "plotly",
+        "jinja2",
+        "markupsafe",
+    }
+)
 """Import names of the extras' packages."""
 
 

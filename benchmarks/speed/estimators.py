@@ -102,9 +102,7 @@ def foot_to_foot(minutes: float, seed: int) -> Summary:
 
 def _two_foot_figures(walk: Recording, repetitions: int) -> dict[str, float]:
     topics = (*IMUS, *CAMERAS, *SONARS)
-    replay = Replay(
-        read=lambda: walk.samples(topics), repetitions=repetitions, span_ns=round(walk.duration * 1e9)
-    )  # fmt: skip
+    replay = Replay(read=lambda: walk.samples(topics), repetitions=repetitions, span_ns=round(walk.duration * 1e9))
     estimator, filtering, whole = FootToFoot(walk.rig), Stopwatch(), Stopwatch()
     boards = images = 0
 

@@ -186,10 +186,12 @@ class BoardDetector:
             fit = self._fit_board(grey, rough, motion_px)
             if fit is not None and self._is_identified(grey, fit, near, guess_error_px):
                 return BoardObservation(
-                    topic=image.topic, t_ns=image.t_ns + self._shift_ns,
-                    points_in_board=self.points_in_board[fit.indices], rays=self._lens.rays(fit.corners[:, :2]),
+                    topic=image.topic,
+                    t_ns=image.t_ns + self._shift_ns,
+                    points_in_board=self.points_in_board[fit.indices],
+                    rays=self._lens.rays(fit.corners[:, :2]),
                     ray_sd=fit.sd_px / self._lens.focal_px,
-                )  # fmt: skip
+                )
         return None
 
     def _read_grey(self, image: Image) -> NDArray[np.uint8]:
@@ -296,9 +298,7 @@ class BoardDetector:
         fits[:, saddle_points.OK] = good & (step > _MIN_CONTRAST * usual) & (usual > _MIN_STEP)
         return fits
 
-    def _is_identified(
-        self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float
-    ) -> bool:  # fmt: skip
+    def _is_identified(self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float) -> bool:
         """Whether the identity of the corners is certain, by the prediction or by the whole board."""
         if near is not None and is_unambiguous(self._pattern, fit.view, fit.indices, near, reach_px):
             return True

@@ -47,7 +47,7 @@ _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 @entry_kernel(Path(__file__).parent)
 def fit_corners(
     image: NDArray[np.uint8], start: Array, edges: Array, colour: Array, blur: Array, motion: Array, fit_blur: bool
-) -> Array:  # fmt: skip
+) -> Array:
     """Fits the brightness around every corner; unknown are the corner's position, two brightnesses and the blur.
 
     Around a corner the image of a checkerboard is a + b s(u) s(v): u and v count squares along the board's axes from
@@ -104,9 +104,15 @@ def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _fit_corner(
-    image: NDArray[np.uint8], start: Array, edges: Array, colour: float, blur: Array, motion: Array,
-    fit_blur: bool, out: Array,
-) -> None:  # fmt: skip
+    image: NDArray[np.uint8],
+    start: Array,
+    edges: Array,
+    colour: float,
+    blur: Array,
+    motion: Array,
+    fit_blur: bool,
+    out: Array,
+) -> None:
     """Fits the brightness around one corner by Gauss-Newton: minimises Σ (grey - a - b s(u) s(v))².
 
     The arguments are one row of those of `fit_corners`; the fit is written into `out` (COLUMNS,), which stays 0 without

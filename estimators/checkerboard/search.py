@@ -65,7 +65,7 @@ def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Distorti
 
 def _correlate(
     grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
-) -> list[tuple[float, View]]:  # fmt: skip
+) -> list[tuple[float, View]]:
     """Best correlations of image and pattern, with their views, shifted by up to some squares.
 
     The image is rectified by the guess, so that the board is upright and of known size in it, and compared with the

@@ -6,6 +6,16 @@ from stridetwin.estimators.contact_terrain.geometry import Compliance, Exoskelet
 from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters, PublishedParameters
 
 __all__ = [
-    "METHODS", "MODES", "UNKNOWN", "Compliance", "ContactTerrain", "ContactTerrainParameters", "Exoskeleton",
-    "PublishedParameters", "StepEstimate", "TerrainSvm", "parse_exoskeleton", "read_exoskeleton",
-]  # fmt: skip
+    "METHODS",
+    "MODES",
+    "UNKNOWN",
+    "Compliance",
+    "ContactTerrain",
+    "ContactTerrainParameters",
+    "Exoskeleton",
+    "PublishedParameters",
+    "StepEstimate",
+    "TerrainSvm",
+    "parse_exoskeleton",
+    "read_exoskeleton",
+]

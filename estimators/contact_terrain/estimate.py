@@ -125,9 +125,12 @@ def mode_probabilities(
     )
     tread = 1.0 - steep_up - steep_down
     return {
-        "LG": plane * (1.0 - up - down), "SA": tread * high, "SD": tread * low,
-        "RA": plane * up + (high + low) * steep_up, "RD": plane * down + (high + low) * steep_down,
-    }  # fmt: skip
+        "LG": plane * (1.0 - up - down),
+        "SA": tread * high,
+        "SD": tread * low,
+        "RA": plane * up + (high + low) * steep_up,
+        "RD": plane * down + (high + low) * steep_down,
+    }
 
 
 def most_likely(probabilities: dict[str, float], probability_min: float) -> tuple[str, float]:

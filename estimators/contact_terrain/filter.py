@@ -43,9 +43,13 @@ class ContactTerrain:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="contact_terrain", kind=STEPS, order=1, methods=METHODS, budget_s=0.05,
+        name="contact_terrain",
+        kind=STEPS,
+        order=1,
+        methods=METHODS,
+        budget_s=0.05,
         needs="an exoskeleton's AHRS, encoders and insoles",
-    )  # fmt: skip
+    )
 
     def __init__(
         self,

@@ -248,27 +248,34 @@ def to_text(exo: Exoskeleton) -> str:
         side: {
             "frames": [
                 {
-                    "alpha_deg": math.degrees(row.alpha), "a_m": float(row.a), "d_m": float(row.d),
-                    "theta_deg": math.degrees(row.theta), "turns": row.turns,
+                    "alpha_deg": math.degrees(row.alpha),
+                    "a_m": float(row.a),
+                    "d_m": float(row.d),
+                    "theta_deg": math.degrees(row.theta),
+                    "turns": row.turns,
                 }
                 | ({"range_deg": [math.degrees(q) for q in row.stops]} if math.isfinite(row.stops[0]) else {})
                 for row in leg.rows
             ],
             "thigh": {
-                "topic": leg.thigh.topic, "frame": leg.thigh.frame, "R_frame_sensor": leg.thigh.R_frame_sensor.tolist()
+                "topic": leg.thigh.topic,
+                "frame": leg.thigh.frame,
+                "R_frame_sensor": leg.thigh.R_frame_sensor.tolist(),
             },
             "knee": {"topic": leg.knee.topic, "frame": leg.knee.frame, "sign": leg.knee.sign},
             "foot": {"topic": leg.foot.topic, "R_frame_sensor": leg.foot.R_frame_sensor.tolist()},
             "sole": {
-                "topic": leg.sole.topic, "T_foot_sole": leg.sole.T_foot_sole.tolist(),
-                "cells_m": leg.sole.cells.tolist(), "heel_x_m": float(leg.sole.heel_x),
+                "topic": leg.sole.topic,
+                "T_foot_sole": leg.sole.T_foot_sole.tolist(),
+                "cells_m": leg.sole.cells.tolist(),
+                "heel_x_m": float(leg.sole.heel_x),
                 "hinge_x_m": float(leg.sole.hinge_x),
                 "hinge_z_m": float(leg.sole.hinge_z),
                 "tip_x_m": float(leg.sole.tip_x),
             },
         }
         for side, leg in exo.legs.items()
-    }  # fmt: skip
+    }
     back = {"topic": exo.back.topic, "R_frame_sensor": exo.back.R_frame_sensor.tolist()}
     values = {
         "description": exo.description,

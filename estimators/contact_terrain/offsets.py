@@ -114,9 +114,7 @@ class Offsets:
         z, P, _ = _update(
             z, P, A @ H, -_plane_residual(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD
         )
-        return Posterior(
-            values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n]
-        )  # fmt: skip
+        return Posterior(values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n])
 
     def store(self, posterior: Posterior) -> None:
         """Stores the offsets estimated with a completed step."""
@@ -143,7 +141,7 @@ def _plane_residual_jacobian(m: Array) -> Array:
 @entry_kernel(_HERE)
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
-) -> tuple[Array, Array, float]:  # fmt: skip
+) -> tuple[Array, Array, float]:
     """Kalman update by y = H z + noise, which holds with a probability: docs/contact_terrain.md (9), (10).
 
     Args:

@@ -263,11 +263,19 @@ class Proposed:
             mode_probabilities(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
         )
         return StepEstimate(
-            t_ns=t_ns, step=fall.step, foot=SIDES[self._newest], slope=float(slope), elevation=float(height),
-            slope_sd=float(sd[3]), elevation_sd=float(sd[2]), normal=_normal(fall.R_world_sole(), slope),
-            p_sole_in_world=self._p_before + posterior.values[:3], covariance=covariance[:3, :3],
-            mode=mode, probability=float(probability),
-        )  # fmt: skip
+            t_ns=t_ns,
+            step=fall.step,
+            foot=SIDES[self._newest],
+            slope=float(slope),
+            elevation=float(height),
+            slope_sd=float(sd[3]),
+            elevation_sd=float(sd[2]),
+            normal=_normal(fall.R_world_sole(), slope),
+            p_sole_in_world=self._p_before + posterior.values[:3],
+            covariance=covariance[:3, :3],
+            mode=mode,
+            probability=float(probability),
+        )
 
 
 def _normal(R_world_sole: Array, slope: float) -> Array:

@@ -250,7 +250,7 @@ class Published:
         contacts = [
             None if cop is None else sole.T_foot_sole[:3, :2] @ cop + sole.T_foot_sole[:3, 3]
             for sole, cop in zip(self._soles, cops)
-        ]  # fmt: skip
+        ]
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
         self._pivot.move(foot, contacts, tick.R[0], T_base_foot)
         self._start_footprints(phases)
@@ -300,7 +300,16 @@ class Published:
         angle, elevation = slope(plane.normal, R_world_sole[:2, 0]), float(plane.centre[2] - below)
         mode = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
         return StepEstimate(
-            t_ns=tick.t_ns, step=footprint.step, foot=SIDES[foot], slope=angle, elevation=elevation, slope_sd=np.inf,
-            elevation_sd=np.inf, normal=plane.normal, p_sole_in_world=footprint.soles / footprint.markers.count,
-            covariance=np.diag(np.full(3, np.inf)), mode=mode[0], probability=mode[1],
-        )  # fmt: skip
+            t_ns=tick.t_ns,
+            step=footprint.step,
+            foot=SIDES[foot],
+            slope=angle,
+            elevation=elevation,
+            slope_sd=np.inf,
+            elevation_sd=np.inf,
+            normal=plane.normal,
+            p_sole_in_world=footprint.soles / footprint.markers.count,
+            covariance=np.diag(np.full(3, np.inf)),
+            mode=mode[0],
+            probability=mode[1],
+        )

@@ -127,10 +127,15 @@ class TickBuilder:
         self._tick_ns = self._now
         return [
             Tick(
-                t_ns=self._now, dt=dt, R=R, rate=self._rate.copy(), knee=self._knee.copy(), force=self._force.copy(),
+                t_ns=self._now,
+                dt=dt,
+                R=R,
+                rate=self._rate.copy(),
+                knee=self._knee.copy(),
+                force=self._force.copy(),
                 fresh=fresh,
             )
-        ]  # fmt: skip
+        ]
 
 
 def _is_valid(sample: Sample) -> bool:
@@ -204,9 +209,11 @@ class Attitudes:
 
     def __init__(self, parameters: ContactTerrainParameters = DEFAULTS) -> None:
         self._noise = _Noise(
-            stationary_sd_rad=parameters.ahrs_stationary_sd_rad, moving_sd_rad=parameters.ahrs_moving_sd_rad,
-            correlation_s=parameters.ahrs_correlation_s, drift_rad_per_sqrt_s=parameters.gyro_drift_rad_per_sqrt_s,
-        )  # fmt: skip
+            stationary_sd_rad=parameters.ahrs_stationary_sd_rad,
+            moving_sd_rad=parameters.ahrs_moving_sd_rad,
+            correlation_s=parameters.ahrs_correlation_s,
+            drift_rad_per_sqrt_s=parameters.gyro_drift_rad_per_sqrt_s,
+        )
         self.R = np.tile(np.eye(3), (5, 1, 1))
         self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
 

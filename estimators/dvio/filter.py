@@ -127,10 +127,16 @@ class Dvio:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="dvio", kind=PATH, order=3, methods=tuple(METHODS), mounts=MOUNTS, supplies_poses=True, label="",
+        name="dvio",
+        kind=PATH,
+        order=3,
+        methods=tuple(METHODS),
+        mounts=MOUNTS,
+        supplies_poses=True,
+        label="",
         needs="an RGB-D camera with IMU on head or chest",
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
-    )  # fmt: skip
+    )
 
     default_parameters = staticmethod(method_parameters)
 
@@ -209,11 +215,16 @@ class Dvio:
         return [
             PathEstimate(
                 name=name if options.method == cls.declaration.methods[0] else f"{name}_{options.method}",
-                frame=f"{mount}/imu", path=trajectory_of(poses), ready_ns=poses[0].t_ns, label=cls.declaration.label,
-                healthy=np.array([pose.valid for pose in poses], bool), supplies_poses=True, status=np.array(status),
+                frame=f"{mount}/imu",
+                path=trajectory_of(poses),
+                ready_ns=poses[0].t_ns,
+                label=cls.declaration.label,
+                healthy=np.array([pose.valid for pose in poses], bool),
+                supplies_poses=True,
+                status=np.array(status),
                 camera=trajectory_of(camera_poses),
             )
-        ]  # fmt: skip
+        ]
 
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.

@@ -173,7 +173,7 @@ def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bi
 @njit(error_model="numpy", **INNER_KERNEL)
 def _relative_motion(
     R: Array, pi: Array, vi: Array, pj: Array, vj: Array, dt: float, gravity: float, p: Array, v: Array
-) -> None:  # fmt: skip
+) -> None:
     """Motion from frame i to frame j in the axes of i, without gravity: two terms of docs/dvio.md (4).
 
     Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the

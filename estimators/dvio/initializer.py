@@ -211,9 +211,17 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
         return None
     up: Array = np.asarray(-g / size, float)
     return Motion(
-        R=structure.R, p=structure.p, v=x[: 3 * K].reshape(K, 3), up=up, tilt_axes=np.linalg.svd(up[None])[2][1:].T,
-        bias=bias, scale=scale, mount_R=R_ic, mount_p=p_ic, offset=0.0,
-    )  # fmt: skip
+        R=structure.R,
+        p=structure.p,
+        v=x[: 3 * K].reshape(K, 3),
+        up=up,
+        tilt_axes=np.linalg.svd(up[None])[2][1:].T,
+        bias=bias,
+        scale=scale,
+        mount_R=R_ic,
+        mount_p=p_ic,
+        offset=0.0,
+    )
 
 
 def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
@@ -322,11 +330,18 @@ def _apply_step(s: Motion, e: Array, K: int) -> Motion:
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
-        s, R=s.R @ exp(cameras[:, 3:]), p=s.p + cameras[:, :3], v=s.v + e[6 * K : 9 * K].reshape(K, 3),
-        up=back @ s.up, tilt_axes=back @ s.tilt_axes, bias=s.bias + globals_[2:8],
-        scale=s.scale * float(np.exp(globals_[8])), mount_R=s.mount_R @ exp(globals_[12:15]),
-        mount_p=s.mount_p + globals_[9:12], offset=s.offset + float(globals_[15]),
-    )  # fmt: skip
+        s,
+        R=s.R @ exp(cameras[:, 3:]),
+        p=s.p + cameras[:, :3],
+        v=s.v + e[6 * K : 9 * K].reshape(K, 3),
+        up=back @ s.up,
+        tilt_axes=back @ s.tilt_axes,
+        bias=s.bias + globals_[2:8],
+        scale=s.scale * float(np.exp(globals_[8])),
+        mount_R=s.mount_R @ exp(globals_[12:15]),
+        mount_p=s.mount_p + globals_[9:12],
+        offset=s.offset + float(globals_[15]),
+    )
 
 
 class Initializer:
@@ -425,9 +440,12 @@ class Initializer:
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
         s = Observations(
-            seen=self._seen[:K, often], at=self._at[:K, often], rho=self._rho[:K, often],
-            sd=p.pixel_noise_px / self._core.lens.focal_px, rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
-        )  # fmt: skip
+            seen=self._seen[:K, often],
+            at=self._at[:K, often],
+            rho=self._rho[:K, often],
+            sd=p.pixel_noise_px / self._core.lens.focal_px,
+            rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
+        )
         structure = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
         return None if structure is None or len(structure.R) < _MIN_IMAGES else structure
 
@@ -437,7 +455,11 @@ class Initializer:
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
         return Priors(
-            T_imu_camera=T_imu_camera, bias=core.nav.bias.copy(), bias_sd=core.bias_sd,
-            mount_sd=np.repeat(prior.mount_sd, 3), offset_sd=prior.offset_sd_s, scale_sd=prior.depth_scale_sd,
+            T_imu_camera=T_imu_camera,
+            bias=core.nav.bias.copy(),
+            bias_sd=core.bias_sd,
+            mount_sd=np.repeat(prior.mount_sd, 3),
+            offset_sd=prior.offset_sd_s,
+            scale_sd=prior.depth_scale_sd,
             gravity=core.parameters.gravity_mps2,
-        )  # fmt: skip
+        )

@@ -82,17 +82,29 @@ def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
     """Preallocated camera equations for F frames and L landmarks."""
     m = CALIBRATION + POSE * frames
     return CameraEquations(
-        H=np.zeros((m, m)), b=np.zeros(m), pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
-        depth_information=np.zeros(landmarks), b_depth=np.zeros(landmarks), cross=np.zeros((landmarks, m)),
-        J=np.zeros((3, COLUMNS)), J_depth=np.zeros(3),
-    )  # fmt: skip
+        H=np.zeros((m, m)),
+        b=np.zeros(m),
+        pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
+        depth_information=np.zeros(landmarks),
+        b_depth=np.zeros(landmarks),
+        cross=np.zeros((landmarks, m)),
+        J=np.zeros((3, COLUMNS)),
+        J_depth=np.zeros(3),
+    )
 
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def _add_landmark(
-    frames: Frames, marks: Landmarks, calibration: Calibration, factors: FactorParameters, views: Views,
-    s: CameraEquations, l: int, last: int, host_depth: bool,
-) -> float:  # fmt: skip
+    frames: Frames,
+    marks: Landmarks,
+    calibration: Calibration,
+    factors: FactorParameters,
+    views: Views,
+    s: CameraEquations,
+    l: int,
+    last: int,
+    host_depth: bool,
+) -> float:
     """Adds the observations and measured depths of landmark `l` in frames up to `last`; returns their cost.
 
     Residuals of docs/dvio.md (7)-(9) with Huber weights; docs/dvio.md (8) only if `host_depth`. Writes the landmark's
@@ -223,9 +235,16 @@ def is_usable(marks: Landmarks, l: int, last: int) -> bool:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def add_camera_factors(
-    window: WindowState, factors: FactorParameters, views: Views, s: CameraEquations, hosts: int, last: int,
-    host_depth: bool, H: Array, b: Array,
-) -> float:  # fmt: skip
+    window: WindowState,
+    factors: FactorParameters,
+    views: Views,
+    s: CameraEquations,
+    hosts: int,
+    last: int,
+    host_depth: bool,
+    H: Array,
+    b: Array,
+) -> float:
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
     H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
@@ -266,9 +285,15 @@ def state_index(i: int) -> int:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def predict_observations(
-    window: WindowState, R: Array, p: Array, before: int, expected: Array, start: Array, warp: Array,
+    window: WindowState,
+    R: Array,
+    p: Array,
+    before: int,
+    expected: Array,
+    start: Array,
+    warp: Array,
     known: NDArray[np.uint8],
-) -> None:  # fmt: skip
+) -> None:
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:
@@ -315,9 +340,14 @@ def predict_observations(
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def cull(
-    marks: Landmarks, c: Calibration, factors: FactorParameters, views: Views, n: int, most: float,
+    marks: Landmarks,
+    c: Calibration,
+    factors: FactorParameters,
+    views: Views,
+    n: int,
+    most: float,
     alive: NDArray[np.uint8],
-) -> int:  # fmt: skip
+) -> int:
     """Removes observations with a residual beyond `most` standard deviations, in the first `n` frames.
 
     A landmark that is an outlier in the newest frame is dropped: its `alive` (L,) becomes 0. An outlying measured depth

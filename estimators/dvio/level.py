@@ -64,7 +64,7 @@ class LevelGround:
 
     def observe(
         self, window: WindowState, L: Array, slot: int, measured: Array, weights: Array, mount: MountPrior
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Adds one measurement of the tilt from the level planes that the frame in a slot sees.
 
         Planes that may be ramps are left out. At the start, planes that are too steep for an error of the tilt measure

@@ -57,17 +57,25 @@ def copy_of(nav: NavState) -> NavState:
 def state_of(frames: Frames, k: int) -> NavState:
     """A copy of the state of the frame in slot k, with zero covariance."""
     return NavState(
-        t_ns=frames.t_ns[k : k + 1].copy(), R=frames.R[k].copy(), p=frames.p[k].copy(), v=frames.v[k].copy(),
-        bias=frames.bias[k].copy(), covariance=np.zeros((FRAME, FRAME)),
-    )  # fmt: skip
+        t_ns=frames.t_ns[k : k + 1].copy(),
+        R=frames.R[k].copy(),
+        p=frames.p[k].copy(),
+        v=frames.v[k].copy(),
+        bias=frames.bias[k].copy(),
+        covariance=np.zeros((FRAME, FRAME)),
+    )
 
 
 def blank_nav_state() -> NavState:
     """Stationary at the origin, with zero covariance."""
     return NavState(
-        t_ns=np.zeros(1, np.int64), R=np.eye(3), p=np.zeros(3), v=np.zeros(3), bias=np.zeros(6),
+        t_ns=np.zeros(1, np.int64),
+        R=np.eye(3),
+        p=np.zeros(3),
+        v=np.zeros(3),
+        bias=np.zeros(6),
         covariance=np.zeros((FRAME, FRAME)),
-    )  # fmt: skip
+    )
 
 
 @njit(error_model="numpy", **INNER_KERNEL)

@@ -54,10 +54,14 @@ def blank_work(window: WindowState) -> Work:
     frames, landmarks = len(window.frames.t_ns), len(window.landmarks.host)
     n = CALIBRATION + FRAME * frames
     return Work(
-        H=np.zeros((n, n)), b=np.zeros(n), factor=np.zeros((n, n)), step=np.zeros(n),
-        camera=blank_camera_equations(frames, landmarks), views=blank_views(frames),
+        H=np.zeros((n, n)),
+        b=np.zeros(n),
+        factor=np.zeros((n, n)),
+        step=np.zeros(n),
+        camera=blank_camera_equations(frames, landmarks),
+        views=blank_views(frames),
         saved=[a.copy() for a in _state_arrays(window)],
-    )  # fmt: skip
+    )
 
 
 def preintegrate(
@@ -83,8 +87,19 @@ def _state_arrays(window: WindowState) -> tuple[Array, ...]:
     """The arrays of the window that an optimisation step changes, as views."""
     f, c = window.frames, window.calibration
     return (
-        f.R, f.p, f.v, f.bias, f.moved, c.R, c.p, c.offset, c.scale, c.focal, c.moved, window.landmarks.inverse_depth,
-    )  # fmt: skip
+        f.R,
+        f.p,
+        f.v,
+        f.bias,
+        f.moved,
+        c.R,
+        c.p,
+        c.offset,
+        c.scale,
+        c.focal,
+        c.moved,
+        window.landmarks.inverse_depth,
+    )
 
 
 def _linearise(

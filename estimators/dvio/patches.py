@@ -92,9 +92,14 @@ def _is_near(points: NDArray[np.float32], count: int, x: float, y: float, apart_
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def pick(
-    shape: tuple[int, int], candidates: NDArray[np.float32], order: NDArray[np.int64], taken: NDArray[np.float32],
-    min_distance_px: float, filled: NDArray[np.int64], out: NDArray[np.float32],
-) -> int:  # fmt: skip
+    shape: tuple[int, int],
+    candidates: NDArray[np.float32],
+    order: NDArray[np.int64],
+    taken: NDArray[np.float32],
+    min_distance_px: float,
+    filled: NDArray[np.int64],
+    out: NDArray[np.float32],
+) -> int:
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
     A picked point is at least `min_distance_px` away from all others.
@@ -294,9 +299,14 @@ def _correlate(
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def align(
-    grey: NDArray[np.uint8], patches: Patches, ids: NDArray[np.int64], warps: Array, limits: AlignmentLimits,
-    points: NDArray[np.float32], good: NDArray[np.bool_],
-) -> None:  # fmt: skip
+    grey: NDArray[np.uint8],
+    patches: Patches,
+    ids: NDArray[np.int64],
+    warps: Array,
+    limits: AlignmentLimits,
+    points: NDArray[np.float32],
+    good: NDArray[np.bool_],
+) -> None:
     """Aligns points with their patches by inverse compositional Gauss-Newton.
 
     The warped image about a point is modelled as gain (T + dᵀ∇T) with the patch T. Least squares over the patch's basis

@@ -48,9 +48,13 @@ def blank_views(frames: int) -> Views:
     F = frames
     pair, vector = (F, F, 3, 3), (F, F, 3)
     return Views(
-        rotation=np.zeros(pair), translation=np.zeros(vector), rotation_first=np.zeros(pair),
-        translation_first=np.zeros(vector), C=np.zeros((F, 3, 3)), CR=np.zeros(pair),
-    )  # fmt: skip
+        rotation=np.zeros(pair),
+        translation=np.zeros(vector),
+        rotation_first=np.zeros(pair),
+        translation_first=np.zeros(vector),
+        C=np.zeros((F, 3, 3)),
+        CR=np.zeros(pair),
+    )
 
 
 def directions(at: Array) -> Array:
@@ -151,9 +155,17 @@ def project(
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def observation_jacobian(
-    frames: Frames, c: Calibration, views: Views, host: int, observer: int, x: float, y: float, inverse_depth: float,
-    J: Array, Jl: Array,
-) -> bool:  # fmt: skip
+    frames: Frames,
+    c: Calibration,
+    views: Views,
+    host: int,
+    observer: int,
+    x: float,
+    y: float,
+    inverse_depth: float,
+    J: Array,
+    Jl: Array,
+) -> bool:
     """Derivatives of `project` at the linearisation states, docs/dvio.md (6).
 
     Written out, because it runs a thousand times per image and allocation is slow.

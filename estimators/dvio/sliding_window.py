@@ -182,9 +182,14 @@ class SlidingWindow:
         f.in_prior[slot] = 0
         f.zero_velocity_sd[slot] = STATIONARY_SPEED_SD_MPS if stationary and p.method.zero_velocity_updates else np.inf
         preintegrate(
-            w.preintegrations, slot - 1, self.inertial.imu_samples, f.t_ns[slot - 1], f.t_ns[slot], f.bias[slot - 1],
+            w.preintegrations,
+            slot - 1,
+            self.inertial.imu_samples,
+            f.t_ns[slot - 1],
+            f.t_ns[slot],
+            f.bias[slot - 1],
             self.noise,
-        )  # fmt: skip
+        )
         key = self._is_key(slot)
         minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
         self._mark_observable_depths()

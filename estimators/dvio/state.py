@@ -229,10 +229,15 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
     gamma = np.zeros((*lead, 3, 3))
     gamma[...] = np.eye(3)
     return Preintegration(
-        dt=np.zeros((*lead, 1)), delta_p=np.zeros((*lead, 3)), delta_R=gamma, delta_v=np.zeros((*lead, 3)),
-        by_bias=np.zeros((*lead, 9, 6)), covariance=np.zeros((*lead, 9, 9)), weight=np.zeros((*lead, 9, 9)),
+        dt=np.zeros((*lead, 1)),
+        delta_p=np.zeros((*lead, 3)),
+        delta_R=gamma,
+        delta_v=np.zeros((*lead, 3)),
+        by_bias=np.zeros((*lead, 9, 6)),
+        covariance=np.zeros((*lead, 9, 9)),
+        weight=np.zeros((*lead, 9, 9)),
         bias=np.zeros((*lead, 6)),
-    )  # fmt: skip
+    )
 
 
 def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> WindowState:
@@ -242,20 +247,39 @@ def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: flo
     identities[:] = np.eye(3)
     return WindowState(
         frames=Frames(
-            count=np.zeros(1, np.int64), t_ns=np.zeros(F, np.int64), R=identities.copy(), p=np.zeros((F, 3)),
-            v=np.zeros((F, 3)), bias=np.zeros((F, 6)), in_prior=np.zeros(F, np.uint8), R_first=identities.copy(),
-            p_first=np.zeros((F, 3)), v_first=np.zeros((F, 3)), bias_first=np.zeros((F, 6)),
-            moved=np.zeros((F, FRAME)), rate=np.zeros((F, 3)), offset=np.zeros(F), zero_velocity_sd=np.full(F, np.inf),
+            count=np.zeros(1, np.int64),
+            t_ns=np.zeros(F, np.int64),
+            R=identities.copy(),
+            p=np.zeros((F, 3)),
+            v=np.zeros((F, 3)),
+            bias=np.zeros((F, 6)),
+            in_prior=np.zeros(F, np.uint8),
+            R_first=identities.copy(),
+            p_first=np.zeros((F, 3)),
+            v_first=np.zeros((F, 3)),
+            bias_first=np.zeros((F, 6)),
+            moved=np.zeros((F, FRAME)),
+            rate=np.zeros((F, 3)),
+            offset=np.zeros(F),
+            zero_velocity_sd=np.full(F, np.inf),
         ),
         preintegrations=blank_preintegration(F),
         landmarks=Landmarks(
-            host=np.full(L, NO_HOST, np.int64), inverse_depth=np.zeros(L), slope=np.zeros((L, 2)),
-            measured=np.zeros(L, np.uint8), seen=np.zeros((L, F), np.uint8), at=np.zeros((L, F, 2)),
+            host=np.full(L, NO_HOST, np.int64),
+            inverse_depth=np.zeros(L),
+            slope=np.zeros((L, 2)),
+            measured=np.zeros(L, np.uint8),
+            seen=np.zeros((L, F), np.uint8),
+            at=np.zeros((L, F, 2)),
             rho=np.zeros((L, F)),
         ),
         calibration=Calibration(
-            R=np.array(T_imu_camera[:3, :3], dtype=float, order="C"), p=np.array(T_imu_camera[:3, 3], dtype=float),
-            offset=np.array([float(offset_s)]), scale=np.ones(1), focal=np.zeros(2), moved=np.zeros(CALIBRATION),
+            R=np.array(T_imu_camera[:3, :3], dtype=float, order="C"),
+            p=np.array(T_imu_camera[:3, 3], dtype=float),
+            offset=np.array([float(offset_s)]),
+            scale=np.ones(1),
+            focal=np.zeros(2),
+            moved=np.zeros(CALIBRATION),
         ),
         prior=Prior(H=np.zeros((states, states)), b=np.zeros(states)),
-    )  # fmt: skip
+    )

@@ -106,11 +106,13 @@ class FootInsEstimate:
         way = p - memory.path[:3]
         covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(
-            t_ns=t_ns, pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == NAVIGATING),
+            t_ns=t_ns,
+            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == NAVIGATING),
             v_imu_in_world=x[VELOCITY : VELOCITY + 3],
             covariance=covariance,
-            standing_speed_sd=standing_speed_sd, aligned=phase == NAVIGATING,
-        )  # fmt: skip
+            standing_speed_sd=standing_speed_sd,
+            aligned=phase == NAVIGATING,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,9 +179,14 @@ class FootInsPath:
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
         ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
         return PathEstimate(
-            name=f"{name}_{foot}", frame=frame, path=self.trajectory, ready_ns=ready_ns, nis=nis, world=world,
+            name=f"{name}_{foot}",
+            frame=frame,
+            path=self.trajectory,
+            ready_ns=ready_ns,
+            nis=nis,
+            world=world,
             label=label,
-        )  # fmt: skip
+        )
 
 
 def nis_by_kind(memory: FilterState) -> dict[str, float]:

@@ -39,15 +39,25 @@ class FootIns:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="foot_ins", kind=PATH, order=1, per_foot=True, smooths=True, label="", budget_s=0.05,
+        name="foot_ins",
+        kind=PATH,
+        order=1,
+        per_foot=True,
+        smooths=True,
+        label="",
+        budget_s=0.05,
         needs="/foot_l/imu or /foot_r/imu",
         summary="Each foot by itself: one IMU in the shoe, zero-velocity updates, nothing else.",
-    )  # fmt: skip
+    )
 
     def __init__(
-        self, rig: Rig | None = None, parameters: FootInsParameters | None = None,
-        start: StartPose | None = None, *, options: Options | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        rig: Rig | None = None,
+        parameters: FootInsParameters | None = None,
+        start: StartPose | None = None,
+        *,
+        options: Options | None = None,
+    ) -> None:
         options = options or Options()
         if options.lag_s is not None:
             raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")
@@ -109,9 +119,13 @@ class FootIns:
         rate, force = block.columns["angular_rate"], block.columns["specific_force"]
         results = self._allocate_results(len(block))
         kernel.run(
-            self._memory, self._parameters, np.ascontiguousarray(block.t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), *results,
-        )  # fmt: skip
+            self._memory,
+            self._parameters,
+            np.ascontiguousarray(block.t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64),
+            np.ascontiguousarray(force, dtype=np.float64),
+            *results,
+        )
         return FootInsPath.of(block.t_ns, *results)
 
     def _allocate_results(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:

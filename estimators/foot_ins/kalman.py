@@ -44,9 +44,13 @@ def workspace(states: int, measured: int) -> Workspace:
     """
     m = MEASUREMENTS
     return Workspace(
-        jacobian=np.zeros((m, measured)), innovation=np.zeros(m), spread=np.zeros((m, m)), factor=np.zeros((m, m)),
-        solved=np.zeros(m), gain=np.zeros(states),
-    )  # fmt: skip
+        jacobian=np.zeros((m, measured)),
+        innovation=np.zeros(m),
+        spread=np.zeros((m, m)),
+        factor=np.zeros((m, m)),
+        solved=np.zeros(m),
+        gain=np.zeros(states),
+    )
 
 
 @njit(**INNER_KERNEL)
@@ -84,7 +88,7 @@ def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: flo
 @njit(**INNER_KERNEL)
 def correct_probably(
     P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float, probability: float
-) -> None:  # fmt: skip
+) -> None:
     """`correct` by a measurement that applies with a probability only; the moments are those of the mixture.
 
     With the innovation z' and its variance s, the mean moves by the share `probability`, and the covariance loses (p /

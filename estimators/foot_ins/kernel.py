@@ -163,9 +163,16 @@ def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None
 
 @_entry_kernel
 def run(
-    memory: FilterState, parameters: KernelParameters, t_ns: NDArray[np.int64], rate: Array, force: Array,
-    phase: NDArray[np.int8], speed: Array, state: Array, covariance: Array,
-) -> None:  # fmt: skip
+    memory: FilterState,
+    parameters: KernelParameters,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    phase: NDArray[np.int8],
+    speed: Array,
+    state: Array,
+    covariance: Array,
+) -> None:
     """Takes N samples, and writes the results of `step` and the estimate after each.
 
     Args:

@@ -13,10 +13,19 @@ from stridetwin.streams.errors import check_numbers
 from stridetwin.streams.rig import ImuCalibration, Mount
 
 _MAY_BE_ZERO = (
-    "lever_arm_m", "lever_sd_m", "contact_sd_m", "gyro_noise_radps_rthz", "accel_noise_mps2_rthz",
-    "accel_motion_noise_per_rthz", "accel_jerk_noise_s_rthz", "impact_excess", "rest_level", "height_drift_sd",
-    "same_floor", "path_scale_sd",
-)  # fmt: skip
+    "lever_arm_m",
+    "lever_sd_m",
+    "contact_sd_m",
+    "gyro_noise_radps_rthz",
+    "accel_noise_mps2_rthz",
+    "accel_motion_noise_per_rthz",
+    "accel_jerk_noise_s_rthz",
+    "impact_excess",
+    "rest_level",
+    "height_drift_sd",
+    "same_floor",
+    "path_scale_sd",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,14 +142,27 @@ _REST_RATE_NOISE_RADPS_RTHZ = 3.2e-4  # rotation rate of a foot at rest [real wa
 _MISALIGNMENT_NOISE_PER_RTHZ = 0.6  # noise of the angular rate per rad of the gyro's misalignment [twin]
 
 _ADDED_NOISE = (
-    "gyro_noise_radps_rthz", "gyro_limit_noise_radps_rthz", "accel_noise_mps2_rthz", "accel_motion_noise_per_rthz",
-    "accel_jerk_noise_s_rthz", "accel_limit_noise_mps2_rthz", "gyro_bias_walk_radps2_rthz",
-    "accel_bias_walk_mps3_rthz", "height_drift_sd", "path_scale_sd",
-)  # fmt: skip
+    "gyro_noise_radps_rthz",
+    "gyro_limit_noise_radps_rthz",
+    "accel_noise_mps2_rthz",
+    "accel_motion_noise_per_rthz",
+    "accel_jerk_noise_s_rthz",
+    "accel_limit_noise_mps2_rthz",
+    "gyro_bias_walk_radps2_rthz",
+    "accel_bias_walk_mps3_rthz",
+    "height_drift_sd",
+    "path_scale_sd",
+)
 _UNKNOWN = ImuCalibration(
-    topic="", part="", rate_hz=0.0, mount=Mount(body=""), gyroscope_noise_density=0.0, gyroscope_random_walk=0.0,
-    accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
-)  # fmt: skip
+    topic="",
+    part="",
+    rate_hz=0.0,
+    mount=Mount(body=""),
+    gyroscope_noise_density=0.0,
+    gyroscope_random_walk=0.0,
+    accelerometer_noise_density=0.0,
+    accelerometer_random_walk=0.0,
+)
 
 
 def as_record(values: Mapping[str, float]) -> Any:

@@ -46,9 +46,16 @@ def _write(window: TransitionWindow, out: Rows, k: int) -> None:
 
 @_entry_kernel
 def run(
-    memory: FilterState, window: TransitionWindow, parameters: KernelParameters, lag_ns: int, t_ns: NDArray[np.int64],
-    rate: Array, force: Array, finish: bool, out: Rows,
-) -> int:  # fmt: skip
+    memory: FilterState,
+    window: TransitionWindow,
+    parameters: KernelParameters,
+    lag_ns: int,
+    t_ns: NDArray[np.int64],
+    rate: Array,
+    force: Array,
+    finish: bool,
+    out: Rows,
+) -> int:
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
 
     Args:
@@ -111,9 +118,12 @@ class FootInsSmoother:
     """
 
     def __init__(
-        self, lag_s: float = 1.0, calibration: ImuCalibration | None = None,
-        parameters: FootInsParameters | None = None, start: StartPose | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        lag_s: float = 1.0,
+        calibration: ImuCalibration | None = None,
+        parameters: FootInsParameters | None = None,
+        start: StartPose | None = None,
+    ) -> None:
         if not 0.0 <= lag_s <= MAX_LAG_S:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
@@ -156,9 +166,16 @@ class FootInsSmoother:
         """The path over the samples still held and over these, all of them output."""
         out = _rows(len(t_ns) + self.held)
         n = run(
-            self._memory, self._window, self._parameters, self._lag_ns, np.ascontiguousarray(t_ns, dtype=np.int64),
-            np.ascontiguousarray(rate, dtype=np.float64), np.ascontiguousarray(force, dtype=np.float64), True, out,
-        )  # fmt: skip
+            self._memory,
+            self._window,
+            self._parameters,
+            self._lag_ns,
+            np.ascontiguousarray(t_ns, dtype=np.int64),
+            np.ascontiguousarray(rate, dtype=np.float64),
+            np.ascontiguousarray(force, dtype=np.float64),
+            True,
+            out,
+        )
         return FootInsPath.of(out[0][:n], out[1][:n], out[2][:n], out[3][:n], out[4][:n])
 
 

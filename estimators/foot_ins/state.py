@@ -120,14 +120,27 @@ def initial_state(covariance: Array | None = None, error: Array | None = None, r
     nominal[ATTITUDE] = 1.0
     covariance = np.zeros((STATES, STATES)) if covariance is None else covariance
     return FilterState(
-        nominal=nominal, covariance=covariance,
-        error=np.zeros(STATES) if error is None else error, row=row, tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
-        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]), clock=np.zeros(CLOCKS, np.int64),
-        ring_t_ns=np.zeros(RING, np.int64), ring=np.zeros((RING, 6)), restored=np.zeros((RING, 10)),
-        force_sum=np.zeros((2, 4)), lever=np.zeros(3), peak=np.zeros(1), norm=np.zeros(1),
-        floor=np.array([1.0, 0.0, 0.0]), path=np.zeros(4), extreme=np.zeros(6), nis=np.zeros((3, 2)),
-        hidden=np.zeros((RING, 6)), work=workspace(len(covariance), STATES),
-    )  # fmt: skip
+        nominal=nominal,
+        covariance=covariance,
+        error=np.zeros(STATES) if error is None else error,
+        row=row,
+        tilted=nominal[ATTITUDE : ATTITUDE + 4].copy(),
+        start_sd=np.array([START_POSITION_SD, START_HEADING_SD]),
+        clock=np.zeros(CLOCKS, np.int64),
+        ring_t_ns=np.zeros(RING, np.int64),
+        ring=np.zeros((RING, 6)),
+        restored=np.zeros((RING, 10)),
+        force_sum=np.zeros((2, 4)),
+        lever=np.zeros(3),
+        peak=np.zeros(1),
+        norm=np.zeros(1),
+        floor=np.array([1.0, 0.0, 0.0]),
+        path=np.zeros(4),
+        extreme=np.zeros(6),
+        nis=np.zeros((3, 2)),
+        hidden=np.zeros((RING, 6)),
+        work=workspace(len(covariance), STATES),
+    )
 
 
 @njit(**INNER_KERNEL)

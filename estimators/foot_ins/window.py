@@ -103,12 +103,19 @@ def empty_window(capacity: int) -> TransitionWindow:
     transition = np.zeros((capacity + 1, STATES, STATES))
     transition[capacity] = np.eye(STATES)
     return TransitionWindow(
-        place=np.zeros(3, np.int64), t_ns=np.zeros(capacity, np.int64), phase=np.zeros(capacity, np.int8),
-        speed=np.zeros(capacity), nominal=np.zeros((capacity, NOMINAL)),
-        covariance=np.zeros((capacity, STATES, STATES)), transition=transition,
-        information=np.zeros((capacity + 1, STATES, STATES)), evidence=np.zeros((capacity + 1, STATES)),
-        path=np.zeros(4), released=initial_state(), scratch=np.zeros((2, STATES, STATES)),
-    )  # fmt: skip
+        place=np.zeros(3, np.int64),
+        t_ns=np.zeros(capacity, np.int64),
+        phase=np.zeros(capacity, np.int8),
+        speed=np.zeros(capacity),
+        nominal=np.zeros((capacity, NOMINAL)),
+        covariance=np.zeros((capacity, STATES, STATES)),
+        transition=transition,
+        information=np.zeros((capacity + 1, STATES, STATES)),
+        evidence=np.zeros((capacity + 1, STATES)),
+        path=np.zeros(4),
+        released=initial_state(),
+        scratch=np.zeros((2, STATES, STATES)),
+    )
 
 
 def initial_augmented_state() -> FilterState:

@@ -6,6 +6,13 @@ from stridetwin.estimators.foot_to_foot.filter import METHODS, Aiding, FootToFoo
 from stridetwin.estimators.foot_to_foot.parameters import FootToFootParameters, PublishedParameters
 
 __all__ = [
-    "METHODS", "Aiding", "BoardObservation", "FootToFoot", "FootToFootEstimate", "FootToFootParameters",
-    "PublishedParameters", "RelativePosition", "follow",
-]  # fmt: skip
+    "METHODS",
+    "Aiding",
+    "BoardObservation",
+    "FootToFoot",
+    "FootToFootEstimate",
+    "FootToFootParameters",
+    "PublishedParameters",
+    "RelativePosition",
+    "follow",
+]

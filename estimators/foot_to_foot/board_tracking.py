@@ -164,10 +164,12 @@ def relative_position(
     """
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
     return RelativePosition.of_observation(
-        observation, T_imu_camera=_to_transform(mounts[CAMERA + foot]),
+        observation,
+        T_imu_camera=_to_transform(mounts[CAMERA + foot]),
         T_other_board=_to_transform(mounts[BOARD + 1 - foot]),
-        R_camera_board=expected.T_camera_board[:3, :3], rotation_sd=rotation_sd,
-    )  # fmt: skip
+        R_camera_board=expected.T_camera_board[:3, :3],
+        rotation_sd=rotation_sd,
+    )
 
 
 def _to_transform(mount: Array) -> Array:

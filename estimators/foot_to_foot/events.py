@@ -39,9 +39,14 @@ class RelativePosition:
 
     @classmethod
     def of_observation(
-        cls, observation: BoardObservation, *, T_imu_camera: ArrayLike, T_other_board: ArrayLike,
-        R_camera_board: ArrayLike | None = None, rotation_sd: float = np.inf,
-    ) -> RelativePosition | None:  # fmt: skip
+        cls,
+        observation: BoardObservation,
+        *,
+        T_imu_camera: ArrayLike,
+        T_other_board: ArrayLike,
+        R_camera_board: ArrayLike | None = None,
+        rotation_sd: float = np.inf,
+    ) -> RelativePosition | None:
         """From the pose of the other foot's board in the camera (Jao, Wang, Shkel 2020, Sec. II-D).
 
         p_a^b = p_a^C + C(q_a^C) [p_C^f - C(q_C^f) C(q_b^f)ᵀ p_b^f]
@@ -119,13 +124,20 @@ def merge_events(
     points, rays, ray_sd, numbers = _pad_observations(observations)
     relative = [a for _, a in used if isinstance(a, RelativePosition)]
     events = Events(
-        kind=kind[final], t_ns=np.r_[t_ns, aid_t][final],
-        foot=np.r_[foot, np.array([f for f, _ in used], np.int8)][final], row=row[final], rate=rate, force=force,
-        points=points, rays=rays, ray_sd=ray_sd, numbers=numbers,
+        kind=kind[final],
+        t_ns=np.r_[t_ns, aid_t][final],
+        foot=np.r_[foot, np.array([f for f, _ in used], np.int8)][final],
+        row=row[final],
+        rate=rate,
+        force=force,
+        points=points,
+        rays=rays,
+        ray_sd=ray_sd,
+        numbers=numbers,
         relative=np.array([a.p_other_in_imu for a in relative], float).reshape(-1, 3),
         relative_sd=np.array([a.sd for a in relative], float),
         distance=np.array([a.distance for _, a in used if isinstance(a, Range)], float),
-    )  # fmt: skip
+    )
     return events, [a for a, pending in zip(aids, is_pending) if pending]
 
 

@@ -81,16 +81,25 @@ class FootToFoot:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="foot_to_foot", kind=PATH, order=2, methods=tuple(METHODS), label="feet together", budget_s=0.05,
+        name="foot_to_foot",
+        kind=PATH,
+        order=2,
+        methods=tuple(METHODS),
+        label="feet together",
+        budget_s=0.05,
         parts={"foot_l/imu": "l", "foot_r/imu": "r"},
         summary="Feet together: both IMUs in one filter, coupled by the shoe cameras and sonars.",
-    )  # fmt: skip
+    )
 
     def __init__(
-        self, rig: Rig, *, options: Options | None = None,
+        self,
+        rig: Rig,
+        *,
+        options: Options | None = None,
         parameters: FootToFootParameters | None = None,
-        start: Mapping[str, StartPose] | None = None, earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
-    ) -> None:  # fmt: skip
+        start: Mapping[str, StartPose] | None = None,
+        earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
         method = (options or Options()).method
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
@@ -292,9 +301,16 @@ class FootToFoot:
         """Predicted pose of the other foot's board in the camera of a foot at `t_ns`; None if it is unknown."""
         T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
         known = kernel.predict_board(
-            self._pair, self._foot_parameters[foot], self._parameters, foot, t_ns, self._boards.exposure_ns, T,
-            covariance, T_before,
-        )  # fmt: skip
+            self._pair,
+            self._foot_parameters[foot],
+            self._parameters,
+            foot,
+            t_ns,
+            self._boards.exposure_ns,
+            T,
+            covariance,
+            T_before,
+        )
         return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
     def _foot_index(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:

@@ -95,9 +95,15 @@ def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -
 
 @_entry_kernel
 def run(
-    pair: Pair, feet: tuple[KernelParameters, KernelParameters], parameters: PairParameters, events: Events,
-    phase: NDArray[np.int8], figure: Array, state: Array, covariance: Array,
-) -> None:  # fmt: skip
+    pair: Pair,
+    feet: tuple[KernelParameters, KernelParameters],
+    parameters: PairParameters,
+    events: Events,
+    phase: NDArray[np.int8],
+    figure: Array,
+    state: Array,
+    covariance: Array,
+) -> None:
     """Takes N events and writes the estimates after each.
 
     Args:
@@ -145,9 +151,16 @@ def run(
 
 @_entry_kernel
 def predict_board(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, earlier_ns: int, T: Array,
-    covariance: Array, T_before: Array,
-) -> bool:  # fmt: skip
+    pair: Pair,
+    foot: KernelParameters,
+    parameters: PairParameters,
+    camera: int,
+    t_ns: int,
+    earlier_ns: int,
+    T: Array,
+    covariance: Array,
+    T_before: Array,
+) -> bool:
     """Predicted pose of the other foot's board in a foot's camera, at `t_ns` on the camera's clock and earlier.
 
     Args:

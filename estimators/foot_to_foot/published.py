@@ -99,9 +99,14 @@ def step_published(
 
 @njit(**INNER_KERNEL)
 def relative_position_update(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, p_other_in_imu: Vec3,
+    pair: Pair,
+    foot: KernelParameters,
+    parameters: PairParameters,
+    camera: int,
+    t_ns: int,
+    p_other_in_imu: Vec3,
     sd: float,
-) -> float:  # fmt: skip
+) -> float:
     """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
     docs/foot_to_foot.md (10). H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error

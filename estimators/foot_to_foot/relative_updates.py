@@ -66,9 +66,16 @@ _SETTLED_SD = 0.1  # smaller changes of the board's pose, in standard deviations
 
 @njit(**INNER_KERNEL)
 def board_update(
-    pair: Pair, foot: KernelParameters, parameters: PairParameters, camera: int, t_ns: int, m: int,
-    points_in_board: Array, rays: Array, ray_sd: Array,
-) -> float:  # fmt: skip
+    pair: Pair,
+    foot: KernelParameters,
+    parameters: PairParameters,
+    camera: int,
+    t_ns: int,
+    m: int,
+    points_in_board: Array,
+    rays: Array,
+    ray_sd: Array,
+) -> float:
     """Update with the image of the other foot's board: docs/foot_to_foot.md (5), (7).
 
     The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
@@ -154,9 +161,16 @@ def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
 
 @njit(**INNER_KERNEL)
 def reduce_measurement(
-    board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
-    rotated: float, shared: float,
-) -> tuple[bool, float]:  # fmt: skip
+    board: BoardWorkspace,
+    p: Vec3,
+    R: Mat3,
+    m: int,
+    points_in_board: Array,
+    rays: Array,
+    ray_sd: Array,
+    rotated: float,
+    shared: float,
+) -> tuple[bool, float]:
     """An image's linear measurement of how the board's pose differs from the predicted one: docs/foot_to_foot.md (6).
 
     A badly predicted pose is far from where the rays' Jacobian holds: a board that is a quarter nearer is
@@ -286,9 +300,8 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
 
 @njit(**INNER_KERNEL)
 def _triangulate(
-    board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array,
-    rotated: float,
-) -> bool:  # fmt: skip
+    board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array, rotated: float
+) -> bool:
     """Writes the triangle of the rays' derivatives by the board's pose, and of innovations: docs/foot_to_foot.md (4).
 
     Args:

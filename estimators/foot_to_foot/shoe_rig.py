@@ -182,9 +182,7 @@ def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
         T_world_foot[1, 3] = side * _START_SEPARATION_M / 2
         T = T_world_foot @ imu.mount.T_body_sensor
         q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
-        guess = {} if foot == "l" else {
-            "position_sd": _START_POSITION_SD_M, "heading_sd": _START_HEADING_SD_RAD
-        }  # fmt: skip
+        guess = {} if foot == "l" else {"position_sd": _START_POSITION_SD_M, "heading_sd": _START_HEADING_SD_RAD}
         start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
     return start
 

@@ -54,9 +54,12 @@ def board_workspace() -> BoardWorkspace:
     """An empty workspace for one image at a time."""
     m = MEASUREMENTS
     return BoardWorkspace(
-        covariance=np.zeros((m, m)), triangle=np.zeros((m + 1, m + 1)), row=np.zeros(m + 1), moved=np.zeros((2, m)),
+        covariance=np.zeros((m, m)),
+        triangle=np.zeros((m + 1, m + 1)),
+        row=np.zeros(m + 1),
+        moved=np.zeros((2, m)),
         reduced=workspace(m, m),
-    )  # fmt: skip
+    )
 
 
 class Pair(NamedTuple):
@@ -97,7 +100,7 @@ class Pair(NamedTuple):
 
 def blank_pair(
     mounts: Array, mount_variance: Array, clock_variance: float, scale_variance: float, sonars: Array, earth: Array
-) -> Pair:  # fmt: skip
+) -> Pair:
     """State of two feet without samples.
 
     Args:
@@ -113,12 +116,19 @@ def blank_pair(
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
     return Pair(
         feet=(initial_state(covariance, error, 0), initial_state(covariance, error, STATES)),
-        covariance=covariance, error=error,
-        mounts=np.array(mounts, dtype=float), late=np.zeros(2), scales=np.zeros((2, 3)),
+        covariance=covariance,
+        error=error,
+        mounts=np.array(mounts, dtype=float),
+        late=np.zeros(2),
+        scales=np.zeros((2, 3)),
         sonars=np.array(sonars, dtype=float),
-        earth=np.array(earth, dtype=float), seen=np.full(2, NEVER), heard=np.full(2, NEVER), nis=np.zeros((2, 2)),
-        work=workspace(ALL_STATES, ALL_STATES), board=board_workspace(),
-    )  # fmt: skip
+        earth=np.array(earth, dtype=float),
+        seen=np.full(2, NEVER),
+        heard=np.full(2, NEVER),
+        nis=np.zeros((2, 2)),
+        work=workspace(ALL_STATES, ALL_STATES),
+        board=board_workspace(),
+    )
 
 
 @njit(**INNER_KERNEL)

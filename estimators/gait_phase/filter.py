@@ -37,9 +37,13 @@ class GaitPhase:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="gait_phase", kind=KIND, per_foot=True, budget_s=0.05, needs="/foot_l/imu or /foot_r/imu",
+        name="gait_phase",
+        kind=KIND,
+        per_foot=True,
+        budget_s=0.05,
+        needs="/foot_l/imu or /foot_r/imu",
         summary="Each leg by itself: phase of the gait cycle from one IMU in the shoe.",
-    )  # fmt: skip
+    )
 
     def __init__(
         self, rig: Rig, *, options: Options | None = None, parameters: GaitPhaseParameters | None = None

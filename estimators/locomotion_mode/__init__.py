@@ -5,6 +5,12 @@ from stridetwin.estimators.locomotion_mode.filter import INSOLES, METHODS, Locom
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters
 
 __all__ = [
-    "INSOLES", "METHODS", "MODES", "LocomotionMode", "LocomotionModeParameters", "ModeEstimate", "NextChange",
+    "INSOLES",
+    "METHODS",
+    "MODES",
+    "LocomotionMode",
+    "LocomotionModeParameters",
+    "ModeEstimate",
+    "NextChange",
     "StepPrediction",
-]  # fmt: skip
+]

@@ -46,9 +46,17 @@ def _find_first_change(ground: Sequence[Segment], here: int, mode: str, p: Setti
 
 
 def find_next_change(
-    estimate: TerrainEstimate | None, ground: Sequence[Segment], stance: float, line: Line, chain: Chain, s: Array,
-    times: Sequence[tuple[float, float]], step_m: float, step_s: float, p: Settings,
-) -> NextChange | None:  # fmt: skip
+    estimate: TerrainEstimate | None,
+    ground: Sequence[Segment],
+    stance: float,
+    line: Line,
+    chain: Chain,
+    s: Array,
+    times: Sequence[tuple[float, float]],
+    step_m: float,
+    step_s: float,
+    p: Settings,
+) -> NextChange | None:
     """Finds the first change of the ground ahead, and when a foot lands beyond it.
 
     Args:
@@ -81,9 +89,14 @@ def find_next_change(
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
     place = line.origin + segment.start * line.forward
     return NextChange(
-        mode=mode, p_in_world=place, distance=segment.start - BEHIND_M, distance_sd=max(segment.start_sd, PLACE_SD_M),
-        time_s=in_s, time_sd_s=in_sd_s, **_sizes(mode, segment, estimate, place, line, p),
-    )  # fmt: skip
+        mode=mode,
+        p_in_world=place,
+        distance=segment.start - BEHIND_M,
+        distance_sd=max(segment.start_sd, PLACE_SD_M),
+        time_s=in_s,
+        time_sd_s=in_sd_s,
+        **_sizes(mode, segment, estimate, place, line, p),
+    )
 
 
 def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:

@@ -68,9 +68,14 @@ class LocomotionMode:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="locomotion_mode", kind=MODES_KIND, order=1, methods=METHODS, backends=BACKENDS, budget_s=0.2,
+        name="locomotion_mode",
+        kind=MODES_KIND,
+        order=1,
+        methods=METHODS,
+        backends=BACKENDS,
+        budget_s=0.2,
         window_s=0.06,
-    )  # fmt: skip
+    )
 
     def __init__(
         self,
@@ -163,10 +168,15 @@ class LocomotionMode:
             ground = self._ground_along(profile, line)
             behind, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
             self._foothold.land(
-                landing, line, ground, foothold_heights(ground, profile, self._foothold.s, self._settings),
-                self._body_height(), top, self._ground_height(line.origin + behind * line.forward),
+                landing,
+                line,
+                ground,
+                foothold_heights(ground, profile, self._foothold.s, self._settings),
+                self._body_height(),
+                top,
+                self._ground_height(line.origin + behind * line.forward),
                 self._walking.last_size(),
-            )  # fmt: skip
+            )
 
     def _body_height(self) -> float:
         """Height of the body over the ground under it, m; a usual one where it is unknown or impossible."""
@@ -228,22 +238,41 @@ class LocomotionMode:
             xy = line.origin + s * line.forward + 0.5 * p.mode.width_m * SIDE[foot] * left
             steps.append(
                 StepPrediction(
-                    step=rhythm.step + k + 1, foot=foot, mode=MODES[int(modes[k].argmax())],
-                    probabilities=dict(zip(MODES, modes[k].tolist())), t_ns=times[k][0], t_sd_s=times[k][1],
+                    step=rhythm.step + k + 1,
+                    foot=foot,
+                    mode=MODES[int(modes[k].argmax())],
+                    probabilities=dict(zip(MODES, modes[k].tolist())),
+                    t_ns=times[k][0],
+                    t_sd_s=times[k][1],
                     p_foot_in_world=np.array([*xy, self._ground_height(xy)]),
                     covariance=turn @ np.diag([sd**2, p.mode.width_sd_m**2]) @ turn.T,
-                    slope=slopes[k][0], slope_sd=slopes[k][1],
+                    slope=slopes[k][0],
+                    slope_sd=slopes[k][1],
                 )
-            )  # fmt: skip
+            )
         change = find_next_change(
-            self.ground.estimate, ground, here, line, chain, foothold.s,
-            [((at_ns - t_ns) * 1e-9, sd_s) for at_ns, sd_s in times], foothold.step_m, rhythm.step_s, p,
-        )  # fmt: skip
+            self.ground.estimate,
+            ground,
+            here,
+            line,
+            chain,
+            foothold.s,
+            [((at_ns - t_ns) * 1e-9, sd_s) for at_ns, sd_s in times],
+            foothold.step_m,
+            rhythm.step_s,
+            p,
+        )
         return ModeEstimate(
-            t_ns=t_ns, step=rhythm.step, steps=tuple(steps), change=change,
-            heading=math.atan2(line.forward[1], line.forward[0]), p_body_in_world=self._body.p.copy(),
-            step_length=foothold.step_m, step_length_sd=foothold.step_sd_m, step_time=rhythm.step_s,
-        )  # fmt: skip
+            t_ns=t_ns,
+            step=rhythm.step,
+            steps=tuple(steps),
+            change=change,
+            heading=math.atan2(line.forward[1], line.forward[0]),
+            p_body_in_world=self._body.p.copy(),
+            step_length=foothold.step_m,
+            step_length_sd=foothold.step_sd_m,
+            step_time=rhythm.step_s,
+        )
 
     def _ground_height(self, xy: Array) -> float:
         """Height of the mapped ground at a (2,) position, m; NaN where it is unknown."""
@@ -256,8 +285,13 @@ class LocomotionMode:
         size, step_s = walking.next_size(), walking.step_time()
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
-            t_ns=t_ns, step=rhythm.step, change=None,
+            t_ns=t_ns,
+            step=rhythm.step,
+            change=None,
             steps=predict_published_steps(walking, rhythm, self.ground, self._body.p[:2], step_s, t_ns, self._settings),
-            heading=math.atan2(v[1], v[0]), p_body_in_world=self._body.p.copy(),
-            step_length=size, step_length_sd=math.nan, step_time=step_s,
-        )  # fmt: skip
+            heading=math.atan2(v[1], v[0]),
+            p_body_in_world=self._body.p.copy(),
+            step_length=size,
+            step_length_sd=math.nan,
+            step_time=step_s,
+        )

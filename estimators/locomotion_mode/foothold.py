@@ -157,13 +157,19 @@ def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Seg
     bounds = [-math.inf, *edges, math.inf]
     return [
         Segment(
-            start=a, start_sd=OCCLUDED_EDGE_SD_M if k else 0.0,
-            end=b, end_sd=OCCLUDED_EDGE_SD_M if k < len(edges) else 0.0,
-            drop=step.elevation if k else 0.0, drop_sd=step.elevation_sd, slope=slope, slope_sd=slope_sd,
-            mapped_slope=slope, mode=step.mode if step.mode in ("RA", "RD") else "LG",
+            start=a,
+            start_sd=OCCLUDED_EDGE_SD_M if k else 0.0,
+            end=b,
+            end_sd=OCCLUDED_EDGE_SD_M if k < len(edges) else 0.0,
+            drop=step.elevation if k else 0.0,
+            drop_sd=step.elevation_sd,
+            slope=slope,
+            slope_sd=slope_sd,
+            mapped_slope=slope,
+            mode=step.mode if step.mode in ("RA", "RD") else "LG",
         )
         for k, (a, b) in enumerate(pairwise(bounds))
-    ]  # fmt: skip
+    ]
 
 
 class Line(NamedTuple):
@@ -321,9 +327,13 @@ class Foothold:
         return mix_chains(chains, np.array([part.sum() for part, _ in groups]))
 
     def _roll_out(
-        self, stance: Array, ground: Sequence[Segment], feet: Sequence[str], habit: Habit,
+        self,
+        stance: Array,
+        ground: Sequence[Segment],
+        feet: Sequence[str],
+        habit: Habit,
         landing: Likelihoods | None = None,
-    ) -> Chain:  # fmt: skip
+    ) -> Chain:
         """Chain of the coming steps for the part (2, S) of the stance density that belongs to one habit."""
         lengths = [self._length.mean(SIDE[foot]) for foot in feet]
         shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
@@ -331,9 +341,16 @@ class Foothold:
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
 
     def land(
-        self, landing: Landing, line: Line, ground: Sequence[Segment], height: Array | None, body: float, top: float,
-        floor: float, went_m: float | None,
-    ) -> None:  # fmt: skip
+        self,
+        landing: Landing,
+        line: Line,
+        ground: Sequence[Segment],
+        height: Array | None,
+        body: float,
+        top: float,
+        floor: float,
+        went_m: float | None,
+    ) -> None:
         """Estimates where a foot has landed, and updates the step statistics.
 
         See docs/locomotion_mode.md (12).
@@ -358,9 +375,10 @@ class Foothold:
         even = ahead + self._body_lead(ground, body) - 0.5 * went
         over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
         likelihoods = Likelihoods(
-            even=_normal_density(even, _BODY_SD_M), over=_normal_density(over, _EDGE_AHEAD_SD_M),
+            even=_normal_density(even, _BODY_SD_M),
+            over=_normal_density(over, _EDGE_AHEAD_SD_M),
             beside=_normal_density(ahead + _JOINED_AHEAD_M, _JOINED_AHEAD_SD_M),
-        )  # fmt: skip
+        )
         chains = [
             self._roll_out(part, ground, landing.feet, habit, likelihoods)
             for part, habit in self._habits.each(self._habits.after_habit_change(stance))
@@ -378,9 +396,15 @@ class Foothold:
                 self._tall.update(0.0, top - floor)
 
     def _learn(
-        self, foot: str, now: _Stance, stance: Array, chains: Sequence[Chain], ground: Sequence[Segment],
-        straight: float, went_m: float | None,
-    ) -> None:  # fmt: skip
+        self,
+        foot: str,
+        now: _Stance,
+        stance: Array,
+        chains: Sequence[Chain],
+        ground: Sequence[Segment],
+        straight: float,
+        went_m: float | None,
+    ) -> None:
         """Updates the step statistics: a step on level ground updates all steps, a step on a ramp those on ramps.
 
         A step over an edge, and one that joins the other foot, updates none.
@@ -402,9 +426,14 @@ class Foothold:
         segment_behind, segment_ahead = (ground[segment_under(ground, s, self._p)] for s in (before, landing_s))
         mode = segment_behind.mode if segment_behind.mode == segment_ahead.mode else ""
         self._landed = _LastLanding(
-            stance=now, before=stance, ground=ground, mode=mode, even=even,
-            length=copy(self._length), ramps=copy(self._ramps),
-        )  # fmt: skip
+            stance=now,
+            before=stance,
+            ground=ground,
+            mode=mode,
+            even=even,
+            length=copy(self._length),
+            ramps=copy(self._ramps),
+        )
         self._alike = self._alike + 1 if mode and even > 0.5 else 0
         length = landing_s - before
         if self._alike > 1 and went_m is not None:  # the body moves as far as the feet, and is known better

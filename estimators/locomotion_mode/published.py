@@ -146,9 +146,14 @@ def mode_between(
 
 
 def predict_published_steps(
-    walking: WalkingInformation, rhythm: Rhythm, ground: TerrainMap, body: Array, step_s: float, t_ns: int,
+    walking: WalkingInformation,
+    rhythm: Rhythm,
+    ground: TerrainMap,
+    body: Array,
+    step_s: float,
+    t_ns: int,
     settings: Settings,
-) -> tuple[StepPrediction, ...]:  # fmt: skip
+) -> tuple[StepPrediction, ...]:
     """Predicts the coming steps by Zhao 2023 (16)-(18) and the map; a step whose place is unknown is LG at the camera.
 
     Args:
@@ -172,9 +177,14 @@ def predict_published_steps(
             before = place
         steps.append(
             StepPrediction(
-                step=rhythm.step + k + 1, foot=foot, mode=mode, probabilities={m: float(m == mode) for m in MODES},
-                t_ns=at_ns, t_sd_s=math.nan, p_foot_in_world=np.array([*place, height]),
+                step=rhythm.step + k + 1,
+                foot=foot,
+                mode=mode,
+                probabilities={m: float(m == mode) for m in MODES},
+                t_ns=at_ns,
+                t_sd_s=math.nan,
+                p_foot_in_world=np.array([*place, height]),
                 covariance=np.full((2, 2), math.nan),
             )
-        )  # fmt: skip
+        )
     return tuple(steps)

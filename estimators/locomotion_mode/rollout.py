@@ -90,10 +90,16 @@ class Likelihoods(NamedTuple):
 
 
 def roll_out(
-    stance: Array, s: Array, ground: Sequence[Segment], lengths: Sequence[float], length_sd: float,
-    ratios: Mapping[str, tuple[float, float]], settings: Settings,
-    habit: Habit | None = None, landing: Likelihoods | None = None,
-) -> Chain:  # fmt: skip
+    stance: Array,
+    s: Array,
+    ground: Sequence[Segment],
+    lengths: Sequence[float],
+    length_sd: float,
+    ratios: Mapping[str, tuple[float, float]],
+    settings: Settings,
+    habit: Habit | None = None,
+    landing: Likelihoods | None = None,
+) -> Chain:
     """Predicts the densities of the next footprints by the chain of docs/locomotion_mode.md (5).
 
     Args:
@@ -138,9 +144,13 @@ def roll_out(
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
     last = ends.sum(axis=(0, 2))
     return Chain(
-        density=density, modes=modes, on=on, last=last / max(float(last.sum()), _LEAST), joined=joined,
+        density=density,
+        modes=modes,
+        on=on,
+        last=last / max(float(last.sum()), _LEAST),
+        joined=joined,
         evidence=mass * evidence,
-    )  # fmt: skip
+    )
 
 
 class _Steps(NamedTuple):
@@ -218,9 +228,10 @@ def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
     onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)
     around = np.clip(here + np.arange(-half, half + 1), 0, cells - 1)
     return _Kernels(
-        kernels.near * (landing.even[onward] + _WEIGHT_FLOOR), kernels.far * (landing.over[onward] + _WEIGHT_FLOOR),
+        kernels.near * (landing.even[onward] + _WEIGHT_FLOOR),
+        kernels.far * (landing.over[onward] + _WEIGHT_FLOOR),
         kernels.beside * (landing.beside[around] + _WEIGHT_FLOOR),
-    )  # fmt: skip
+    )
 
 
 def _sum_steps(weight: Array, even: Array, over: Array, step_kernels: Sequence[_Kernels]) -> Array:
@@ -316,9 +327,12 @@ def _sum_chains(
                     if v >= _MIN_DENSITY:
                         n = min(B, S - p)
                         _spread(
-                            v, near[kind[k], h, p, :n], far[kind[k], p, :n], reach_near[k, h, a, p : p + n],
+                            v,
+                            near[kind[k], h, p, :n],
+                            far[kind[k], p, :n],
+                            reach_near[k, h, a, p : p + n],
                             reach_far[k, h, a, p : p + n],
-                        )  # fmt: skip
+                        )
                     v = joins[k] * share[kind[k], a, p] * crossed  # q ρ α(x=1): the foot joins the other one
                     if v >= _MIN_DENSITY:
                         _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)

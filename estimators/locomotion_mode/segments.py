@@ -98,9 +98,8 @@ def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | No
 
 
 def segments_along(
-    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings,
-    usual: Stairs | None = None,
-) -> list[Segment]:  # fmt: skip
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, p: Settings, usual: Stairs | None = None
+) -> list[Segment]:
     """Cuts a profile at its changes into terrain segments; at most one segment lies behind s = 0.
 
     Args:
@@ -134,12 +133,19 @@ def segments_along(
     slope[known], sd[known] = remove_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
     return [
         Segment(
-            start=one.s, start_sd=one.sd, end=other.s, end_sd=other.sd, drop=one.drop, drop_sd=one.drop_sd,
-            slope=float(slope[k]), slope_sd=float(sd[k]), mapped_slope=float(mapped[k]),
+            start=one.s,
+            start_sd=one.sd,
+            end=other.s,
+            end_sd=other.sd,
+            drop=one.drop,
+            drop_sd=one.drop_sd,
+            slope=float(slope[k]),
+            slope_sd=float(sd[k]),
+            mapped_slope=float(mapped[k]),
             mode="LG" if abs(slope[k]) < p.mode.min_ramp_slope_rad else "RA" if slope[k] > 0 else "RD",
         )
         for k, (one, other) in enumerate(pairwise(bounds))
-    ]  # fmt: skip
+    ]
 
 
 def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Change]:
@@ -255,9 +261,8 @@ def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float
 
 
 def _read_slope(
-    profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float,
-    p: Settings,
-) -> tuple[float, float] | None:  # fmt: skip
+    profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float, p: Settings
+) -> tuple[float, float] | None:
     """Slope of the map between two positions along the path and its standard deviation, rad; None without a plane."""
     planes = {} if estimate is None else estimate.planes
     inside = (profile.s > start) & (profile.s < end) & (profile.plane >= 0)

@@ -14,6 +14,14 @@ from stridetwin.estimators.terrain_map.filter import TerrainMap
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 
 __all__ = [
-    "Change", "Level", "Plane", "Profile", "Ramp", "Stairs", "Terrain", "TerrainEstimate", "TerrainMap",
+    "Change",
+    "Level",
+    "Plane",
+    "Profile",
+    "Ramp",
+    "Stairs",
+    "Terrain",
+    "TerrainEstimate",
+    "TerrainMap",
     "TerrainMapParameters",
-]  # fmt: skip
+]

@@ -63,8 +63,8 @@ class TerrainMap:
     """
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="terrain_map", kind=TERRAIN, order=1, backends=BACKENDS, budget_s=0.2, window_s=0.06,
-    )  # fmt: skip
+        name="terrain_map", kind=TERRAIN, order=1, backends=BACKENDS, budget_s=0.2, window_s=0.06
+    )
 
     def __init__(
         self,
@@ -185,9 +185,11 @@ class TerrainMap:
         self._planes.update(self._volume.top_view())
         planes = self._planes.planes(self._R_world_grid)
         self._estimate = TerrainEstimate(
-            t_ns=t_ns, planes=planes, p_camera_in_world=p_camera_in_world,
+            t_ns=t_ns,
+            planes=planes,
+            p_camera_in_world=p_camera_in_world,
             terrains=self._terrains.find(planes, self._planes, self._volume.refine_riser),
-        )  # fmt: skip
+        )
 
     def clear(self) -> None:
         """Removes all ground; ids continue."""

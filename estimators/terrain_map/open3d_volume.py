@@ -130,9 +130,18 @@ class Open3dVolume:
         p, extrinsic = self._p, self._tensor(np.asarray(np.linalg.inv(self._T_grid_camera), float))
         with self._quiet():
             cast = self._grid.ray_cast(
-                blocks, self._tensor(_matrix(self._intrinsics)), extrinsic, self._shape[1], self._shape[0],
-                ["depth"], 1.0, p.min_range_m, p.max_range_m, 1.0, self._band,
-            )  # fmt: skip
+                blocks,
+                self._tensor(_matrix(self._intrinsics)),
+                extrinsic,
+                self._shape[1],
+                self._shape[0],
+                ["depth"],
+                1.0,
+                p.min_range_m,
+                p.max_range_m,
+                1.0,
+                self._band,
+            )
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
 
     def top_view(self) -> TopView:

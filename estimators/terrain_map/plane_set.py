@@ -121,7 +121,7 @@ def count_overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray
 @entry_kernel(_HERE)
 def write_view(
     surface: Surface, view: TopView, slots: NDArray[np.int32], same_m: float, keeps_unobserved: bool
-) -> None:  # fmt: skip
+) -> None:
     """Writes a view into the columns.
 
     Args:
@@ -313,11 +313,16 @@ class PlaneSet:
         ids, votes, areas = self.ids[slots].tolist(), self.votes[slots].tolist(), sums[:, 0] * self._p.voxel_size_m**2
         return {
             id_: Plane(
-                id=id_, centre=centres[n], normal=normals[n], spread=spreads[n], area_m2=area, votes=votes[n],
+                id=id_,
+                centre=centres[n],
+                normal=normals[n],
+                spread=spreads[n],
+                area_m2=area,
+                votes=votes[n],
                 covariance=covariances[n],
             )
             for n, (id_, area) in enumerate(zip(ids, areas.tolist()))
-        }  # fmt: skip
+        }
 
     def _match_slots(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
         """(P,) slot of each new plane: that of the known plane it belongs to, docs/terrain_map.md (9), or a free one.

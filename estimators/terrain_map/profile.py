@@ -47,9 +47,14 @@ _INFERRED_REACH_M = 0.05
 
 
 def read_profile(
-    estimate: TerrainEstimate | None, planes: PlaneSet, R_world_grid: Array, p: TerrainMapParameters, origin: Array,
-    heading: float, length_m: float,
-) -> Profile:  # fmt: skip
+    estimate: TerrainEstimate | None,
+    planes: PlaneSet,
+    R_world_grid: Array,
+    p: TerrainMapParameters,
+    origin: Array,
+    heading: float,
+    length_m: float,
+) -> Profile:
     """Reads the profile of the ground along a line: height, plane and slope at each sample, and its changes.
 
     Where a plane bends along the line, each straight stretch has its own height and slope.
@@ -153,9 +158,14 @@ class _Run(NamedTuple):
 
 
 def _find_straight_runs(
-    s: Array, height: Array, plane: NDArray[np.int64], estimate: TerrainEstimate, origin: Array, forward: Array,
+    s: Array,
+    height: Array,
+    plane: NDArray[np.int64],
+    estimate: TerrainEstimate,
+    origin: Array,
+    forward: Array,
     p: TerrainMapParameters,
-) -> list[_Run]:  # fmt: skip
+) -> list[_Run]:
     """Runs of samples on one plane along a line, cut where the plane's columns bend."""
     runs = []
     for first, last, id_ in _find_runs(plane):
@@ -211,9 +221,15 @@ def _find_runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
 
 
 def _edge_or_slope_break(
-    end: float, start: float, one: Plane, other: Plane, estimate: TerrainEstimate, origin: Array, forward: Array,
+    end: float,
+    start: float,
+    one: Plane,
+    other: Plane,
+    estimate: TerrainEstimate,
+    origin: Array,
+    forward: Array,
     p: TerrainMapParameters,
-) -> Change | None:  # fmt: skip
+) -> Change | None:
     """The change between two neighbouring planes along a line: an edge, a slope break, or None for neither.
 
     A slope break needs a bend beyond `min_slope_break_rad` and 4 standard deviations, and planes that meet near the gap

@@ -147,9 +147,13 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
 
 
 def column_noise(
-    height: NDArray[np.float32], weight: NDArray[np.float32], eye_z: float, least_m: float, most_m: float,
+    height: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    eye_z: float,
+    least_m: float,
+    most_m: float,
     noise_per_m: float,
-) -> NDArray[np.float32]:  # fmt: skip
+) -> NDArray[np.float32]:
     """Standard deviation of the columns' heights.
 
     Columns observed far less than their neighbours are removed: they are flying pixels at a depth discontinuity.
@@ -171,9 +175,14 @@ def column_noise(
 
 @entry_kernel(_HERE, error_model="numpy")
 def _column_noise(
-    height: NDArray[np.float32], weight: NDArray[np.float32], beside: NDArray[np.float32], eye_z: float, least_m: float,
-    most_m: float, noise_per_m: float,
-) -> NDArray[np.float32]:  # fmt: skip
+    height: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    beside: NDArray[np.float32],
+    eye_z: float,
+    least_m: float,
+    most_m: float,
+    noise_per_m: float,
+) -> NDArray[np.float32]:
     """The compiled part of `column_noise`; `beside` (n, n) is the largest weight around each column."""
     noise = np.empty(height.shape, np.float32)
     unseen = np.float32(math.nan)

@@ -102,8 +102,8 @@ def fit_riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Arra
     if len(columns) < _MIN_POINTS:
         return None
     down, points, height = _fit_edge(
-        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread,
-    )  # fmt: skip
+        columns, turn, voxel_m, lower.centre, lower.gradient, lower.spread, upper.centre, upper.gradient, upper.spread
+    )
     if not len(points):
         return None
     return Riser(lower=lower.id, upper=upper.id, down=down, points=points, in_voxels=False, height=height)
@@ -111,9 +111,16 @@ def fit_riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Arra
 
 @entry_kernel(_HERE)
 def _fit_edge(
-    columns: NDArray[np.int32], turn: Array, voxel_m: float, low_centre: Array, low_gradient: Array, low_spread: Array,
-    centre: Array, gradient: Array, spread: Array,
-) -> tuple[Array, Array, float]:  # fmt: skip
+    columns: NDArray[np.int32],
+    turn: Array,
+    voxel_m: float,
+    low_centre: Array,
+    low_gradient: Array,
+    low_spread: Array,
+    centre: Array,
+    gradient: Array,
+    spread: Array,
+) -> tuple[Array, Array, float]:
     """Edge between two planes from the columns of `fit_riser`, and their height difference there.
 
     Args:
@@ -264,7 +271,7 @@ def refine_riser(edge: Riser, upper: Plane, down: Array, blocks: Blocks, R_grid_
 @entry_kernel(_HERE)
 def _edge_in_voxels(
     points: Array, down: Array, centre: Array, gradient: Array, blocks: Blocks, turn: Array, voxel_m: float
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """The end of solid ground along `_LANES` lines that cross an edge one voxel under the upper plane.
 
     Args:

@@ -101,12 +101,19 @@ def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainM
     up_flight = np.array([math.cos(heading), math.sin(heading)])
     aside = np.concatenate([r.points for r in row]) @ to_left(up_flight)
     return Stairs(
-        id=id_, planes=ids, steps=len(row), riser=float(steps[1]), tread=float(even[1]),
-        heading=math.atan2(up_flight[1], up_flight[0]), base=float(steps[0]), covariance=covariance,
+        id=id_,
+        planes=ids,
+        steps=len(row),
+        riser=float(steps[1]),
+        tread=float(even[1]),
+        heading=math.atan2(up_flight[1], up_flight[0]),
+        base=float(steps[0]),
+        covariance=covariance,
         start=float((even[0] * up + middle * left) @ up_flight),  # the line at its middle
-        edges=middles @ up_flight, risers=np.array([r.height for r in row]),
+        edges=middles @ up_flight,
+        risers=np.array([r.height for r in row]),
         across=np.percentile(aside, (_EXTENT_PCT, 100.0 - _EXTENT_PCT)),
-    )  # fmt: skip
+    )
 
 
 def to_left(forward: Array) -> Array:

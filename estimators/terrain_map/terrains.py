@@ -125,9 +125,11 @@ class Terrains:
                 continue
             columns, before = border_columns[rows], self._risers.get(pair)
             if (
-                before is not None and before.lower is lower and before.upper is upper
+                before is not None
+                and before.lower is lower
+                and before.upper is upper
                 and np.array_equal(before.columns, columns)
-            ):  # fmt: skip
+            ):
                 known[pair] = before
             else:
                 known[pair] = _CachedRiser(lower, upper, columns, self._fit_riser(lower, upper, columns))

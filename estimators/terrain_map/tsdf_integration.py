@@ -37,9 +37,15 @@ _NOISE_GATE_SD = 3.0
 
 @entry_kernel(_HERE)
 def allocate(
-    blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_grid_camera: Array, voxel_m: float, band_m: float,
-    top_m: float, t_ns: int,
-) -> None:  # fmt: skip
+    blocks: Blocks,
+    depth: NDArray[np.float32],
+    intrinsics: Array,
+    T_grid_camera: Array,
+    voxel_m: float,
+    band_m: float,
+    top_m: float,
+    t_ns: int,
+) -> None:
     """Allocates the blocks that contain surfaces of a depth image.
 
     Args:
@@ -76,9 +82,13 @@ def allocate(
                     continue
                 last_i, last_j, last_k = i, j, k
                 if (
-                    i < blocks.origin[0] or i >= blocks.origin[0] + SHAPE[0] or j < blocks.origin[1]
-                    or j >= blocks.origin[1] + SHAPE[1] or k < blocks.origin[2] or k >= blocks.origin[2] + SHAPE[2]
-                ):  # fmt: skip
+                    i < blocks.origin[0]
+                    or i >= blocks.origin[0] + SHAPE[0]
+                    or j < blocks.origin[1]
+                    or j >= blocks.origin[1] + SHAPE[1]
+                    or k < blocks.origin[2]
+                    or k >= blocks.origin[2] + SHAPE[2]
+                ):
                     continue
                 row = slot_of(blocks.slots, blocks.origin, i, j, k)
                 if row < 0:
@@ -89,9 +99,15 @@ def allocate(
 
 @entry_kernel(_HERE, error_model="numpy", fastmath=True)
 def integrate(
-    blocks: Blocks, depth: NDArray[np.float32], intrinsics: Array, T_camera_grid: Array, voxel_m: float, band_m: float,
-    max_weight: float, noise_per_m: float,
-) -> None:  # fmt: skip
+    blocks: Blocks,
+    depth: NDArray[np.float32],
+    intrinsics: Array,
+    T_camera_grid: Array,
+    voxel_m: float,
+    band_m: float,
+    max_weight: float,
+    noise_per_m: float,
+) -> None:
     """Updates every voxel in view by docs/terrain_map.md (1)-(4), after Zhao 2023 (19)-(22).
 
     The truncation t_δ of a line of sight makes λ a height: it is band_m divided by the line's descent per metre. A
@@ -115,10 +131,20 @@ def integrate(
     radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
     camera = _Pinhole(
-        _f32(fu), _f32(fv), _f32(pu + 0.5), _f32(pv + 0.5), np.int32(width), np.int32(height), _f32(R[0, 2]),
-        _f32(R[1, 2]), _f32(R[2, 2]), _f32(band_m), _f32(1.0 / band_m), _f32(max_weight),
+        _f32(fu),
+        _f32(fv),
+        _f32(pu + 0.5),
+        _f32(pv + 0.5),
+        np.int32(width),
+        np.int32(height),
+        _f32(R[0, 2]),
+        _f32(R[1, 2]),
+        _f32(R[2, 2]),
+        _f32(band_m),
+        _f32(1.0 / band_m),
+        _f32(max_weight),
         _f32(_NOISE_GATE_SD * noise_per_m),
-    )  # fmt: skip
+    )
     lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
     image = depth.ravel()
     for row in range(len(blocks.used)):
@@ -215,17 +241,26 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 def _projection() -> _Projection:
     """A projection with uninitialised arrays."""
     return _Projection(
-        np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
-        np.empty(VOXELS, np.int32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32),
-        np.empty(EDGE, np.int32), np.empty(EDGE, np.int32),
-    )  # fmt: skip
+        np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.int32),
+        np.empty(VOXELS, np.float32),
+        np.empty(VOXELS, np.float32),
+        np.empty(EDGE, np.int32),
+        np.empty(EDGE, np.int32),
+    )
 
 
 @njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _project(
-    image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, above: np.float32,
+    image: NDArray[np.float32],
+    camera: _Pinhole,
+    lattice: _Lattice,
+    corner: _Corner,
+    above: np.float32,
     projection: _Projection,
-) -> bool:  # fmt: skip
+) -> bool:
     """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
 
     Args:
@@ -269,7 +304,7 @@ def _project(
 @njit(error_model="numpy", fastmath=True, **INNER_KERNEL)
 def _check_above(
     image: NDArray[np.float32], camera: _Pinhole, lattice: _Lattice, corner: _Corner, projection: _Projection
-) -> None:  # fmt: skip
+) -> None:
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
     The projection's pixels become those of the second lookup.

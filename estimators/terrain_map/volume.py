@@ -77,9 +77,15 @@ class VoxelVolume:
         top_m = float(eye[2]) + HEADROOM_M
         allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
         integrate(
-            blocks, clean, camera.intrinsics, np.asarray(np.linalg.inv(T_grid_camera), float), p.voxel_size_m,
-            p.truncation_m, p.max_weight, p.depth_noise_per_m,
-        )  # fmt: skip
+            blocks,
+            clean,
+            camera.intrinsics,
+            np.asarray(np.linalg.inv(T_grid_camera), float),
+            p.voxel_size_m,
+            p.truncation_m,
+            p.max_weight,
+            p.depth_noise_per_m,
+        )
 
     def top_view(self) -> TopView:
         """The planes seen in the volume from above, around a point ahead of the last camera pose."""

@@ -56,12 +56,17 @@ class Blocks(NamedTuple):
 def empty_blocks() -> Blocks:
     """An empty window."""
     return Blocks(
-        slots=np.full(SHAPE, _NONE, np.int32), places=np.zeros((CAPACITY, 3), np.int32),
-        used=np.zeros(CAPACITY, np.bool_), distance=np.zeros((CAPACITY, VOXELS), np.float32),
-        weight=np.zeros((CAPACITY, VOXELS), np.float32), solid=np.zeros(CAPACITY, np.bool_),
-        seen_ns=np.zeros(CAPACITY, np.int64), free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
-        counts=np.array([CAPACITY], np.int64), origin=np.zeros(3, np.int64),
-    )  # fmt: skip
+        slots=np.full(SHAPE, _NONE, np.int32),
+        places=np.zeros((CAPACITY, 3), np.int32),
+        used=np.zeros(CAPACITY, np.bool_),
+        distance=np.zeros((CAPACITY, VOXELS), np.float32),
+        weight=np.zeros((CAPACITY, VOXELS), np.float32),
+        solid=np.zeros(CAPACITY, np.bool_),
+        seen_ns=np.zeros(CAPACITY, np.int64),
+        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
+        counts=np.array([CAPACITY], np.int64),
+        origin=np.zeros(3, np.int64),
+    )
 
 
 def clear(blocks: Blocks) -> None:
@@ -97,9 +102,10 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
             continue
         i, j, k = blocks.places[row]
         inside = (
-            blocks.origin[0] <= i < blocks.origin[0] + SHAPE[0] and blocks.origin[1] <= j < blocks.origin[1] + SHAPE[1]
+            blocks.origin[0] <= i < blocks.origin[0] + SHAPE[0]
+            and blocks.origin[1] <= j < blocks.origin[1] + SHAPE[1]
             and blocks.origin[2] <= k < blocks.origin[2] + SHAPE[2]
-        )  # fmt: skip
+        )
         if inside and (blocks.seen_ns[row] >= stale_ns or blocks.solid[row]):
             continue
         if inside and _is_solid(blocks.distance[row], blocks.weight[row], 0, 1):
@@ -138,9 +144,13 @@ def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
 def slot_of(slots: NDArray[np.int32], origin: NDArray[np.int64], i: int, j: int, k: int) -> int:
     """Row of block (i, j, k) in the arrays of `Blocks`; -1 if it is not allocated or outside the window."""
     if (
-        i < origin[0] or i >= origin[0] + SHAPE[0] or j < origin[1] or j >= origin[1] + SHAPE[1]
-        or k < origin[2] or k >= origin[2] + SHAPE[2]
-    ):  # fmt: skip
+        i < origin[0]
+        or i >= origin[0] + SHAPE[0]
+        or j < origin[1]
+        or j >= origin[1] + SHAPE[1]
+        or k < origin[2]
+        or k >= origin[2] + SHAPE[2]
+    ):
         return _NONE
     return slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)]
 

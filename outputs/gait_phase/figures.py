@@ -30,9 +30,14 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     """The true and the estimated phase of one leg, and the parts of the walk whose strides count."""
     t_s = series.t_ns * 1e-9
     plot = Plot(
-        title=f"Gait phase, {FEET[series.foot]} leg", x=data_range(t_s, margin=0.01), y=(-2.0, 102.0),
-        x_label="time, s", y_label="phase, %", height=240, hover="x",
-    )  # fmt: skip
+        title=f"Gait phase, {FEET[series.foot]} leg",
+        x=data_range(t_s, margin=0.01),
+        y=(-2.0, 102.0),
+        x_label="time, s",
+        y_label="phase, %",
+        height=240,
+        hover="x",
+    )
     for stride in strides:
         if not stride.is_pause:
             true_t_ns = np.array([stride.begin_ns, stride.end_ns - 1])
@@ -61,9 +66,13 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
         curves.setdefault(stride.terrain, []).append(100.0 * np.column_stack([cycle, errors]))
     all_errors = [curve[:, 1] for of_terrain in curves.values() for curve in of_terrain]
     plot = Plot(
-        title=f"Error over the cycle, {FEET[series.foot]} leg", x=(0.0, 100.0), x_label="true phase, %",
-        y=data_range(*all_errors, include=(-5.0, 5.0)), y_label="estimated minus true, %", height=240,
-    )  # fmt: skip
+        title=f"Error over the cycle, {FEET[series.foot]} leg",
+        x=(0.0, 100.0),
+        x_label="true phase, %",
+        y=data_range(*all_errors, include=(-5.0, 5.0)),
+        y_label="estimated minus true, %",
+        height=240,
+    )
     for terrain, of_terrain in curves.items():
         plot.curves(of_terrain, _TERRAIN_COLORS[terrain], width=1.0, label=terrain)
     return plot.html()

@@ -77,8 +77,14 @@ def _score_change(
     if abs(offset_m) > _MATCH_M:
         return ScoredChange(mode=change.mode, found=False)
     return ScoredChange(
-        mode=change.mode, found=True, distance_m=offset_m, distance_sd_m=predicted.distance_sd,
-        riser_m=predicted.riser - change.riser if change.riser else math.nan, riser_sd_m=predicted.riser_sd,
-        tread_m=predicted.tread - change.tread if change.tread else math.nan, tread_sd_m=predicted.tread_sd,
-        slope_rad=predicted.slope - change.slope if change.slope else math.nan, slope_sd_rad=predicted.slope_sd,
-    )  # fmt: skip
+        mode=change.mode,
+        found=True,
+        distance_m=offset_m,
+        distance_sd_m=predicted.distance_sd,
+        riser_m=predicted.riser - change.riser if change.riser else math.nan,
+        riser_sd_m=predicted.riser_sd,
+        tread_m=predicted.tread - change.tread if change.tread else math.nan,
+        tread_sd_m=predicted.tread_sd,
+        slope_rad=predicted.slope - change.slope if change.slope else math.nan,
+        slope_sd_rad=predicted.slope_sd,
+    )

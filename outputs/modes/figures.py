@@ -80,9 +80,13 @@ def _straighten_predictions(
 
 
 def _draw_row(
-    straight: StraightenedRoute, predicted: list[_Predicted | None], scores: ModeScores, title: str,
-    rows: list[tuple[float, float]], number: int,
-) -> Markup:  # fmt: skip
+    straight: StraightenedRoute,
+    predicted: list[_Predicted | None],
+    scores: ModeScores,
+    title: str,
+    rows: list[tuple[float, float]],
+    number: int,
+) -> Markup:
     """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes."""
     span = rows[number]
     plot = straight.plot_row(title, number, rows)
@@ -124,10 +128,14 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
     t = np.array([e.t_ns * 1e-9 for e in estimates])
     p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
     plot = Plot(
-        title="Modes over time", x=(begin, end), y=(-0.08, 3.9), x_label="time, s", y_label="mode, probability",
+        title="Modes over time",
+        x=(begin, end),
+        y=(-0.08, 3.9),
+        x_label="time, s",
+        y_label="mode, probability",
         height=270,
         y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
-    )  # fmt: skip
+    )
     touched = np.array([begin, *(step.t_s for step in steps)])
     for mode in MODES:
         true = np.array([step.mode == mode for step in steps])
@@ -171,9 +179,13 @@ def lead_times(scores: ModeScores) -> str:
     half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
     top = 1.1 * max(1.0, float(lead.max()))
     plot = Plot(
-        title="Lead time", x=(t[0] - 0.6, t[-1] + 0.6), y=(0.0, top), height=250,
-        x_label="touch-down, s", y_label="lead time, s",
-    )  # fmt: skip
+        title="Lead time",
+        x=(t[0] - 0.6, t[-1] + 0.6),
+        y=(0.0, top),
+        height=250,
+        x_label="touch-down, s",
+        y_label="lead time, s",
+    )
     for mode in MODES:
         is_right = np.array([s.mode == mode and s.lead_s > 0 for s in steps])
         plot.bars(t[is_right] - half, t[is_right] + half, 0.0, lead[is_right], _HEX[mode], label=CLASS_NAMES[mode])

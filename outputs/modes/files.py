@@ -14,11 +14,32 @@ from stridetwin.estimators.locomotion_mode import MODES, ModeEstimate, StepPredi
 from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
 MODE_COLUMNS = (
-    "t_s", "step", "foot", "mode", "probability", *(f"p_{mode}" for mode in MODES), "steady_s", "touchdown_s",
-    "touchdown_sd_s", "x_m", "y_m", "z_m", "forward_sd_m", "ground_slope_rad", "ground_slope_sd_rad", "change_mode",
-    "change_distance_m", "change_distance_sd_m", "change_time_s", "riser_m", "riser_sd_m", "tread_m", "tread_sd_m",
-    "slope_rad", "slope_sd_rad",
-)  # fmt: skip
+    "t_s",
+    "step",
+    "foot",
+    "mode",
+    "probability",
+    *(f"p_{mode}" for mode in MODES),
+    "steady_s",
+    "touchdown_s",
+    "touchdown_sd_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    "forward_sd_m",
+    "ground_slope_rad",
+    "ground_slope_sd_rad",
+    "change_mode",
+    "change_distance_m",
+    "change_distance_sd_m",
+    "change_time_s",
+    "riser_m",
+    "riser_sd_m",
+    "tread_m",
+    "tread_sd_m",
+    "slope_rad",
+    "slope_sd_rad",
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,18 +100,33 @@ def mode_cells(row: PredictedStep) -> list[str]:
     variance = float(heading @ step.covariance @ heading)
     forward_sd = math.sqrt(variance) if variance >= 0.0 else math.nan
     cells = [
-        _cell(row.estimate.t_ns * 1e-9, 3), str(step.step), step.foot, step.mode,
+        _cell(row.estimate.t_ns * 1e-9, 3),
+        str(step.step),
+        step.foot,
+        step.mode,
         _cell(step.probabilities[step.mode], 4),
-        *(_cell(step.probabilities[mode], 4) for mode in MODES), _cell(row.steady_s, 3), _cell(step.t_ns * 1e-9, 3),
-        _cell(step.t_sd_s, 3), *(_cell(x, 4) for x in step.p_foot_in_world), _cell(forward_sd, 4),
-        _cell(step.slope, 4), _cell(step.slope_sd, 4),
-    ]  # fmt: skip
+        *(_cell(step.probabilities[mode], 4) for mode in MODES),
+        _cell(row.steady_s, 3),
+        _cell(step.t_ns * 1e-9, 3),
+        _cell(step.t_sd_s, 3),
+        *(_cell(x, 4) for x in step.p_foot_in_world),
+        _cell(forward_sd, 4),
+        _cell(step.slope, 4),
+        _cell(step.slope_sd, 4),
+    ]
     if change is None:
         return [*cells, *[""] * (len(MODE_COLUMNS) - len(cells))]
     sizes = (
-        change.distance, change.distance_sd, change.time_s, change.riser, change.riser_sd, change.tread,
-        change.tread_sd, change.slope, change.slope_sd,
-    )  # fmt: skip
+        change.distance,
+        change.distance_sd,
+        change.time_s,
+        change.riser,
+        change.riser_sd,
+        change.tread,
+        change.tread_sd,
+        change.slope,
+        change.slope_sd,
+    )
     return [*cells, change.mode, *(_cell(size, 4) for size in sizes)]
 
 

@@ -110,9 +110,14 @@ def _sole_outline(step: StepPrediction, estimate: ModeEstimate, alignment: YawAl
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(
-        topic="", t_ns=step.t_ns, foot=step.foot, p_foot_in_world=place, terrain="", mode=step.mode,
+        topic="",
+        t_ns=step.t_ns,
+        foot=step.foot,
+        p_foot_in_world=place,
+        terrain="",
+        mode=step.mode,
         q_world_foot=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
-    )  # fmt: skip
+    )
     return _close_outline(np.column_stack([outline(footprint), np.full(4, place[2] + _ABOVE_M)]))
 
 

@@ -36,22 +36,37 @@ _CHANGES = {
 
 SCORES = (
     Score(
-        name="accuracy_pct", scale=SHARE, heading="right %", label="Steps whose mode was predicted correctly", unit="%",
+        name="accuracy_pct",
+        scale=SHARE,
+        heading="right %",
+        label="Steps whose mode was predicted correctly",
+        unit="%",
         digits=1,
     ),
     Score(
-        name="strict_accuracy_pct", scale=SHARE, heading="strict %", unit="%", digits=1,
+        name="strict_accuracy_pct",
+        scale=SHARE,
+        heading="strict %",
+        unit="%",
+        digits=1,
         label="the same, with one correct mode for soles across a ramp's edge",
     ),
     Score(name="straddling_pct", scale=DESCRIPTIVE),
     Score(
-        name="transition_accuracy_pct", scale=SHARE, heading="transitions %", unit="%", digits=1,
+        name="transition_accuracy_pct",
+        scale=SHARE,
+        heading="transitions %",
+        unit="%",
+        digits=1,
         label="Steps that change the mode, predicted correctly",
     ),
     Score(name="steps", scale=DESCRIPTIVE, label="Steps", digits=0),
     Score(name="transitions", scale=DESCRIPTIVE, label="steps that change the mode", digits=0),
     Score(
-        name="lead_median_s", scale=LEAD, heading="lead s", unit="s",
+        name="lead_median_s",
+        scale=LEAD,
+        heading="lead s",
+        unit="s",
         label="Lead time of the final correct prediction, median",
     ),
     Score(name="lead_p5_s", scale=LEAD, heading="lead 5 % s", label="the same, 5th percentile", unit="s"),
@@ -60,19 +75,21 @@ SCORES = (
         Score(name=f"lead_to_{name}_median_s", scale=LEAD, unit="s", label=f"Lead time of changes to {words}, median")
         for name, words in _CHANGES.values()
     ),
-    Score(
-        name="footprint_forward_rmse_m", label="Footprint one step ahead, forward, RMS error", unit="m", digits=3
-    ),
+    Score(name="footprint_forward_rmse_m", label="Footprint one step ahead, forward, RMS error", unit="m", digits=3),
     Score(name="footprint_left_rmse_m", label="the same, sideways", unit="m", digits=3),
     Score(name="calibration_error", label="Predicted probabilities, calibration error", digits=3),
     Score(
-        name="changes_found_pct", scale=SHARE, heading="changes found %", unit="%", digits=1,
+        name="changes_found_pct",
+        scale=SHARE,
+        heading="changes found %",
+        unit="%",
+        digits=1,
         label="Terrain changes detected 1.5 s ahead",
     ),
     Score(name="riser_rmse_mm", heading="riser mm", label="their risers, RMS error", unit="mm", digits=1),
     Score(name="tread_rmse_mm", heading="tread mm", label="their treads, RMS error", unit="mm", digits=1),
     Score(name="slope_rmse_deg", heading="slope °", label="their slopes, RMS error", unit="°"),
-)  # fmt: skip
+)
 """The scores of predicted modes; see `scores_of_walk`."""
 
 
@@ -204,16 +221,20 @@ def score_modes(
         step = last[0].steps[last[1]] if last else None
         steps.append(
             ScoredMode(
-                t_s=print_.t_ns * 1e-9, mode=print_.mode, before=before, allowed=allowed,
+                t_s=print_.t_ns * 1e-9,
+                mode=print_.mode,
+                before=before,
+                allowed=allowed,
                 predicted=step.mode if step else "",
                 lead_s=(print_.t_ns - right_since[0]) * 1e-9 if right_since else 0.0,
                 probabilities=tuple(step.probabilities[m] for m in MODES) if step else (),
-                forward_m=forward, left_m=left,
+                forward_m=forward,
+                left_m=left,
                 length_m=float(np.linalg.norm((print_.p_foot_in_world - footprints[i + 1].p_foot_in_world)[:2])),
                 slope_rad=step.slope - slopes[i] if step else math.nan,
                 slope_sd_rad=step.slope_sd if step else math.nan,
             )
-        )  # fmt: skip
+        )
         before = print_.mode
     return ModeScores(steps=steps, approaches=approaches)
 
@@ -243,8 +264,11 @@ _BINS = 10
 _STEADY = 0.2
 """Steps in steady walking differ by no more, as a share of the shortest."""
 _SIZES = (
-    ("distance_m", "distance_sd_m"), ("riser_m", "riser_sd_m"), ("tread_m", "tread_sd_m"), ("slope_rad", "slope_sd_rad")
-)  # fmt: skip
+    ("distance_m", "distance_sd_m"),
+    ("riser_m", "riser_sd_m"),
+    ("tread_m", "tread_sd_m"),
+    ("slope_rad", "slope_sd_rad"),
+)
 _MAX_OBSERVED_SD = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
 """A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
@@ -283,7 +307,7 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
         "steps": len(steps),
         "transitions": len(transitions),
         **_change_figures(approaches),
-    }  # fmt: skip
+    }
 
 
 def _lead_times(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
@@ -429,8 +453,17 @@ def scores_of_walk(modes: ModeScores) -> Scores:
     flat = {
         name: figures[name]
         for name in (
-            "accuracy_pct", "strict_accuracy_pct", "straddling_pct", "transition_accuracy_pct", "changes_found_pct",
-            "riser_rmse_mm", "tread_rmse_mm", "slope_rmse_deg", "calibration_error", "steps", "transitions",
+            "accuracy_pct",
+            "strict_accuracy_pct",
+            "straddling_pct",
+            "transition_accuracy_pct",
+            "changes_found_pct",
+            "riser_rmse_mm",
+            "tread_rmse_mm",
+            "slope_rmse_deg",
+            "calibration_error",
+            "steps",
+            "transitions",
         )
     } | {
         "lead_median_s": figures["lead_time_s"]["median"],
@@ -439,7 +472,7 @@ def scores_of_walk(modes: ModeScores) -> Scores:
         "footprint_forward_rmse_m": figures["footprint_rmse_m"]["forward"],
         "footprint_left_rmse_m": figures["footprint_rmse_m"]["left"],
         **{f"lead_to_{name}_median_s": _lead_to(mode, modes.steps) for mode, (name, _) in _CHANGES.items()},
-    }  # fmt: skip
+    }
     return {name: float(value) for name, value in flat.items() if value is not None}
 
 

@@ -76,9 +76,13 @@ def error_over_time(results: Sequence[Result]) -> Markup:
     max_error = max(float(e.max()) for e in errors)
     reported = max((float(b[-1]) for b in bounds if b is not None), default=0.0)
     plot = Plot(
-        title=f"Position error over time, {_part_name(results)}", x_label="time, s", y_label="position error, mm",
-        y=(0.0, 1.1 * max(max_error, min(reported, 3 * max_error), 1.0)), height=260, hover="x",
-    )  # fmt: skip
+        title=f"Position error over time, {_part_name(results)}",
+        x_label="time, s",
+        y_label="position error, mm",
+        y=(0.0, 1.1 * max(max_error, min(reported, 3 * max_error), 1.0)),
+        height=260,
+        hover="x",
+    )
     colors = _colors(results)
     for result, error, bound in zip(results, errors, bounds):
         color = colors[result.estimate.name]

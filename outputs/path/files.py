@@ -29,9 +29,17 @@ TABLE = ".csv"
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _UPPER = np.triu_indices(6)
 COLUMNS = (
-    "t_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "status",
+    "t_s",
+    "x_m",
+    "y_m",
+    "z_m",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    "status",
     *(f"cov_{_AXES[i]}_{_AXES[j]}" for i, j in zip(*_UPPER)),
-)  # fmt: skip
+)
 """Covariance of position (m) and of rotation about the world's axes (rad), its upper triangle by rows."""
 
 

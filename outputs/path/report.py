@@ -52,9 +52,15 @@ def score_cards(results: Sequence[Result]) -> str:
     cards = []
     for key, title, unit, scale, digits, note in _CARDS:
         values = [
-            {"number": number_text(r.scores[key] * scale, digits), "unit": unit, "part": part_of(r.estimate),
-             "label": label_of(r.estimate)} for r in results if key in r.scores
-        ]  # fmt: skip
+            {
+                "number": number_text(r.scores[key] * scale, digits),
+                "unit": unit,
+                "part": part_of(r.estimate),
+                "label": label_of(r.estimate),
+            }
+            for r in results
+            if key in r.scores
+        ]
         if values:
             cards.append({"title": title, "values": values, "note": note})
     lead = [

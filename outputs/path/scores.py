@@ -43,23 +43,28 @@ SCORES = (
     Score(name="rpe_1m_pct", label="Relative error over 1 m", unit="%"),
     Score(name="rpe_5m_pct", heading="RPE 5 m %", label="Relative error over 5 m", unit="%"),
     Score(
-        name="armse_2d_m", heading="2-D ARMSE m", label="2-D ARMSE (as the pyshoe benchmark defines it)", unit="m",
+        name="armse_2d_m",
+        heading="2-D ARMSE m",
+        label="2-D ARMSE (as the pyshoe benchmark defines it)",
+        unit="m",
         digits=4,
     ),
     Score(name="nees_position_mean", scale=CLAIM, label="NEES of the position, mean (3 if consistent)"),
     Score(
-        name="nees_position_within_95_pct", scale=SHARE, heading="in 95 % bound %",
-        label="Time within its own 95 % bound", unit="%", digits=1,
+        name="nees_position_within_95_pct",
+        scale=SHARE,
+        heading="in 95 % bound %",
+        label="Time within its own 95 % bound",
+        unit="%",
+        digits=1,
     ),
-    Score(
-        name="nis_standing", scale=CLAIM, label="Zero-velocity updates, NIS per degree of freedom (1 if consistent)"
-    ),
+    Score(name="nis_standing", scale=CLAIM, label="Zero-velocity updates, NIS per degree of freedom (1 if consistent)"),
     Score(name="nis_sightings", scale=CLAIM, label="Checkerboard observations, NIS per degree of freedom"),
     Score(name="nis_echoes", scale=CLAIM, label="Sonar ranges, NIS per degree of freedom"),
     Score(name="distance_m", scale=DESCRIPTIVE, label="Distance travelled by the frame", unit="m"),
     Score(name="duration_s", scale=DESCRIPTIVE),
     Score(name="coverage_pct", scale=SHARE),
-)  # fmt: skip
+)
 """The scores of a path. The NIS of other measurements, `nis_KIND`, are claims, too."""
 
 

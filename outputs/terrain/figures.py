@@ -84,9 +84,13 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
     true = true_heights(profile, s)
     span_z = data_range(true[shown], height[shown], include=(float(true[shown].min()) - 0.12,))
     plot = Plot(
-        title="The ground from the side", x=span, y=span_z, x_label="along the route, m", y_label="height, m",
+        title="The ground from the side",
+        x=span,
+        y=span_z,
+        x_label="along the route, m",
+        y_label="height, m",
         height=280,
-    )  # fmt: skip
+    )
     draw_profile(plot, profile, span, span_z[0])
     edges_here = []
     for at in route.edges[:, 0]:
@@ -106,8 +110,9 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     span = StraightenedRoute(walk).span_m
     jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
-    off = np.where((away > _CLEAR_M) & (s > span[0]) & (s < span[1]),
-                   1e3 * (height - true_heights(walk.layout.profile, s)), np.nan)  # fmt: skip
+    off = np.where(
+        (away > _CLEAR_M) & (s > span[0]) & (s < span[1]), 1e3 * (height - true_heights(walk.layout.profile, s)), np.nan
+    )
     mapped = route.edges[:, 0]
     mapped = mapped[(mapped > span[0]) & (mapped < span[1])]
     nearest = np.abs(mapped[:, None] - jumps).argmin(axis=1) if len(jumps) else np.zeros(0, int)
@@ -115,9 +120,13 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     known = np.abs(place) < _MAX_EDGE_ERROR_MM
     top = max(10.0, float(np.nanmax(np.abs(np.r_[off, place[known]]), initial=0.0))) * 1.1
     plot = Plot(
-        title="Errors of the mapped ground", x=span, y=(-top, top), x_label="along the route, m",
-        y_label="estimated minus true, mm", height=240,
-    )  # fmt: skip
+        title="Errors of the mapped ground",
+        x=span,
+        y=(-top, top),
+        x_label="along the route, m",
+        y_label="estimated minus true, mm",
+        height=240,
+    )
     plot.line(s, off, PALETTE[0], width=1.4, label="height")
     if known.any():
         plot.dots(mapped[known], place[known], INK, label="position of an edge along the route")

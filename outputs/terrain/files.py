@@ -123,17 +123,29 @@ def _terrain(terrain: Terrain) -> dict[str, Any]:
     if isinstance(terrain, Stairs):
         sd = np.sqrt(np.diag(terrain.covariance))
         return {
-            "type": "stairs", "id": terrain.id, "planes": list(terrain.planes), "steps": terrain.steps,
-            "riser_m": terrain.riser, "riser_sd_m": _finite_or_none(sd[0]), "tread_m": _finite_or_none(terrain.tread),
-            "tread_sd_m": _finite_or_none(sd[1]), "heading_deg": math.degrees(terrain.heading),
-            "start_m": terrain.start, "start_sd_m": _finite_or_none(sd[3]), "base_m": terrain.base,
-            "edges_m": _to_list(terrain.edges), "risers_m": _to_list(terrain.risers),
+            "type": "stairs",
+            "id": terrain.id,
+            "planes": list(terrain.planes),
+            "steps": terrain.steps,
+            "riser_m": terrain.riser,
+            "riser_sd_m": _finite_or_none(sd[0]),
+            "tread_m": _finite_or_none(terrain.tread),
+            "tread_sd_m": _finite_or_none(sd[1]),
+            "heading_deg": math.degrees(terrain.heading),
+            "start_m": terrain.start,
+            "start_sd_m": _finite_or_none(sd[3]),
+            "base_m": terrain.base,
+            "edges_m": _to_list(terrain.edges),
+            "risers_m": _to_list(terrain.risers),
             "across_m": _to_list(terrain.across),
-        }  # fmt: skip
+        }
     fields: dict[str, Any] = {"type": _terrain_name(terrain), "id": terrain.id, "planes": [terrain.plane]}
     if isinstance(terrain, Ramp):
-        fields |= {"slope_deg": math.degrees(terrain.slope), "slope_sd_deg": math.degrees(terrain.slope_sd),
-                  "heading_deg": math.degrees(terrain.heading)}  # fmt: skip
+        fields |= {
+            "slope_deg": math.degrees(terrain.slope),
+            "slope_sd_deg": math.degrees(terrain.slope_sd),
+            "heading_deg": math.degrees(terrain.heading),
+        }
     return fields
 
 

@@ -15,9 +15,7 @@ from stridetwin.streams.samples import Array
 
 GROUND_CLASSES = (*MODES, "none")
 """Class of the ground for a walker in a given direction: the mode of steps on it; `none` without a class."""
-CLASS_COLORS = (
-    (70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150),
-)  # fmt: skip
+CLASS_COLORS = ((70, 170, 90), (50, 110, 220), (130, 80, 205), (230, 140, 30), (185, 70, 45), (150, 150, 150))
 """RGB of each of `GROUND_CLASSES`."""
 CLASS_NAMES = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ramp up", "RD": "ramp down"}
 """Names of the classes, which are also those of the modes of steps on them."""

@@ -39,14 +39,19 @@ _EVERY = 5
 
 SCORES = (
     Score(
-        name="accuracy_rmse_mm", heading="accuracy mm", label="Distance of the mapped ground to the true surface, RMS",
-        unit="mm", digits=1,
+        name="accuracy_rmse_mm",
+        heading="accuracy mm",
+        label="Distance of the mapped ground to the true surface, RMS",
+        unit="mm",
+        digits=1,
     ),
+    Score(name="accuracy_p95_mm", heading="accuracy 95 % mm", label="the same, 95th percentile", unit="mm", digits=1),
     Score(
-        name="accuracy_p95_mm", heading="accuracy 95 % mm", label="the same, 95th percentile", unit="mm", digits=1
-    ),
-    Score(
-        name="completeness_pct", scale=SHARE, heading="complete %", unit="%", digits=1,
+        name="completeness_pct",
+        scale=SHARE,
+        heading="complete %",
+        unit="%",
+        digits=1,
         label="Ground 0.5 to 2.5 m ahead mapped within 3 cm",
     ),
     Score(
@@ -59,7 +64,7 @@ SCORES = (
     Score(name="riser_rmse_mm", heading="riser mm"),
     Score(name="tread_rmse_mm", heading="tread mm"),
     Score(name="slope_rmse_deg", heading="slope °"),
-)  # fmt: skip
+)
 """The scores of a terrain map; see `map_figures`."""
 
 
@@ -270,8 +275,9 @@ def _score_change(
         if at is None or at[0].slope < math.radians(5):
             return ScoredChange(mode=change.mode, found=False, distance_m=edge)
         slope = math.atan(float(at[0].gradient @ forward))
-        return ScoredChange(mode=change.mode, found=True, distance_m=edge, slope_rad=slope - change.slope,
-                            slope_sd_rad=at[0].slope_sd)  # fmt: skip
+        return ScoredChange(
+            mode=change.mode, found=True, distance_m=edge, slope_rad=slope - change.slope, slope_sd_rad=at[0].slope_sd
+        )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
         sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:
@@ -280,10 +286,14 @@ def _score_change(
         first = min(edge_offsets[np.isfinite(edge_offsets)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
             return ScoredChange(
-                mode=change.mode, found=True, distance_m=float(first), riser_m=flight.riser - abs(change.riser),
-                tread_m=flight.tread - change.tread, riser_sd_m=math.sqrt(flight.covariance[0, 0]),
+                mode=change.mode,
+                found=True,
+                distance_m=float(first),
+                riser_m=flight.riser - abs(change.riser),
+                tread_m=flight.tread - change.tread,
+                riser_sd_m=math.sqrt(flight.covariance[0, 0]),
                 tread_sd_m=math.sqrt(flight.covariance[1, 1]),
-            )  # fmt: skip
+            )
     return ScoredChange(mode=change.mode, found=False)
 
 

@@ -44,16 +44,18 @@ def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAli
     i, j = np.floor((points[nearby, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
     nearby = nearby[np.unique(i * 4096 + j, return_index=True)[1]]
     near = [
-        p for p in estimate.planes.values()
+        p
+        for p in estimate.planes.values()
         if p.area_m2 > _MIN_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _MAX_DISTANCE_M
-    ]  # fmt: skip
+    ]
     classes = ground_classes_at(estimate, np.array([p.id for p in near], np.int64), heading)
     return Snapshot(
-        t_ns=estimate.t_ns, points=alignment.to_true(points[nearby]).astype(np.float32),
+        t_ns=estimate.t_ns,
+        points=alignment.to_true(points[nearby]).astype(np.float32),
         classes=ground_classes_at(estimate, plane[nearby], heading),
         planes=[(alignment.to_true(_outline(p)), int(c)) for p, c in zip(near, classes)],
         edges=[alignment.to_true(line) for flight in estimate.stairs for line in edge_lines(flight)],
-    )  # fmt: skip
+    )
 
 
 def _outline(plane: Plane) -> Array:

@@ -227,9 +227,13 @@ def _span_text(ends: tuple[float, float]) -> str:
 
 
 _KINDS: dict[str, type[Distribution]] = {
-    "uniform": Uniform, "log_uniform": LogUniform, "normal": Normal, "integer": Integer, "choice": Choice,
+    "uniform": Uniform,
+    "log_uniform": LogUniform,
+    "normal": Normal,
+    "integer": Integer,
+    "choice": Choice,
     "fixed": Fixed,
-}  # fmt: skip
+}
 
 
 class _OneValue:

@@ -164,9 +164,14 @@ class NamedFiles:
         for key in _NAMING & scenario.keys():
             scenario[key] = self.with_output_names(scenario[key], at, path.resolve().parent)
         return Base(
-            name=self._make_unique(path.stem), scenario=scenario, weight=getattr(item, "weight", 1.0),
-            variables=self.variables(item.set, where.key("set")), at=at, file=path, written=name,
-        )  # fmt: skip
+            name=self._make_unique(path.stem),
+            scenario=scenario,
+            weight=getattr(item, "weight", 1.0),
+            variables=self.variables(item.set, where.key("set")),
+            at=at,
+            file=path,
+            written=name,
+        )
 
     def _make_unique(self, name: str) -> str:
         """A unique name: a scenario may be listed twice with different values."""

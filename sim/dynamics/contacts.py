@@ -61,7 +61,7 @@ class Contacts(NamedTuple):
 @_entry_kernel
 def subtract_bias(
     body: NDArray[np.int32], chain: NDArray[np.bool_], contacts: Contacts, state: State, aref: Array
-) -> None:  # fmt: skip
+) -> None:
     """Subtracts J' q' from the reference acceleration of every contact; call it between `mj_step1` and `mj_step2`.
 
     Args:

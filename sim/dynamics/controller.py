@@ -140,9 +140,8 @@ class Controller:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool,
-        mass_ratio: float,
-    ) -> None:  # fmt: skip
+        self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool, mass_ratio: float
+    ) -> None:
         self._model, self._gains, self._mass_ratio = model, gains, mass_ratio
         weight = mass_ratio * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
         self._max_help = gains.max_assist * weight
@@ -162,21 +161,31 @@ class Controller:
         bodies = np.array([[model.body(f"{body}_{side}").id for body, _ in points] for side in SIDES])
         feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         self._body = _Body(
-            driven=driven, free=free, weight=weights[driven], bodies=bodies,
+            driven=driven,
+            free=free,
+            weight=weights[driven],
+            bodies=bodies,
             local=np.array([p for _, p in points]),
-            point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]), feet=feet,
+            point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]),
+            feet=feet,
             foot_chain=np.array([chain_of(model, b)[driven] for b in feet]),
             force=np.zeros((len(SIDES), len(points), 4)),
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
-        )  # fmt: skip
+        )
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
         self._M = np.empty((model.nv, model.nv))
         self._error = np.empty(model.nv)
 
     def torques(
-        self, data: mujoco.MjData, state: State, plan: Plan, i: int, shift: StepReplan, touching: NDArray[np.bool_],
+        self,
+        data: mujoco.MjData,
+        state: State,
+        plan: Plan,
+        i: int,
+        shift: StepReplan,
+        touching: NDArray[np.bool_],
         known: Array,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """Generalised forces (nv,) of the wearer at one control step: joint torques, and the assist at the root.
 
         Args:
@@ -192,12 +201,19 @@ class Controller:
         mujoco.mj_fullM(model, data, self._M)
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
         h, target = _compute_targets(
-            self._rate, self._error, data.qvel, plan.v[i], plan.a[i], shift.root, self._mass_ratio,
-            _Forces(data.qfrc_bias, data.qfrc_passive, known), self._toes,
-        )  # fmt: skip
+            self._rate,
+            self._error,
+            data.qvel,
+            plan.v[i],
+            plan.a[i],
+            shift.root,
+            self._mass_ratio,
+            _Forces(data.qfrc_bias, data.qfrc_passive, known),
+            self._toes,
+        )
         torque = _solve_step(
             self._mass_ratio * self._M, h, target, self._body, state, plan.feet_at(i), touching, shift.foot, gains.foot
-        )  # fmt: skip
+        )
         return _limit_torques(
             torque, self._body.driven, self._toes, self._error, plan.v[i], self._max_help, gains.max_torque
         )
@@ -205,9 +221,16 @@ class Controller:
 
 @_entry_kernel
 def _compute_targets(
-    rate: Array, error: Array, qvel: Array, v: Array, a: Array, root: Array, mass_ratio: float, forces: _Forces,
+    rate: Array,
+    error: Array,
+    qvel: Array,
+    v: Array,
+    a: Array,
+    root: Array,
+    mass_ratio: float,
+    forces: _Forces,
     toes: NDArray[np.int64],
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Bias minus the known forces, and the target accelerations; both (nv,).
 
     The target of a coordinate is a + k² e + 2 k (v − q'), critically damped with the rate k and the error e; the root's
@@ -227,9 +250,14 @@ def _compute_targets(
 
 @_entry_kernel
 def _limit_torques(
-    torque: Array, driven: NDArray[np.int64], toes: NDArray[np.int64], error: Array, v: Array, max_help: float,
+    torque: Array,
+    driven: NDArray[np.int64],
+    toes: NDArray[np.int64],
+    error: Array,
+    v: Array,
+    max_help: float,
     max_torque: float,
-) -> Array:  # fmt: skip
+) -> Array:
     """(nv,) generalised forces within their limits, from the torques of the driven coordinates.
 
     The toes get the spring and damper that hold them to their plan. The root's wrench is scaled down until its force is
@@ -248,9 +276,16 @@ def _limit_torques(
 
 @_entry_kernel
 def _solve_step(
-    M: Array, h: Array, target: Array, body: _Body, state: State, feet: PlannedFeet, touching: NDArray[np.bool_],
-    foot_shift: Array, gains: FootGains,
-) -> Array:  # fmt: skip
+    M: Array,
+    h: Array,
+    target: Array,
+    body: _Body,
+    state: State,
+    feet: PlannedFeet,
+    touching: NDArray[np.bool_],
+    foot_shift: Array,
+    gains: FootGains,
+) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
 
     The tasks are rows J q'' = target with weights: contact points of a stance foot decelerate (−d v − J' q'); the
@@ -329,9 +364,14 @@ def _solve_step(
     # without the free coordinates; then store the forces for their change in the next step
     A, bias_driven = eliminate(M, h, body.driven, body.free)
     _, torque, forces, _ = solve_control_step(
-        A, bias_driven, target, body.weight, Tasks(tasks[:m], targets[:m], weights[:m]),
-        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]), body.assist,
-    )  # fmt: skip
+        A,
+        bias_driven,
+        target,
+        body.weight,
+        Tasks(tasks[:m], targets[:m], weights[:m]),
+        ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]),
+        body.assist,
+    )
     k = 0
     for side in range(2):
         for i in range(per_foot):

@@ -41,9 +41,11 @@ class CouplingSet(NamedTuple):
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
         chain = np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool)
         return cls(  # reshaped for none, without exoskeleton
-            bodies.reshape(-1, 2), np.reshape([[c.p_in_exo, c.p_in_body] for c in couplings], (-1, 2, 3)),
-            np.reshape([c.law for c in couplings], (-1, 4, 3, 3)), chain.reshape(-1, 2, model.nv),
-        )  # fmt: skip
+            bodies.reshape(-1, 2),
+            np.reshape([[c.p_in_exo, c.p_in_body] for c in couplings], (-1, 2, 3)),
+            np.reshape([c.law for c in couplings], (-1, 4, 3, 3)),
+            chain.reshape(-1, 2, model.nv),
+        )
 
 
 @_entry_kernel

@@ -91,9 +91,14 @@ class StepReplan(NamedTuple):
 
 @_entry_kernel
 def advance_shifts(
-    shifts: StepReplan, dt: float, planned: PlannedFeet, com: Array, measured: Array, pressing: NDArray[np.bool_],
+    shifts: StepReplan,
+    dt: float,
+    planned: PlannedFeet,
+    com: Array,
+    measured: Array,
+    pressing: NDArray[np.bool_],
     landing_offset: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Advances the shifts of feet and pelvis by one control step.
 
     With ξ the deviation of the divergent motion, the foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) −

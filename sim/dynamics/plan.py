@@ -97,10 +97,22 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
             force_weight[toes, k, HEEL_POINTS:] = toe_weights(reference.size, x)
     feet = PlannedFeet(
-        share=loads[:, [0, 4]], touching=touching, force_weight=force_weight, R_sole=R_sole, p_sole=p_sole,
-        swinging=swinging, until_landing=until_landing, R_way=R_way, near_edge=near_edge, p_foot=p, v_foot=dp,
-        a_foot=_time_derivative(dp), R_foot=R, w_foot=w, dw_foot=_time_derivative(w),
-    )  # fmt: skip
+        share=loads[:, [0, 4]],
+        touching=touching,
+        force_weight=force_weight,
+        R_sole=R_sole,
+        p_sole=p_sole,
+        swinging=swinging,
+        until_landing=until_landing,
+        R_way=R_way,
+        near_edge=near_edge,
+        p_foot=p,
+        v_foot=dp,
+        a_foot=_time_derivative(dp),
+        R_foot=R,
+        w_foot=w,
+        dw_foot=_time_derivative(w),
+    )
     return Plan(t=t, q=q, v=v, a=a, com=com, feet=feet)
 
 

@@ -56,9 +56,15 @@ class Simulation:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, reference: Reference, plan: Plan, dynamics: Dynamics, exo: Exo | None,
-        rng: np.random.Generator, law: ControlLaw | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        reference: Reference,
+        plan: Plan,
+        dynamics: Dynamics,
+        exo: Exo | None,
+        rng: np.random.Generator,
+        law: ControlLaw | None = None,
+    ) -> None:
         self._plan = plan
         self._push_forces, self._landing_offsets = push_forces(dynamics, plan), misstep_offsets(dynamics, plan)
         self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
@@ -66,9 +72,13 @@ class Simulation:
         self._data = data = mujoco.MjData(model)
         self._state = State.of(data)
         self._control = Controller(
-            model, reference.size, reference.coordinates, Gains(), assist=dynamics.assist,
+            model,
+            reference.size,
+            reference.coordinates,
+            Gains(),
+            assist=dynamics.assist,
             mass_ratio=1.0 / (1.0 + dynamics.mass_error),
-        )  # fmt: skip
+        )
         self._coupled = CouplingSet.of(model, exo_couplings(reference.size))
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
         self._soles = sole_point_numbers(model)
@@ -204,9 +214,12 @@ class _Record:
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
         shape = n, len(SIDES), 3
         self._loads = FootRecord(
-            R=np.empty((*shape, 3)), p=np.empty(shape), force=np.zeros(shape), moment=np.zeros(shape),
+            R=np.empty((*shape, 3)),
+            p=np.empty(shape),
+            force=np.zeros(shape),
+            moment=np.zeros(shape),
             cop=np.zeros(shape),
-        )  # fmt: skip
+        )
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
         self._side = np.where(soles < 0, -1, soles // PER_FOOT)
 
@@ -218,7 +231,7 @@ class _Record:
         """Stores the contact loads at the start of step i; `mj_step2`, which comes first, computes their forces."""
         _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
-        )  # fmt: skip
+        )
 
     def rows(self, first: int, end: int) -> tuple[Array, Array, Array, FootRecord]:
         """Times, positions, torques and loads of the steps from `first` to before `end`."""
@@ -228,9 +241,14 @@ class _Record:
 
 @_entry_kernel
 def _record_foot_loads(
-    side: NDArray[np.int64], feet: NDArray[np.int64], xpos: Array, xmat: Array, contacts: Contacts, efc_force: Array,
+    side: NDArray[np.int64],
+    feet: NDArray[np.int64],
+    xpos: Array,
+    xmat: Array,
+    contacts: Contacts,
+    efc_force: Array,
     loads: FootRecord,
-) -> None:  # fmt: skip
+) -> None:
     """Writes the frames of both feet, the contact wrench on each foot, and the centre of pressure.
 
     The force is the sum of the contact forces, the moment is about the foot's origin, and the centre of pressure is the

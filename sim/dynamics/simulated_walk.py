@@ -81,10 +81,11 @@ class SimulatedWalk(WalkMotion):
         steps = {
             side: [
                 _simulate_footstep(step, t, loads.force[:, k, 2], loads.p[:, k], loads.R[:, k])
-                for step in reference.steps[side] if step.t_touch < end
+                for step in reference.steps[side]
+                if step.t_touch < end
             ]
             for k, side in enumerate(SIDES)
-        }  # fmt: skip
+        }
         pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
         return replace(cls.of_part(reference, t, q, torque, loads), steps=steps, fell_at=fell_at, _pitch=pitch)
 
@@ -100,10 +101,17 @@ class SimulatedWalk(WalkMotion):
             loads: Loads of the feet at these steps.
         """
         return cls(
-            duration_s=float(t[-1]), size=reference.size, steps=reference.steps, coordinates=reference.coordinates,
-            splines=control_spline(t, reference.coordinates.from_mujoco(q)), fell_at=None, t=t, torque=torque,
-            loads=loads, _pitch=np.zeros((len(t), len(SIDES))),
-        )  # fmt: skip
+            duration_s=float(t[-1]),
+            size=reference.size,
+            steps=reference.steps,
+            coordinates=reference.coordinates,
+            splines=control_spline(t, reference.coordinates.from_mujoco(q)),
+            fell_at=None,
+            t=t,
+            torque=torque,
+            loads=loads,
+            _pitch=np.zeros((len(t), len(SIDES))),
+        )
 
     def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
         """(N,) rad, simulated pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
@@ -199,6 +207,10 @@ class Replay(Player[SimulatedWalk]):
         names = self._walk.coordinates.names[6:]
         motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
         return Loads(
-            t_ns=t_ns, feet=self._walk.feet(t), joint_torque=torque, residual_force=force, residual_torque=moment,
+            t_ns=t_ns,
+            feet=self._walk.feet(t),
+            joint_torque=torque,
+            residual_force=force,
+            residual_torque=moment,
             motors=motors,
-        )  # fmt: skip
+        )

@@ -47,11 +47,21 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
     for side in SIDES:
         for i, (body, point) in enumerate(sole_points(size)):
             spec.body(f"{body}_{side}").add_geom(
-                name=f"sole_{side}_{i}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[RADIUS_M, 0, 0],
-                pos=point + [0.0, 0.0, RADIUS_M], group=3, contype=0, conaffinity=1, mass=0.0, condim=3,
-                friction=[FRICTION, 0.005, 0.0001], solref=list(_SOLREF), solimp=list(_SOLIMP), priority=1,
+                name=f"sole_{side}_{i}",
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[RADIUS_M, 0, 0],
+                pos=point + [0.0, 0.0, RADIUS_M],
+                group=3,
+                contype=0,
+                conaffinity=1,
+                mass=0.0,
+                condim=3,
+                friction=[FRICTION, 0.005, 0.0001],
+                solref=list(_SOLREF),
+                solimp=list(_SOLIMP),
+                priority=1,
                 gap=NEAR_M,
-            )  # fmt: skip
+            )
 
 
 def toe_weights(size: Wearer, x: Array) -> Array:

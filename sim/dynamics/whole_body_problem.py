@@ -185,7 +185,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
 @numba.njit(**INNER_KERNEL)
 def solve_control_step(
     M: Array, h: Array, target: Array, weight: Array, tasks: Tasks, points: ContactPoints, assist: Array
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array, Array]:
     """Accelerations, torques and contact forces of one control step.
 
     With the Hessian H of all weighted squares and their linear term g, the accelerations are H⁻¹ (g + M_rᵀ λ), M_r the

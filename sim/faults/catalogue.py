@@ -23,7 +23,25 @@ from stridetwin.sim.faults.sample_faults import (
 FAULTS: dict[str, type[Fault]] = {
     kind.kind: kind
     for kind in (
-        Dropout, Freeze, Repeat, Nan, Late, OutOfOrder, ClockJump, Exchange, Saturation, Offset, DeadCell, Restart,
-        Occlusion, LensDirt, PasserBy, DepthNoise, HighView, MirrorFloor, LooseStrap, Miscalibration,
+        Dropout,
+        Freeze,
+        Repeat,
+        Nan,
+        Late,
+        OutOfOrder,
+        ClockJump,
+        Exchange,
+        Saturation,
+        Offset,
+        DeadCell,
+        Restart,
+        Occlusion,
+        LensDirt,
+        PasserBy,
+        DepthNoise,
+        HighView,
+        MirrorFloor,
+        LooseStrap,
+        Miscalibration,
     )
-}  # fmt: skip
+}

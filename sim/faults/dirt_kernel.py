@@ -10,9 +10,14 @@ from stridetwin.streams.compiled import entry_kernel
 
 @entry_kernel(__file__)
 def smear(
-    image: NDArray[np.uint8], blurred: NDArray[np.uint8], places: NDArray[np.int32], clear: NDArray[np.float32],
-    corners: NDArray[np.int32], shares: NDArray[np.float32], width: int,
-) -> None:  # fmt: skip
+    image: NDArray[np.uint8],
+    blurred: NDArray[np.uint8],
+    places: NDArray[np.int32],
+    clear: NDArray[np.float32],
+    corners: NDArray[np.int32],
+    shares: NDArray[np.float32],
+    width: int,
+) -> None:
     """Mixes each dirty pixel of an image with the blurred image around it, in place.
 
     A pixel becomes `clear` times itself plus the four blurred pixels around it, weighted by `shares`.

@@ -258,9 +258,13 @@ class LooseStrap(TimedFault):
 
 
 _OTHERS: dict[str, type[Sample]] = {
-    "range": Range, "insole": Insole, "ahrs": Ahrs, "encoder": Encoder, "interaction": Interaction,
+    "range": Range,
+    "insole": Insole,
+    "ahrs": Ahrs,
+    "encoder": Encoder,
+    "interaction": Interaction,
     "actuator": Actuator,
-}  # fmt: skip
+}
 _FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensors' noise
 
 
@@ -423,9 +427,15 @@ def _generate_events(
             until_s = math.inf
         until_ns = end_ns + 1 if until_s * 1e9 > end_ns else round(until_s * 1e9)
         yield Event(
-            kind=fault.kind, topic=stream.topic, from_ns=from_ns, until_ns=until_ns, part=stream.part,
-            entropy=seed, key=(*key, count), rig=rig,
-        )  # fmt: skip
+            kind=fault.kind,
+            topic=stream.topic,
+            from_ns=from_ns,
+            until_ns=until_ns,
+            part=stream.part,
+            entropy=seed,
+            key=(*key, count),
+            rig=rig,
+        )
 
 
 def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:

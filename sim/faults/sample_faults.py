@@ -320,7 +320,8 @@ class Miscalibration(Fault):
             return replace(nominal, timeshift_cam_imu_s=nominal.timeshift_cam_imu_s + self.clock_offset_s)
         if isinstance(nominal, ImuCalibration):
             return replace(
-                nominal, gyroscope_range=self.gyroscope_rad_s or nominal.gyroscope_range,
+                nominal,
+                gyroscope_range=self.gyroscope_rad_s or nominal.gyroscope_range,
                 accelerometer_range=self.accelerometer_mps2 or nominal.accelerometer_range,
-            )  # fmt: skip
+            )
         return nominal

@@ -87,11 +87,16 @@ class ExoLeg:
         cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
         self._coupled_bodies = [c.body[:-2] for c in cuffs]
         self.kernel = exo_fit_kernel.CoupledLeg(
-            offsets=frame.offsets, axes=frame.axes, last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
-            p_in_exo=np.array([c.p_in_exo for c in cuffs]), p_in_body=np.array([c.p_in_body for c in cuffs]),
-            stiffness=np.array([c.law[[0, 2]] for c in cuffs]), damping=np.array([c.law[[1, 3]] for c in cuffs]),
-            stops=frame.stops, stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
-        )  # fmt: skip
+            offsets=frame.offsets,
+            axes=frame.axes,
+            last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
+            p_in_exo=np.array([c.p_in_exo for c in cuffs]),
+            p_in_body=np.array([c.p_in_body for c in cuffs]),
+            stiffness=np.array([c.law[[0, 2]] for c in cuffs]),
+            damping=np.array([c.law[[1, 3]] for c in cuffs]),
+            stops=frame.stops,
+            stop=np.array([STOP_STIFFNESS, STOP_WIDTH_RAD]),
+        )
 
     def strains(self, q: Array, wearer: LegPose) -> tuple[Array, Array]:
         """Strains (N, 6 C) of the couplings at (N, J) rad, and their Jacobian (N, 6 C, J).
@@ -125,8 +130,15 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     up = np.eye(3)[None]
     for side in SIDES:
         leg = ExoLeg(size, side)
-        foot = np.array([[-size.ankle_x, size.body.hip_half_width_m * outward(side),
-                          -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m]])  # fmt: skip
+        foot = np.array(
+            [
+                [
+                    -size.ankle_x,
+                    size.body.hip_half_width_m * outward(side),
+                    -size.body.thigh_m - size.body.shank_m - size.body.ankle_height_m,
+                ]
+            ]
+        )
         value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), leg_pose(size, side, up, up, foot, up))
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
         stiffness, damping = (
@@ -166,9 +178,15 @@ def _initial_angles(wearer: LegPose) -> Array:
 
 
 def solve_leg_dynamics(
-    legs: dict[str, ExoLeg], start: dict[str, Array], wearers: dict[str, LegPose], model: mujoco.MjModel,
-    layout: Coordinates, splines: BSpline, t: Array, rounds: int,
-) -> dict[str, Array]:  # fmt: skip
+    legs: dict[str, ExoLeg],
+    start: dict[str, Array],
+    wearers: dict[str, LegPose],
+    model: mujoco.MjModel,
+    layout: Coordinates,
+    splines: BSpline,
+    t: Array,
+    rounds: int,
+) -> dict[str, Array]:
     """Angles of both legs with their weight, inertia, rotors and friction.
 
     Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the difference δ from the angles q, initially at
@@ -221,5 +239,5 @@ def solve_leg_dynamics(
             mass[:, k, diagonal, diagonal] += model.dof_armature[dofs[k]]
             angles[:, k] += exo_fit_kernel.integrate_motion(
                 leg, mass[:, k], damping, stiffness, force, angles[:, k], dt, _STOP_ITERATIONS
-            )  # fmt: skip
+            )
     return {side: angles[:, k] for k, side in enumerate(SIDES)}

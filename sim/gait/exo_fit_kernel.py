@@ -208,9 +208,15 @@ def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
 
 @numba.njit(**INNER_KERNEL)
 def _solve_with_stops(
-    leg: CoupledLeg, matrix: Array, right: Array, angles: Array, x: Array, residual: Array, jacobian: Array,
+    leg: CoupledLeg,
+    matrix: Array,
+    right: Array,
+    angles: Array,
+    x: Array,
+    residual: Array,
+    jacobian: Array,
     iterations: int,
-) -> None:  # fmt: skip
+) -> None:
     """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method.
 
     `matrix` is A (J, J) and `right` is b (J,). `residual` (J,) and `jacobian` (J, J) are buffers, so that the loop over
@@ -242,9 +248,16 @@ def _max_abs(step: Array) -> float:
 
 @numba.njit(**INNER_KERNEL)
 def _compute_strain(
-    leg: CoupledLeg, q: Array, p: Array, R: Array, value: Array, jacobian: Array, pivots: Array, rotations: Array,
+    leg: CoupledLeg,
+    q: Array,
+    p: Array,
+    R: Array,
+    value: Array,
+    jacobian: Array,
+    pivots: Array,
+    rotations: Array,
     axes: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Writes the strains (6 C,) of the couplings and their Jacobian (6 C, J) at one instant.
 
     The leg's angles are (J,) rad; the wearer's bodies are at (C, 3) m with (C, 3, 3) rotations in the pelvis' frame.
@@ -300,7 +313,7 @@ def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
 @numba.njit(**INNER_KERNEL)
 def _project_instant(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
-) -> None:  # fmt: skip
+) -> None:
     """Writes Jᵀ L x (J,) and Jᵀ L J (J, J) of one instant; a coupling moves only the joints up to its body `last`."""
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):

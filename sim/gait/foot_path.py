@@ -121,9 +121,7 @@ _FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
 _FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
 
 
-def foot_path(
-    steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]
-) -> FootPath:  # fmt: skip
+def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]) -> FootPath:
     """Path of one foot from its footsteps: stance on its pivots, swing over the ground.
 
     Args:
@@ -199,9 +197,14 @@ def _pivots(shoe: Shoe) -> tuple[Array, Array]:
 
 
 def _swing_poses(
-    a: Footstep, b: Footstep, size: Wearer, t: Array, theta: Array, pitch: Callable[[Array], Array],
+    a: Footstep,
+    b: Footstep,
+    size: Wearer,
+    t: Array,
+    theta: Array,
+    pitch: Callable[[Array], Array],
     height: Callable[[Array], Array],
-) -> tuple[Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, Array]:
     """Poses of a foot in the air at (N,) s: (N, 3) m, (N, 3, 3) rotations, (N,) rad of toe extension.
 
     The path of `_swing_positions` is lifted until the sole clears the ground. Where the foot pushes off and a bump of
@@ -268,9 +271,7 @@ def _swing_attitude(a: Footstep, b: Footstep, s: Array, theta: Array) -> Array:
     return slerp(a.R_world_sole, b.R_world_sole, soft_ease(s)) @ rot_y(theta)
 
 
-def _swing_positions(
-    a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]
-) -> Array:  # fmt: skip
+def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array, forward: tuple[float, float]) -> Array:
     """(N, 3) m, positions of a swinging foot at (N,) shares `s` of swing, not yet lifted over the ground.
 
     A point moves through the foot from the toe hinge to the pivot of the landing. In the world it goes smoothly from

@@ -86,14 +86,22 @@ _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0
 _LANDINGS = {
     "flat": Landing(before=((0.72, 0.35), (0.88, 0.18)), touch=0.10, flat_after=0.16),
     # the calf lowers the heel slowly, while the load moves to the toes
-    "forefoot": Landing(before=((0.78, 0.44), (0.90, 0.60)), touch=0.57, flat_after=0.26,
-                        lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33))),
-}  # fmt: skip
+    "forefoot": Landing(
+        before=((0.78, 0.44), (0.90, 0.60)),
+        touch=0.57,
+        flat_after=0.26,
+        lowering=((0.3, 0.87), (0.55, 0.66), (0.78, 0.33)),
+    ),
+}
 _TOE_OFFS = {
     "climb": ToeOff(heel_off_before=0.42, rise=_RISE, off=0.52, swing=((0.16, 0.85), (0.34, 0.90), (0.52, 0.75))),
-    "lower": ToeOff(heel_off_before=0.48, rise=_LOWERING_RISE, off=0.70,
-                       swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28))),
-}  # fmt: skip
+    "lower": ToeOff(
+        heel_off_before=0.48,
+        rise=_LOWERING_RISE,
+        off=0.70,
+        swing=((0.16, 0.92), (0.30, 0.60), (0.50, 0.28), (0.63, 0.28)),
+    ),
+}
 
 
 def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Array]:

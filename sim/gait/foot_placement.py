@@ -235,7 +235,7 @@ def _foot_of_step(i: int) -> str:
 
 def _plan_on_strip(
     layout: Layout, k: int, size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator, first: int
-) -> list[Foothold]:  # fmt: skip
+) -> list[Foothold]:
     """Footholds on one strip of ground, in order.
 
     A stair tread that is too short for two footprints gets one foot, or both if the walker climbs step by step. On
@@ -294,9 +294,11 @@ def _plan_on_strip(
         middle = (strip.s0 + end - toe + heel) / 2
         if end - strip.s0 < heel + toe + 2 * _EDGE_M:
             raise ConfigError(
-                "terrain", f"{strip.terrain} at s = {strip.s0:.2f} m", f"{strip.s1 - strip.s0:.2f} m long",
+                "terrain",
+                f"{strip.terrain} at s = {strip.s0:.2f} m",
+                f"{strip.s1 - strip.s0:.2f} m long",
                 f"at least {heel + toe + 2 * _EDGE_M:.2f} m, the length of a shoe",
-            )  # fmt: skip
+            )
         count = len(beside) + 1
         if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1

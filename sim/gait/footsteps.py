@@ -101,17 +101,19 @@ def check_gait(gait: Gait) -> None:
         ),
         ("gaze.sway_hz", gaze.sway_hz, seldom <= gaze.sway_hz <= often, f"{seldom}-{often} Hz"),
         (
-            "gaze.sway_hz", gaze.sway_hz, fastest <= MAX_SWAY_RADPS,
+            "gaze.sway_hz",
+            gaze.sway_hz,
+            fastest <= MAX_SWAY_RADPS,
             f"2 pi times rate and amplitude, the highest angular rate, of up to {MAX_SWAY_RADPS:g} rad/s",
         ),
-    ):  # fmt: skip
+    ):
         if not valid:
             raise ConfigError("gait", field, value, range_in_words)
 
 
 def plan_timing(
     way: Way, holds: Sequence[Foothold], size: Wearer, gait: Gait, tempo: Tempo, rng: np.random.Generator
-) -> tuple[Array, list[Style]]:  # fmt: skip
+) -> tuple[Array, list[Style]]:
     """Times between touch-downs, and the walking style of each step.
 
     Args:
@@ -148,7 +150,7 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
 
 def _step_durations(
     way: Way, holds: Sequence[Foothold], rises: Sequence[float], gait: Gait, tempo: Tempo, rng: np.random.Generator
-) -> Array:  # fmt: skip
+) -> Array:
     """(N,) s, durations of the steps without limp and pauses.
 
     A step on stairs takes `_STAIR_STEP_S` √(1.2 m/s / v), longer over high risers. Elsewhere the level step time grows
@@ -294,9 +296,16 @@ class _Row:
 
 
 def _footstep(
-    way: Way, row: _Row, before: _Row, before_of_foot: _Row, ahead: _Row, after: _Row, t_off: float,
-    rng: np.random.Generator, gait: Gait,
-) -> Footstep:  # fmt: skip
+    way: Way,
+    row: _Row,
+    before: _Row,
+    before_of_foot: _Row,
+    ahead: _Row,
+    after: _Row,
+    t_off: float,
+    rng: np.random.Generator,
+    gait: Gait,
+) -> Footstep:
     """The footstep of a row: its pose in the world, its locomotion mode, and how the foot arrives and leaves.
 
     Args:
@@ -325,14 +334,23 @@ def _footstep(
     left = side * (HALF_STEP_WIDTH_M + widening(way, before.s, row.s)) + float(error)
     R_world_ground = rot_z(np.array(heading)) @ rot_y(np.array(-slope)) @ rot_x(np.array(row.strip.cross_slope))
     return Footstep(
-        foot=row.foot, p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
-        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)), s=row.s, heading=heading, slope=slope,
-        rise=row.z - before.z, fall=row.z - ahead.z, terrain=row.strip.terrain, mode=mode,
+        foot=row.foot,
+        p_foot_in_world=np.array([*way.point(row.s, left), row.strip.height(row.s, left)]),
+        R_world_sole=R_world_ground @ rot_z(np.array(side * TOE_OUT_RAD)),
+        s=row.s,
+        heading=heading,
+        slope=slope,
+        rise=row.z - before.z,
+        fall=row.z - ahead.z,
+        terrain=row.strip.terrain,
+        mode=mode,
         arrival="flat" if flat else "forefoot" if rise_before < -_RISER_M else "heel",
         departure="climb" if rise_after > _RISER_M else "lower" if rise_after < -_RISER_M else "push",
-        t_touch=row.t_touch, t_off=t_off, style=row.style,
+        t_touch=row.t_touch,
+        t_off=t_off,
+        style=row.style,
         clearance_m=CLEARANCE_M + gait.shuffle * (_SLIDING_CLEARANCE_M - CLEARANCE_M),
-    )  # fmt: skip
+    )
 
 
 def _riser_height(a: Strip, b: Strip) -> float:

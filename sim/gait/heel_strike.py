@@ -177,9 +177,14 @@ class UpperMotion:
 
     @classmethod
     def of(
-        cls, steps: Sequence[Footstep], pitch: Callable[[Array], Array], speed: Callable[[Array], Array],
-        pivot: Array, rng: np.random.Generator, parameters: ShoeParameters,
-    ) -> Self:  # fmt: skip
+        cls,
+        steps: Sequence[Footstep],
+        pitch: Callable[[Array], Array],
+        speed: Callable[[Array], Array],
+        pivot: Array,
+        rng: np.random.Generator,
+        parameters: ShoeParameters,
+    ) -> Self:
         """Motion of the upper for a walk with the footsteps of one foot.
 
         Args:
@@ -208,9 +213,13 @@ class UpperMotion:
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
         return cls(
-            pivot=pivot, _parameters=parameters,
+            pivot=pivot,
+            _parameters=parameters,
             _vibrations=_Vibrations(
-                begin=begin, end=begin + SUPPORT * decay_s, hz=hz, decay_s=decay_s,
+                begin=begin,
+                end=begin + SUPPORT * decay_s,
+                hz=hz,
+                decay_s=decay_s,
                 amplitude=np.reshape([a for _, a, _ in strikes], (-1, 6)),
                 phase=np.reshape([phase for _, _, phase in strikes], (-1, 6)),
             ),
@@ -219,7 +228,7 @@ class UpperMotion:
                 end=np.array([min(step.t_off, step.t_touch + parameters.rock_s) for step in landings]),
                 phase=np.reshape(rocks, (-1, *parameters.rock_rate.shape)),
             ),
-        )  # fmt: skip
+        )
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
@@ -239,9 +248,7 @@ class UpperMotion:
 
 
 @_entry_kernel
-def _add_vibrations(
-    t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, value: Array, rate: Array
-) -> None:  # fmt: skip
+def _add_vibrations(t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, value: Array, rate: Array) -> None:
     """Adds the vibrations after all strikes to displacement and rotation, and to their rates.
 
     Each one is `amplitude` times s(τ) exp(−τ/T) sin(ω τ + φ) in every axis, τ after its strike.
@@ -269,9 +276,15 @@ def _add_vibrations(
 
 @_entry_kernel
 def _add_rocks(
-    t: Array, rows: NDArray[np.int64], rocks: _Rocks, rock_hz: Array, rock_rate: Array, fade_s: float, value: Array,
+    t: Array,
+    rows: NDArray[np.int64],
+    rocks: _Rocks,
+    rock_hz: Array,
+    rock_rate: Array,
+    fade_s: float,
+    value: Array,
     rate: Array,
-) -> None:  # fmt: skip
+) -> None:
     """Adds the rocking of stance to the rotation: sines of random phase in a window that fades in and out.
 
     Args:

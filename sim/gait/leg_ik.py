@@ -45,9 +45,14 @@ def reach(size: Wearer, knee_flexion: Array | float) -> Array:
 
 
 def solve_leg(
-    size: Wearer, side: str, p_pelvis_in_world: Array, R_world_pelvis: Array, p_foot_in_world: Array,
-    R_world_foot: Array, min_knee: float,
-) -> LegAngles:  # fmt: skip
+    size: Wearer,
+    side: str,
+    p_pelvis_in_world: Array,
+    R_world_pelvis: Array,
+    p_foot_in_world: Array,
+    R_world_foot: Array,
+    min_knee: float,
+) -> LegAngles:
     """Joint angles that bring a foot to its poses, in closed form.
 
     The knee is flexed by `min_knee` at least; `LegAngles.stretch` is the distance to a foot that is out of reach.
@@ -76,7 +81,11 @@ def solve_leg(
     R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)  # = Ry(-flexion) Rx(roll) Rz(yaw)
     roll = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
     return LegAngles(
-        hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]), hip_adduction=-sign * roll,
-        hip_rotation=-sign * np.arctan2(R[:, 1, 0], R[:, 1, 1]), knee_flexion=knee, ankle_dorsiflexion=dorsiflexion,
-        ankle_inversion=-sign * inversion, stretch=distance - within,
-    )  # fmt: skip
+        hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]),
+        hip_adduction=-sign * roll,
+        hip_rotation=-sign * np.arctan2(R[:, 1, 0], R[:, 1, 1]),
+        knee_flexion=knee,
+        ankle_dorsiflexion=dorsiflexion,
+        ankle_inversion=-sign * inversion,
+        stretch=distance - within,
+    )

@@ -63,7 +63,7 @@ class GazeMotion:
 
 def plan_gaze(
     gaze: Gaze, t: Array, s: Array, climb: Array, profile: Sequence[Strip], leg_m: float, rng: np.random.Generator
-) -> GazeMotion:  # fmt: skip
+) -> GazeMotion:
     """Rotations of head and chest with the walker's gaze.
 
     Args:
@@ -89,8 +89,10 @@ def plan_gaze(
     phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
     yaw = yaw + gaze.sway_yaw_rad * share * np.sin(phase)
-    pitch, yaw = (_MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
-                  for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad)))  # fmt: skip
+    pitch, yaw = (
+        _MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
+        for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad))
+    )
     return GazeMotion(
         head_pitch=pitch,
         head_yaw=yaw,
@@ -171,9 +173,14 @@ class Posture:
 
 
 def plan_posture(
-    rhythm: Rhythm, paths: dict[str, FootPath], leg_m: float, t: Array, profile: Sequence[Strip], gaze: Gaze,
+    rhythm: Rhythm,
+    paths: dict[str, FootPath],
+    leg_m: float,
+    t: Array,
+    profile: Sequence[Strip],
+    gaze: Gaze,
     rng: np.random.Generator,
-) -> Posture:  # fmt: skip
+) -> Posture:
     """Posture for the motion of the feet; the styles of the steps give the amplitudes of the pelvis.
 
     Args:

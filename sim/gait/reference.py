@@ -50,16 +50,22 @@ def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[st
     The pelvis is at (N, 3) m with rotations (N, 3, 3). Feet out of reach are reported by `LegAngles.stretch`.
     """
     return {
-        side: solve_leg(size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot,
-                        HARD_MIN_KNEE_RAD)
+        side: solve_leg(
+            size, side, p_pelvis, R_pelvis, paths[side].p_foot_in_world, paths[side].R_world_foot, HARD_MIN_KNEE_RAD
+        )
         for side in SIDES
-    }  # fmt: skip
+    }
 
 
 def stack_coordinates(
-    size: Wearer, layout: Coordinates, p_pelvis: Array, pose: Posture, legs_: Mapping[str, LegAngles],
-    exo: Mapping[str, Array], paths: Mapping[str, FootPath],
-) -> Array:  # fmt: skip
+    size: Wearer,
+    layout: Coordinates,
+    p_pelvis: Array,
+    pose: Posture,
+    legs_: Mapping[str, LegAngles],
+    exo: Mapping[str, Array],
+    paths: Mapping[str, FootPath],
+) -> Array:
     """(N, names) generalised coordinates in the order of `layout.names`.
 
     Args:
@@ -84,7 +90,7 @@ def stack_coordinates(
 
 def zero_moment_point(
     p_root: Array, force: Array, moment: Array, com_z: Array, z: Array, mass: float
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Zero-moment point of a motion: the point of the ground about which the needed wrench has no horizontal moment.
 
     x = x_root + ((z − z_root) F_x − M_y) / F_z and y = y_root + ((z − z_root) F_y + M_x) / F_z.
@@ -244,15 +250,26 @@ def plan_reference(
         )
     loads = np.column_stack([shares["l"], centres["l"], shares["r"], centres["r"]])
     return Reference(
-        duration_s=duration, size=size, steps=steps, coordinates=layout, splines=splines,
-        loads=make_interp_spline(t, loads, k=3), paths=paths, grid=t,
-    )  # fmt: skip
+        duration_s=duration,
+        size=size,
+        steps=steps,
+        coordinates=layout,
+        splines=splines,
+        loads=make_interp_spline(t, loads, k=3),
+        paths=paths,
+        grid=t,
+    )
 
 
 def _centres_of_pressure(
-    steps: dict[str, list[Footstep]], paths: dict[str, FootPath], shares: dict[str, Array], travels: dict[str, Array],
-    size: Wearer, t: Array, height: Callable[[Array], Array],
-) -> tuple[dict[str, Array], Array]:  # fmt: skip
+    steps: dict[str, list[Footstep]],
+    paths: dict[str, FootPath],
+    shares: dict[str, Array],
+    travels: dict[str, Array],
+    size: Wearer,
+    t: Array,
+    height: Callable[[Array], Array],
+) -> tuple[dict[str, Array], Array]:
     """(N, 3) centre of pressure under each foot, by side, and (N, 3) of both feet, m in the world."""
     centres = {
         side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch, height) for side in SIDES
@@ -261,10 +278,16 @@ def _centres_of_pressure(
 
 
 def _fit_exoskeleton(
-    size: Wearer, t: Array, p_pelvis: Array, R_pelvis: Array, paths: dict[str, FootPath], legs: dict[str, LegAngles],
-    stride: int, weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
+    size: Wearer,
+    t: Array,
+    p_pelvis: Array,
+    R_pelvis: Array,
+    paths: dict[str, FootPath],
+    legs: dict[str, LegAngles],
+    stride: int,
+    weighing: tuple[mujoco.MjModel, Coordinates, Posture] | None = None,
     start: dict[str, Array] | None = None,
-) -> dict[str, Array]:  # fmt: skip
+) -> dict[str, Array]:
     """(N, J) rad, angles of the exoskeleton's legs by side, for a motion of the wearer; empty without exoskeleton.
 
     They are computed at every `stride`-th instant and interpolated by quintic splines.
@@ -287,9 +310,7 @@ def _fit_exoskeleton(
     frames, wearers, coarse = {}, {}, {}
     for side in SIDES:
         sign, leg, path = (1.0 if side == "l" else -1.0), legs[side], paths[side]
-        R_thigh = (
-            rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k]) @ rot_z(-sign * leg.hip_rotation[k])
-        )  # fmt: skip
+        R_thigh = rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k]) @ rot_z(-sign * leg.hip_rotation[k])
         p_foot = np.einsum("nij,nj->ni", to_pelvis, path.p_foot_in_world[k] - p_pelvis[k])
         wearers[side] = leg_pose(
             size, side, R_thigh, R_thigh @ rot_y(leg.knee_flexion[k]), p_foot, to_pelvis @ path.R_world_foot[k]

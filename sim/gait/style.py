@@ -72,9 +72,20 @@ class Style:
 
 
 SIZES = {
-    "double_support": 1, "transfer": 1, "flat_after": 1, "heel_off_before": 1, "rise": 3, "pitch": 9, "travel": 8,
-    "height": 7, "forward": 5, "lift": 5, "tilt": 1, "turn": 1, "list_": 1,
-}  # fmt: skip
+    "double_support": 1,
+    "transfer": 1,
+    "flat_after": 1,
+    "heel_off_before": 1,
+    "rise": 3,
+    "pitch": 9,
+    "travel": 8,
+    "height": 7,
+    "forward": 5,
+    "lift": 5,
+    "tilt": 1,
+    "turn": 1,
+    "list_": 1,
+}
 LABELS = tuple(f"{name}_{i}" if n > 1 else name for name, n in SIZES.items() for i in range(n))
 
 
@@ -145,9 +156,11 @@ def style_at(pace: float) -> Style:
         height[0] -= _LOWER_FASTER * beyond
         support = style.double_support - _SHORTER_SUPPORT_FASTER * beyond
         return replace(
-            style, double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT), height=height,
+            style,
+            double_support=np.maximum(support, _MIN_DOUBLE_SUPPORT),
+            height=height,
             forward=style.forward * max(1.0 - _LESS_LEAD * beyond, 0.0),
-        )  # fmt: skip
+        )
     if pace >= slowest:
         return style
     shorter = float(walk_growth(pace) / walk_growth(slowest))
@@ -198,6 +211,10 @@ def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
 def _scale_amplitudes(style: Style, k: float) -> Style:
     """Style with smaller amplitudes: pitch, swing and pelvis list times k, the pelvis' oscillation times k²."""
     return replace(
-        style, pitch=k * style.pitch, height=np.append(style.height[0], k**2 * style.height[1:]),
-        forward=k * style.forward, lift=k * style.lift, list_=k * style.list_,
-    )  # fmt: skip
+        style,
+        pitch=k * style.pitch,
+        height=np.append(style.height[0], k**2 * style.height[1:]),
+        forward=k * style.forward,
+        lift=k * style.lift,
+        list_=k * style.list_,
+    )

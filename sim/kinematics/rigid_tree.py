@@ -87,12 +87,19 @@ class Tree(NamedTuple):
             mujoco.mju_quat2Mat(row, quat)
         axes = R.reshape(-1, 3, 3)
         return cls(
-            ids=ids, parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
-            offset=model.body_pos[ids], rotation=model.body_quat[ids], mass=model.body_mass[ids],
-            com=model.body_ipos[ids], inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
-            hinges=np.column_stack([ends[:-1], ends[1:]]), axis=model.jnt_axis[flat], anchor=model.jnt_pos[flat],
-            qpos=model.jnt_qposadr[flat].astype(np.int64), dof=model.jnt_dofadr[flat].astype(np.int64),
-        )  # fmt: skip
+            ids=ids,
+            parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
+            offset=model.body_pos[ids],
+            rotation=model.body_quat[ids],
+            mass=model.body_mass[ids],
+            com=model.body_ipos[ids],
+            inertia=(axes * model.body_inertia[ids][:, None]) @ np.swapaxes(axes, 1, 2),
+            hinges=np.column_stack([ends[:-1], ends[1:]]),
+            axis=model.jnt_axis[flat],
+            anchor=model.jnt_pos[flat],
+            qpos=model.jnt_qposadr[flat].astype(np.int64),
+            dof=model.jnt_dofadr[flat].astype(np.int64),
+        )
 
     def index_of(self, body: int) -> int:
         """Index in the tree of a body of the model."""
@@ -115,11 +122,19 @@ class Tree(NamedTuple):
         hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)
         ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
         return Tree(
-            ids=self.ids[rows], parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
-            offset=self.offset[rows], rotation=self.rotation[rows], mass=self.mass[rows], com=self.com[rows],
-            inertia=self.inertia[rows], hinges=np.column_stack([ends[:-1], ends[1:]]), axis=self.axis[hinges],
-            anchor=self.anchor[hinges], qpos=self.qpos[hinges], dof=self.dof[hinges],
-        )  # fmt: skip
+            ids=self.ids[rows],
+            parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
+            offset=self.offset[rows],
+            rotation=self.rotation[rows],
+            mass=self.mass[rows],
+            com=self.com[rows],
+            inertia=self.inertia[rows],
+            hinges=np.column_stack([ends[:-1], ends[1:]]),
+            axis=self.axis[hinges],
+            anchor=self.anchor[hinges],
+            qpos=self.qpos[hinges],
+            dof=self.dof[hinges],
+        )
 
 
 class _Bodies(NamedTuple):
@@ -151,9 +166,15 @@ def _allocate_bodies(tree: Tree) -> _Bodies:
     """Uninitialised arrays for the motion of all bodies at one instant."""
     n = len(tree.parent)
     return _Bodies(
-        np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)),
-        np.empty((n, 3)), np.empty((len(tree.axis), 3)),
-    )  # fmt: skip
+        np.empty((n, 3)),
+        np.empty((n, 4)),
+        np.empty((n, 3, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((len(tree.axis), 3)),
+    )
 
 
 @_entry_kernel

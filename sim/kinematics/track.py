@@ -135,9 +135,16 @@ def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lev
 
 @_entry_kernel
 def _displace(
-    p: Array, q: Array, v: Array, w: Array, pivot: Array, translation: Array, rotation: Array, velocity: Array,
+    p: Array,
+    q: Array,
+    v: Array,
+    w: Array,
+    pivot: Array,
+    translation: Array,
+    rotation: Array,
+    velocity: Array,
     rotation_rate: Array,
-) -> _Columns:  # fmt: skip
+) -> _Columns:
     """Columns of a frame with a small motion relative to the body; arguments as columns of `Track.displace`, (N, 3).
 
     With the rotation vector φ, E = Exp(φ) and the pivot c, the frame's origin is at r = c + d − E c in the body, and

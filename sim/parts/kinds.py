@@ -113,8 +113,9 @@ class AhrsPart(Part):
     heading_walk: float = figure("heading_walk_deg_per_rtmin", 0, 60, scale=DEG / math.sqrt(60), ideal=0.0, default=0.0)
     rate_noise: float = figure("rate_noise_dps", 0, 10, scale=DEG, ideal=0.0)
     rate_bias: float = figure("rate_bias_dps", 0, 10, scale=DEG, ideal=0.0, default=0.0)
-    rate_instability: float = figure("rate_bias_instability_deg_per_h", 0, 3600, scale=DEG / 3600, ideal=0.0,
-                                     default=0.0)  # fmt: skip
+    rate_instability: float = figure(
+        "rate_bias_instability_deg_per_h", 0, 3600, scale=DEG / 3600, ideal=0.0, default=0.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,9 +56,14 @@ class CameraProcesses:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,
-        mount_slips: MountSlips | None = None, processes: int | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        sensor_rig: SensorRig,
+        crowd: Crowd,
+        seed: int,
+        mount_slips: MountSlips | None = None,
+        processes: int | None = None,
+    ) -> None:
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
@@ -169,9 +174,10 @@ class _Worker:
     def __init__(self, scene: bytes) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.rendering.rendering"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             env=_DRAWING | os.environ | {"LP_NUM_THREADS": "0"},  # llvmpipe draws in the process's own thread
-        )  # fmt: skip
+        )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._requests, self._answers, self._scene = self._process.stdin, self._process.stdout, scene

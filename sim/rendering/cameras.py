@@ -98,9 +98,13 @@ class Cameras:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, sensor_rig: SensorRig, crowd: Crowd, seed: int,
+        self,
+        model: mujoco.MjModel,
+        sensor_rig: SensorRig,
+        crowd: Crowd,
+        seed: int,
         mount_slips: MountSlips | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}

@@ -99,9 +99,14 @@ class ImageSensor:
 
 @entry_kernel(__file__, error_model="numpy")
 def _measure_levels(
-    levels: Pixels, tan2_rows: NDArray[np.float32], tan2_columns: NDArray[np.float32], bank: NDArray[np.float32],
-    start: tuple[int, int], variance: NDArray[np.float32], gain: np.float32,
-) -> Pixels:  # fmt: skip
+    levels: Pixels,
+    tan2_rows: NDArray[np.float32],
+    tan2_columns: NDArray[np.float32],
+    bank: NDArray[np.float32],
+    start: tuple[int, int],
+    variance: NDArray[np.float32],
+    gain: np.float32,
+) -> Pixels:
     """Measured levels (H, W): round(gain (level / (1 + tan²)² + noise)), clipped to 0-255.
 
     The noise has the variance `variance[0]` level + `variance[1]`, shot noise and read noise.

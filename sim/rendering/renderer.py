@@ -150,9 +150,12 @@ class SensorView(_OffScreen):
         self._sky = _Sky.of(model, FAR_M)
 
     def frame(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: Intrinsics,
         size: tuple[int, int] | None = None,
-    ) -> tuple[Rgb, DepthImage]:  # fmt: skip
+    ) -> tuple[Rgb, DepthImage]:
         """Colour and depth from one render.
 
         Args:
@@ -170,9 +173,12 @@ class SensorView(_OffScreen):
         return rgb, depth
 
     def color(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics,
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: Intrinsics,
         size: tuple[int, int] | None = None,
-    ) -> Rgb:  # fmt: skip
+    ) -> Rgb:
         """Colour alone, (H, W, 3) uint8 RGB, for cameras without depth.
 
         Args:
@@ -217,9 +223,14 @@ class SensorView(_OffScreen):
         return rgb, depth
 
     def _place_camera(
-        self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int,
+        self,
+        data: mujoco.MjData,
+        T_world_camera: ArrayLike,
+        intrinsics: Intrinsics,
+        width: int,
+        height: int,
         hidden: int | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Copies the poses of the visible bodies to the scene, and places the camera in it.
 
         Args:
@@ -305,9 +316,12 @@ def mount_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None
 
 @contextmanager
 def _bound_planes(
-    model: mujoco.MjModel, endless: NDArray[np.intp], half_m: float, data: mujoco.MjData | None = None,
+    model: mujoco.MjModel,
+    endless: NDArray[np.intp],
+    half_m: float,
+    data: mujoco.MjData | None = None,
     about: ArrayLike = (0.0, 0.0),
-) -> Iterator[None]:  # fmt: skip
+) -> Iterator[None]:
     """Bounds endless level planes within a `with` block; MuJoCo would draw them as 40 000 tiles.
 
     Args:
@@ -453,25 +467,42 @@ class _Sky:
         )
 
     def paint(
-        self, rgb: NDArray[np.uint8], depth: NDArray[np.float32], T_world_camera: Array,
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[np.float32],
+        T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
 
         The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
         """
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(
-            rgb, depth, self.colours, np.ascontiguousarray(T_world_camera[2, :3], float), np.array(intrinsics, float),
-            steepness, self.edge, self.depth, self.haze,
-        )  # fmt: skip
+            rgb,
+            depth,
+            self.colours,
+            np.ascontiguousarray(T_world_camera[2, :3], float),
+            np.array(intrinsics, float),
+            steepness,
+            self.edge,
+            self.depth,
+            self.haze,
+        )
 
 
 @entry_kernel(__file__)
 def _paint(
-    rgb: NDArray[np.uint8], depth: NDArray[np.float32], colours: NDArray[np.uint8], vertical: Array, intrinsics: Array,
-    steepness: float, edge: float, share: float, haze: Array,
-) -> None:  # fmt: skip
+    rgb: NDArray[np.uint8],
+    depth: NDArray[np.float32],
+    colours: NDArray[np.uint8],
+    vertical: Array,
+    intrinsics: Array,
+    steepness: float,
+    edge: float,
+    share: float,
+    haze: Array,
+) -> None:
     """Colours the sky and the haze in place; arguments as attributes of `_Sky`, and the view.
 
     A pixel beyond the edge of the ground gets the sky's colour at the sine of its elevation. Between the beginning of

@@ -141,9 +141,17 @@ def _find_glancing_surfaces(
 
 @_entry_kernel
 def _measure_depth(
-    depth: Grid, counts: Grid, mean: Grid, unmatched: NDArray[np.bool_], front: Grid, back: Grid, mixed: Grid,
-    noise: Grid, start: tuple[int, int], depth_of_count: NDArray[np.float32],
-) -> Grid:  # fmt: skip
+    depth: Grid,
+    counts: Grid,
+    mean: Grid,
+    unmatched: NDArray[np.bool_],
+    front: Grid,
+    back: Grid,
+    mixed: Grid,
+    noise: Grid,
+    start: tuple[int, int],
+    depth_of_count: NDArray[np.float32],
+) -> Grid:
     """(H, W) m, measured depth: 0 without a match, with flying pixels, noise and steps of the disparity.
 
     Args:

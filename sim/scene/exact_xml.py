@@ -74,9 +74,12 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
         for row, node in rows[kind]:
             _rewrite(node, {name: getattr(model, array)[row] for name, array in arrays.items()})
     listed = {
-        "material": (assets, spec.materials), "mesh": (assets, spec.meshes), "joint": (world, spec.joints),
-        "geom": (world, spec.geoms), "key": (root, spec.keys),
-    }  # fmt: skip
+        "material": (assets, spec.materials),
+        "mesh": (assets, spec.meshes),
+        "joint": (world, spec.joints),
+        "geom": (world, spec.geoms),
+        "key": (root, spec.keys),
+    }
     for kind, (parent, items) in listed.items():
         for node, item in zip(parent.iter(kind), items, strict=True):
             _rewrite(node, {name: getattr(item, attribute) for name, attribute in _OF_SPEC[kind].items()})

@@ -75,14 +75,16 @@ def _add_sensor_sites(spec: mujoco.MjSpec, rig: Rig) -> None:
         T = mount.T_body_sensor
         _mount_body(spec, mount).add_site(
             name=name, pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]), size=np.full(3, _SITE_M)
-        )  # fmt: skip
+        )
     for camera in rig.cameras.values():
         T = swap_camera_convention(camera.mount.T_body_sensor)
         _mount_body(spec, camera.mount).add_camera(
-            name=_scene_name(camera.topic), pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]),
+            name=_scene_name(camera.topic),
+            pos=T[:3, 3],
+            quat=quat_from_matrix(T[:3, :3]),
             fovy=math.degrees(2 * math.atan2(camera.height / 2, camera.intrinsics[1])),
             resolution=[camera.width, camera.height],
-        )  # fmt: skip
+        )
     for topic in rig.imus:
         _add_sensor(spec, f"{_scene_name(topic)}_gyro", _SENSOR.mjSENS_GYRO, _SITE, _scene_name(topic))
         _add_sensor(
@@ -136,14 +138,21 @@ def _add_servos_and_keyframe(composition: Composition, config: TwinConfig) -> No
     model = compile_model(spec)
     data = mujoco.MjData(model)
     crowd = plan_bystanders(
-        config.route.bystanders, composition.terrain, np.array([0.0, 1.0]), np.zeros(2), np.zeros((2, 2)),
+        config.route.bystanders,
+        composition.terrain,
+        np.array([0.0, 1.0]),
+        np.zeros(2),
+        np.zeros((2, 2)),
         np.random.default_rng(_SEED),
-    )  # fmt: skip
+    )
     pose_crowd(model, data, crowd, 0.0)
     spec.add_key(
-        name=KEYFRAME, qpos=model.qpos0, ctrl=np.zeros(model.nu), mpos=data.mocap_pos.ravel(),
+        name=KEYFRAME,
+        qpos=model.qpos0,
+        ctrl=np.zeros(model.nu),
+        mpos=data.mocap_pos.ravel(),
         mquat=data.mocap_quat.ravel(),
-    )  # fmt: skip
+    )
 
 
 def _add_cuffs(composition: Composition) -> None:
@@ -158,9 +167,12 @@ def _add_cuffs(composition: Composition) -> None:
         for name, body, place in ends:
             spec.body(body).add_site(name=name, pos=place, size=np.full(3, _CUFF_SITE_M))
         spec.add_equality(
-            name=f"cuff_{cuff.name}", objtype=mujoco.mjtObj.mjOBJ_SITE, name1=ends[0][0], name2=ends[1][0],
+            name=f"cuff_{cuff.name}",
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            name1=ends[0][0],
+            name2=ends[1][0],
             type=mujoco.mjtEq.mjEQ_WELD if cuff.law[0, 2, 2] > 0.0 else mujoco.mjtEq.mjEQ_CONNECT,
-        )  # fmt: skip
+        )
 
 
 def _add_actuators(spec: mujoco.MjSpec, config: TwinConfig) -> None:
@@ -175,7 +187,10 @@ def _add_actuators(spec: mujoco.MjSpec, config: TwinConfig) -> None:
     for name, module in modules(config.exo).items():
         hinge = hinge_of(name)
         motor = spec.add_actuator(
-            name=hinge, target=hinge, trntype=mujoco.mjtTrn.mjTRN_JOINT, ctrllimited=True,
+            name=hinge,
+            target=hinge,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            ctrllimited=True,
             ctrlrange=[-module.torque_max_nm, module.torque_max_nm],
-        )  # fmt: skip
+        )
         motor.set_to_motor()

@@ -101,8 +101,9 @@ class ActuatorModel(SensorModel[OtherSensor, ActuatorPart]):
         """
         white = self._noise.normal(np.array([self._part.torque_noise, self._part.speed_noise]), (len(t_ns), 2))
         return self._block(
-            Actuator, t_ns,
+            Actuator,
+            t_ns,
             torque_command=np.broadcast_to(np.asarray(command, dtype=float), len(t_ns)),
             torque=np.asarray(torque, dtype=float) + white[:, 0],
             speed=np.asarray(speed, dtype=float) + white[:, 1],
-        )  # fmt: skip
+        )

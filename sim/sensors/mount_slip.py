@@ -123,9 +123,12 @@ def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(
-        from_ns=event.from_ns, until_ns=event.from_ns + length, rotation=fault.angle_rad * axis,
-        translation=fault.shift_m * direction, pivot=pivot,
-    )  # fmt: skip
+        from_ns=event.from_ns,
+        until_ns=event.from_ns + length,
+        rotation=fault.angle_rad * axis,
+        translation=fault.shift_m * direction,
+        pivot=pivot,
+    )
 
 
 def _topics_by_body(events: Events, rig: Rig) -> dict[str, list[str]]:

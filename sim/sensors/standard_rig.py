@@ -159,17 +159,22 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
     """
     gyroscope, accelerometer = part.gyroscope, part.accelerometer
     return ImuCalibration(
-        topic=topic, part=part.description, rate_hz=part.rate_hz, mount=mount,
+        topic=topic,
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
         gyroscope_noise_density=gyroscope.noise_density,
         gyroscope_random_walk=gyroscope.bias_instability / math.sqrt(_WALK_S),
         accelerometer_noise_density=accelerometer.noise_density,
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
-        gyroscope_bias_sd=gyroscope.turn_on_bias, accelerometer_bias_sd=accelerometer.turn_on_bias,
+        gyroscope_bias_sd=gyroscope.turn_on_bias,
+        accelerometer_bias_sd=accelerometer.turn_on_bias,
         gyroscope_range=gyroscope.range if math.isfinite(gyroscope.range) else 0.0,
         accelerometer_range=accelerometer.range if math.isfinite(accelerometer.range) else 0.0,
-        gyroscope_scale_sd=gyroscope.scale_factor, gyroscope_misalignment_sd=gyroscope.misalignment,
+        gyroscope_scale_sd=gyroscope.scale_factor,
+        gyroscope_misalignment_sd=gyroscope.misalignment,
         accelerometer_scale_sd=accelerometer.scale_factor,
-    )  # fmt: skip
+    )
 
 
 def foot_imu_position(config: TwinConfig, side: str) -> Array:
@@ -216,14 +221,20 @@ def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: M
     imager: Imager = nominal.imager
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
-        topic=f"/{place}/color" if depth else f"/{place}/camera", part=part.description, rate_hz=part.rate_hz,
-        mount=mount, width=width, height=height,
+        topic=f"/{place}/color" if depth else f"/{place}/camera",
+        part=part.description,
+        rate_hz=part.rate_hz,
+        mount=mount,
+        width=width,
+        height=height,
         intrinsics=(imager.focal, imager.focal, (width - 1) / 2, (height - 1) / 2),
-        distortion_model=imager.distortion_model, distortion=imager.distortion,
-        depth_topic=f"/{place}/depth" if depth else "", imu_topic=f"/{place}/imu",
+        distortion_model=imager.distortion_model,
+        distortion=imager.distortion,
+        depth_topic=f"/{place}/depth" if depth else "",
+        imu_topic=f"/{place}/imu",
         timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
         readout_s=part.imager.rolling_s,
-    )  # fmt: skip
+    )
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 
@@ -290,9 +301,13 @@ def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: 
     """
     part, nominal, sensor_config = _select_part(config, group, more.pop("standard", None))
     calibration = OtherSensor(
-        topic=topic, kind=kind, part=more.pop("named", nominal.description), rate_hz=nominal.rate_hz, mount=mount,
+        topic=topic,
+        kind=kind,
+        part=more.pop("named", nominal.description),
+        rate_hz=nominal.rate_hz,
+        mount=mount,
         parameters=NOMINAL[kind](nominal) | more,
-    )  # fmt: skip
+    )
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)
 
 

@@ -141,9 +141,10 @@ def anthropometry(person: Person) -> Anthropometry:
         percent, _, com, *radii = table[name]
         mass, size = person.mass_kg * percent / 100.0, length(name)
         return MassProperties(
-            mass=mass, com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]),
+            mass=mass,
+            com=np.array([0.0, 0.0, z_proximal - com / 100.0 * size]),
             inertia=mass * (np.array(radii) / 100.0 * size) ** 2,
-        )  # fmt: skip
+        )
 
     bare_ankle = _ANKLE_HEIGHT * person.height_m
     trunk = person.height_m - bare_ankle - length("shank") - length("thigh")
@@ -170,12 +171,16 @@ def anthropometry(person: Person) -> Anthropometry:
         "toe": MassProperties(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * about),
     }
     return Anthropometry(
-        thigh_m=length("thigh"), shank_m=length("shank"), upper_arm_m=length("upper_arm"),
-        forearm_m=length("forearm"), ankle_height_m=bare_ankle + SHOE_SOLE_M,
+        thigh_m=length("thigh"),
+        shank_m=length("shank"),
+        upper_arm_m=length("upper_arm"),
+        forearm_m=length("forearm"),
+        ankle_height_m=bare_ankle + SHOE_SOLE_M,
         hip_half_width_m=_HIP_HALF_WIDTH * person.height_m,
         shoe_length_m=(person.shoe_m or _FOOT_LENGTH * person.height_m) + _SHOE_OVER_FOOT_M,
-        trunk_m=trunk, inertials=inertials,
-    )  # fmt: skip
+        trunk_m=trunk,
+        inertials=inertials,
+    )
 
 
 def _combine(a: MassProperties, b: MassProperties) -> MassProperties:

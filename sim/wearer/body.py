@@ -20,9 +20,14 @@ from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
 from stridetwin.sim.wearer.leaves import attach, read_leaf, silence_prefix_warnings
 
 LEG_JOINTS = (
-    "hip_flexion", "hip_adduction", "hip_rotation", "knee_flexion", "ankle_dorsiflexion", "ankle_inversion",
+    "hip_flexion",
+    "hip_adduction",
+    "hip_rotation",
+    "knee_flexion",
+    "ankle_dorsiflexion",
+    "ankle_inversion",
     "toe_extension",
-)  # fmt: skip
+)
 _TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
 _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
 
@@ -40,8 +45,13 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
     body = anthropometry(person)
     girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
     k = body.shoe_length_m / 0.270
-    shoe = Shoe(heel_back_x=-0.045, toe_hinge_x=0.145 * k, toe_hinge_z=0.024,
-                toe_tip_x=body.shoe_length_m - 0.045, half_width=0.037)  # fmt: skip
+    shoe = Shoe(
+        heel_back_x=-0.045,
+        toe_hinge_x=0.145 * k,
+        toe_hinge_z=0.024,
+        toe_tip_x=body.shoe_length_m - 0.045,
+        half_width=0.037,
+    )
     ankle_x = 0.020
     links = fit_links(body, girth, ankle_x, shoe.heel_back_x) if with_exo else None
     return Wearer(body=body, girth=girth, shoe=shoe, ankle_x=ankle_x, exo=links)

@@ -176,9 +176,14 @@ def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> Non
         for link in leg:
             parent = _add_link(spec, parent, link)
             hinge = parent.add_joint(
-                name=link.joint, type=mujoco.mjtJoint.mjJNT_HINGE, axis=link.axis, range=link.stops.tolist(),
-                limited=mujoco.mjtLimited.mjLIMITED_TRUE, armature=link.armature, frictionloss=link.friction,
-            )  # fmt: skip
+                name=link.joint,
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=link.axis,
+                range=link.stops.tolist(),
+                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                armature=link.armature,
+                frictionloss=link.friction,
+            )
             hinge.damping[0] = link.damping
     for name, module in exo.modules.items():
         _limit_torque(spec.joint(hinge_of(name)), module)
@@ -202,9 +207,11 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco
             mesh = f"{link.name}_{i}"
             # it weighs nothing here, and a flat mesh has an inertia as a shell only
             spec.add_mesh(
-                name=mesh, uservert=shape.vertices.ravel(), userface=shape.faces.ravel(),
+                name=mesh,
+                uservert=shape.vertices.ravel(),
+                userface=shape.faces.ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-            )  # fmt: skip
+            )
             geom.meshname = mesh
         else:
             geom.size = shape.size

@@ -164,9 +164,12 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
     offsets = np.array([link.offset for link in leg])
     offsets[0] += size.exo.base.offset
     return LegFrame(
-        bodies=tuple(link.name for link in leg), joints=tuple(link.joint for link in leg), offsets=offsets,
-        axes=np.array([link.axis for link in leg]), stops=np.array([link.stops for link in leg]),
-    )  # fmt: skip
+        bodies=tuple(link.name for link in leg),
+        joints=tuple(link.joint for link in leg),
+        offsets=offsets,
+        axes=np.array([link.axis for link in leg]),
+        stops=np.array([link.stops for link in leg]),
+    )
 
 
 def exo_couplings(size: Wearer) -> list[Coupling]:
@@ -186,19 +189,26 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
             on_limb = np.array([0.0, 0.0, -CUFF_SHARE[part] * length])
             cuffs.append(
                 Coupling(
-                    name=f"{part}_{side}", exo_body=f"exo_{part}_{side}", body=f"{part}_{side}",
-                    p_in_exo=on_limb - [0.0, outward(side) * links.hip2, 0.0], p_in_body=on_limb,
+                    name=f"{part}_{side}",
+                    exo_body=f"exo_{part}_{side}",
+                    body=f"{part}_{side}",
+                    p_in_exo=on_limb - [0.0, outward(side) * links.hip2, 0.0],
+                    p_in_body=on_limb,
                     law=coupling_law("strap"),
                 )
-            )  # fmt: skip
+            )
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
         cuffs.append(
             Coupling(
-                name=f"heel_{side}", exo_body=f"exo_foot_{side}", body=f"foot_{side}", p_in_exo=p_heel - p_holder,
-                p_in_body=p_heel, law=coupling_law("holder"),
+                name=f"heel_{side}",
+                exo_body=f"exo_foot_{side}",
+                body=f"foot_{side}",
+                p_in_exo=p_heel - p_holder,
+                p_in_body=p_heel,
+                law=coupling_law("holder"),
             )
-        )  # fmt: skip
+        )
     return cuffs
 
 
@@ -237,10 +247,14 @@ def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
             )
         cuffs.append(
             Coupling(
-                name=cuff.body, exo_body=cuff.link, body=cuff.body, p_in_exo=cuff.p_in_link, p_in_body=p_in_body,
+                name=cuff.body,
+                exo_body=cuff.link,
+                body=cuff.body,
+                p_in_exo=cuff.p_in_link,
+                p_in_body=p_in_body,
                 law=cuff.law,
             )
-        )  # fmt: skip
+        )
     return cuffs
 
 

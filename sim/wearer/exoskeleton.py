@@ -26,9 +26,13 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
 EXO_LEG_JOINTS = (
-    "exo_hip_adduction", "exo_hip_rotation", "exo_hip_flexion", "exo_knee_flexion", "exo_ankle_dorsiflexion",
+    "exo_hip_adduction",
+    "exo_hip_rotation",
+    "exo_hip_flexion",
+    "exo_knee_flexion",
+    "exo_ankle_dorsiflexion",
     "exo_ankle_inversion",
-)  # fmt: skip
+)
 EXO_LEG_BODIES = ("exo_hip_abduction", "exo_hip_rotation", "exo_thigh", "exo_shank", "exo_ankle", "exo_foot")
 DH_SIGNS = {"l": np.array([-1.0, -1, -1, 1, -1, -1]), "r": np.array([1.0, 1, -1, 1, -1, 1])}
 """(q1, q3, q5, q6, q7, q8) of the table over the angles of `EXO_LEG_JOINTS`."""
@@ -116,11 +120,17 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
     """
     beside = _next_hole(0.078 * girth + _CLEARANCE_M)
     return ExoLinks(
-        hip1=_nearest_hole(body.hip_half_width_m), hip2=beside, hip3=_HIP_ARM_M, hip4=_HIP_ROTOR_M,
-        hip5=_HIP_ARM_M - _HIP_ROTOR_M, hip6=_next_hole(body.trunk_m / 0.826 * 0.045 + 0.085 * girth + _PANEL_M),
-        thigh=_nearest_hole(body.thigh_m), shank=_nearest_hole(body.shank_m), ankle1=ankle_x - heel_back_x,
+        hip1=_nearest_hole(body.hip_half_width_m),
+        hip2=beside,
+        hip3=_HIP_ARM_M,
+        hip4=_HIP_ROTOR_M,
+        hip5=_HIP_ARM_M - _HIP_ROTOR_M,
+        hip6=_next_hole(body.trunk_m / 0.826 * 0.045 + 0.085 * girth + _PANEL_M),
+        thigh=_nearest_hole(body.thigh_m),
+        shank=_nearest_hole(body.shank_m),
+        ankle1=ankle_x - heel_back_x,
         ankle2=beside,
-    )  # fmt: skip
+    )
 
 
 def dh_table(links: ExoLinks, side: str) -> tuple[DhRow, ...]:
@@ -184,13 +194,11 @@ FRICTION_SPEED_RADPS = 0.2
 # the stacks (25 and 13 mm): 1.9e-5 and 1.1e-5 kg m², plus 0.9e-5 for the wave generator. The friction is of the
 # order at which gears of this size can be driven backwards; torque and speed (6500 rpm in) are typical of their class.
 HIP = Module(
-    gear=100, rotor_inertia=2.8e-5, friction_nm=4.0, viscous_nms=1.5, torque_max_nm=57, speed_max_radps=6.8,
-    mass_kg=1.6,
-)  # fmt: skip
+    gear=100, rotor_inertia=2.8e-5, friction_nm=4.0, viscous_nms=1.5, torque_max_nm=57, speed_max_radps=6.8, mass_kg=1.6
+)
 KNEE = Module(
-    gear=80, rotor_inertia=2.0e-5, friction_nm=3.5, viscous_nms=1.0, torque_max_nm=53, speed_max_radps=8.5,
-    mass_kg=1.4,
-)  # fmt: skip
+    gear=80, rotor_inertia=2.0e-5, friction_nm=3.5, viscous_nms=1.0, torque_max_nm=53, speed_max_radps=8.5, mass_kg=1.4
+)
 
 _CHOICES: dict[int, tuple[tuple[str, ...], ...]] = {
     0: ((),),

@@ -19,9 +19,13 @@ def read_leaf(name: str) -> mujoco.MjSpec:
 
 
 def attach(
-    parent: mujoco.MjsBody, part: mujoco.MjSpec, body: str, pos: ArrayLike = (0.0, 0.0, 0.0), side: str = "",
+    parent: mujoco.MjsBody,
+    part: mujoco.MjSpec,
+    body: str,
+    pos: ArrayLike = (0.0, 0.0, 0.0),
+    side: str = "",
     prefix: str = "",
-) -> None:  # fmt: skip
+) -> None:
     """Attaches a body of a leaf to a body of a model, `pos` m from its origin.
 
     Args:

@@ -89,9 +89,15 @@ class Limbs:
             targets: (M, K, 3) m in the world.
         """
         return _find_occluded(
-            self.kind, self.size, self.reach, self.p, self.R, np.asarray(rows, np.int64),
-            np.ascontiguousarray(origins, float), np.ascontiguousarray(targets, float),
-        )  # fmt: skip
+            self.kind,
+            self.size,
+            self.reach,
+            self.p,
+            self.R,
+            np.asarray(rows, np.int64),
+            np.ascontiguousarray(origins, float),
+            np.ascontiguousarray(targets, float),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,9 +129,11 @@ class LimbShape:
         """
         o, d = self.R.T @ (origin - self.p), self.R.T @ direction
         enters, leaves = _inside_interval_for_python(
-            self.kind, (float(self.size[0]), float(self.size[1]), float(self.size[2])),
-            (float(o[0]), float(o[1]), float(o[2])), (float(d[0]), float(d[1]), float(d[2])),
-        )  # fmt: skip
+            self.kind,
+            (float(self.size[0]), float(self.size[1]), float(self.size[2])),
+            (float(o[0]), float(o[1]), float(o[2])),
+            (float(d[0]), float(d[1]), float(d[2])),
+        )
         return enters if enters <= leaves and leaves >= 0.0 else math.inf
 
 
@@ -147,9 +155,15 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
 
 @_entry_kernel
 def _find_occluded(
-    kind: NDArray[np.int64], size: Array, reach: Array, p: Array, R: Array, rows: NDArray[np.int64], origins: Array,
+    kind: NDArray[np.int64],
+    size: Array,
+    reach: Array,
+    p: Array,
+    R: Array,
+    rows: NDArray[np.int64],
+    origins: Array,
     targets: Array,
-) -> NDArray[np.bool_]:  # fmt: skip
+) -> NDArray[np.bool_]:
     """(M, K) whether a shape occludes each line of sight.
 
     The arguments are the fields of `Limbs`, then those of `Limbs.occludes`. Shapes whose bounding sphere the segment
@@ -215,9 +229,10 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
         for end in (-size[1], size[1]):  # the union is convex, so that the spans are one
             z = o[2] - end
             a, b = _quadric(
-                d[0] ** 2 + d[1] ** 2 + d[2] ** 2, o[0] * d[0] + o[1] * d[1] + z * d[2],
+                d[0] ** 2 + d[1] ** 2 + d[2] ** 2,
+                o[0] * d[0] + o[1] * d[1] + z * d[2],
                 o[0] ** 2 + o[1] ** 2 + z**2 - size[0] ** 2,
-            )  # fmt: skip
+            )
             enters, leaves = min(enters, a), max(leaves, b)
         return enters, leaves
     sx, sy, sz = size[0], size[1], size[2]

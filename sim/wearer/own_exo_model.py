@@ -36,10 +36,14 @@ _FULL_TURN = np.array([-np.pi, np.pi])
 _SHAPES = {
     int(kind)
     for kind in (
-        mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_MESH,
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        mujoco.mjtGeom.mjGEOM_BOX,
+        mujoco.mjtGeom.mjGEOM_MESH,
     )
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,14 +103,17 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         return Link(
             name=_exo_name(model.body(b).name),
             joint="" if joint is None else names.get(joint.name, _exo_name(joint.name)),
-            offset=np.array(offset), axis=np.zeros(3) if joint is None else to_pelvis @ data.xaxis[joint.id],
+            offset=np.array(offset),
+            axis=np.zeros(3) if joint is None else to_pelvis @ data.xaxis[joint.id],
             stops=np.array(joint.range) if joint is not None and model.jnt_limited[joint.id] else _FULL_TURN.copy(),
             damping=float(model.dof_damping.reshape(model.nv, -1)[dof, 0]) if joint is not None else 0.0,
             friction=float(model.dof_frictionloss[dof]) if joint is not None else 0.0,
             armature=float(model.dof_armature[dof]) if joint is not None else 0.0,
-            mass=mass, com=com, inertia=inertia,
+            mass=mass,
+            com=com,
+            inertia=inertia,
             shapes=tuple(_shapes(path, model, data, merged, origin[b], to_pelvis)),
-        )  # fmt: skip
+        )
 
     base_link = link(root, None)
     legs = tuple(tuple(link(b, ([root, *leg])[i]) for i, b in enumerate(leg)) for leg in chains)
@@ -221,9 +228,13 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
             (count == 1, where, f"{count} joints", "one hinge a link"),
             (not np.any(joint.stiffness), f"{where}, stiffness", np.max(joint.stiffness), "0: no springs in joints"),
             (not joint.qpos0[0], f"{where}, ref", float(joint.qpos0[0]), "0"),
-            (within, f"{where}, range", f"{np.round(np.degrees(limits), 2).tolist()} deg",
-             "a range with 0, the pose of standing upright"),
-        ):  # fmt: skip
+            (
+                within,
+                f"{where}, range",
+                f"{np.round(np.degrees(limits), 2).tolist()} deg",
+                "a range with 0, the pose of standing upright",
+            ),
+        ):
             if not is_valid:
                 raise ConfigError(path, field, value, valid)
 
@@ -354,11 +365,15 @@ def _shapes(
         material = int(model.geom_matid[g])
         shapes.append(
             Shape(
-                kind=kind, size=np.array(model.geom_size[g]), quat=quat, vertices=vertices, faces=faces,
+                kind=kind,
+                size=np.array(model.geom_size[g]),
+                quat=quat,
+                vertices=vertices,
+                faces=faces,
                 pos=to_pelvis @ (data.geom_xpos[g] - origin),
                 rgba=np.array(model.mat_rgba[material] if material >= 0 else model.geom_rgba[g], dtype=float),
             )
-        )  # fmt: skip
+        )
     return shapes
 
 

@@ -292,10 +292,13 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
         T = chains.T_carrier[cuff.link]
         cuffs.append(
             Cuff(
-                body=body, link=chains.legs[leg][at].name, p_in_link=T[:3, :3] @ cuff.at_mm + T[:3, 3],
-                law=cuff.law(body), force_cells=cuff.force_cells,
+                body=body,
+                link=chains.legs[leg][at].name,
+                p_in_link=T[:3, :3] @ cuff.at_mm + T[:3, 3],
+                law=cuff.law(body),
+                force_cells=cuff.force_cells,
             )
-        )  # fmt: skip
+        )
     return tuple(cuffs), sides
 
 
@@ -313,18 +316,25 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
         axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
         if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
             raise ConfigError(
-                model, f"joint {joint}, axis", (np.round(axis, 3) + 0.0).tolist(),
+                model,
+                f"joint {joint}, axis",
+                (np.round(axis, 3) + 0.0).tolist(),
                 f"within {_MOST_ASLANT_DEG:g} deg of [0, {y}, 0] (x forward, y left), flexion positive, as "
                 f"joints.{short} of {rig}; reverse axis and range",
-            )  # fmt: skip
+            )
 
 
 def _module(motor: _Motor, link: Link) -> Module:
     """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model."""
     return Module(
-        gear=1.0, rotor_inertia=link.armature, friction_nm=link.friction, viscous_nms=link.damping,
-        torque_max_nm=motor.torque_max_nm, speed_max_radps=motor.speed_max_radps, mass_kg=0.0,
-    )  # fmt: skip
+        gear=1.0,
+        rotor_inertia=link.armature,
+        friction_nm=link.friction,
+        viscous_nms=link.damping,
+        torque_max_nm=motor.torque_max_nm,
+        speed_max_radps=motor.speed_max_radps,
+        mass_kg=0.0,
+    )
 
 
 def _on_link(seat: _Seat, chains: Chains) -> OnLink:

@@ -112,9 +112,12 @@ class Bystander:
         p, R = (part[:, 0] for part in self.parts(t))
         v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
         return Track(
-            t_ns=t_ns, p_body_in_world=p, q_world_body=quat_from_matrix(R), v_body_in_world=v,
+            t_ns=t_ns,
+            p_body_in_world=p,
+            q_world_body=quat_from_matrix(R),
+            v_body_in_world=v,
             w_body=np.interp(t, self.t, np.gradient(self.yaw, self.t))[:, None] * R[:, 2],
-        )  # fmt: skip
+        )
 
     def sonar_spheres(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
         """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
@@ -168,7 +171,7 @@ Crowd = tuple[Bystander, ...]
 
 def plan_bystanders(
     count: int, terrain: Terrain, t: Array, s: Array, p_walker: Array, rng: np.random.Generator
-) -> Crowd:  # fmt: skip
+) -> Crowd:
     """Plans people who circle around a walker.
 
     Args:
@@ -219,15 +222,23 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, yaw - way.heading(s)]), yaw, steps, profile, size)
-    body = Bystander(t=t, p=np.column_stack([p, np.zeros(len(t))]), yaw=yaw, steps=steps, holds=holds,
-                     hold_yaw=hold_yaw, first=first, size=size)  # fmt: skip
+    body = Bystander(
+        t=t,
+        p=np.column_stack([p, np.zeros(len(t))]),
+        yaw=yaw,
+        steps=steps,
+        holds=holds,
+        hold_yaw=hold_yaw,
+        first=first,
+        size=size,
+    )
     body.p[:, 2] = _hip_height(body)
     return body
 
 
 def _footholds(
     path: Array, yaw: Array, steps: Array, profile: Sequence[Strip], size: float
-) -> tuple[Array, Array, int]:  # fmt: skip
+) -> tuple[Array, Array, int]:
     """Footholds of the balls of the feet, their yaw, and the number of the first one.
 
     Args:
@@ -329,9 +340,7 @@ def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
         for part in PARTS:
             body = spec.worldbody.add_body(name=f"bystander_{i}_{part}", mocap=True, pos=(0.0, 0.0, -50.0))
             for kind, pos, size, colour in _geoms(part.removesuffix("_l").removesuffix("_r"), _SHIRTS[i], _TROUSERS[i]):
-                body.add_geom(
-                    type=kind, pos=pos, size=size, rgba=(*colour, 1.0), contype=0, conaffinity=0, mass=0.0,
-                )  # fmt: skip
+                body.add_geom(type=kind, pos=pos, size=size, rgba=(*colour, 1.0), contype=0, conaffinity=0, mass=0.0)
 
 
 def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: float) -> None:

@@ -47,9 +47,13 @@ def read_triangles(path: Path, scale: float) -> Array:
         data = read_bytes(path, _LARGEST_FILE)
         _check_declared(path, kind, data)
         mesh: Any = trimesh.load(
-            io.BytesIO(data), file_type=kind[1:], process=False, force="mesh", resolver=None,
+            io.BytesIO(data),
+            file_type=kind[1:],
+            process=False,
+            force="mesh",
+            resolver=None,
             **({"skip_materials": True} if kind == ".obj" else {}),
-        )  # fmt: skip
+        )
         corners: Array = scale * np.asarray(mesh.triangles, dtype=np.float64)
     except OSError as error:
         raise StrideTwinError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -288,9 +292,11 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
         angle = math.atan2(abs(rise), length)
         if angle > MAX_RAMP_RAD:
             raise ConfigError(
-                way.path, f"slope at {s[i]:.2f} m", f"{math.degrees(angle):.1f} deg",
+                way.path,
+                f"slope at {s[i]:.2f} m",
+                f"{math.degrees(angle):.1f} deg",
                 f"up to {math.degrees(MAX_RAMP_RAD):g} deg",
-            )  # fmt: skip
+            )
         parts.append(Ramp(angle_rad=angle, rise_m=abs(rise), down=rise < 0))
     return parts
 

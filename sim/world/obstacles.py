@@ -45,9 +45,15 @@ _WALL_HEIGHT_M = 2.5
 _PAINT_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
 _BODY_CLEARANCE_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
 LENGTHS_M = {
-    "stripe": 0.30, "shadow": 1.20, "mat": 0.90, "table": 0.70, "chair": 0.45, "crate": 0.40, "wall": 0.15,
+    "stripe": 0.30,
+    "shadow": 1.20,
+    "mat": 0.90,
+    "table": 0.70,
+    "chair": 0.45,
+    "crate": 0.40,
+    "wall": 0.15,
     "glass": 0.02,
-}  # fmt: skip
+}
 GLASS = "glass"
 """Material that cameras look through."""
 
@@ -70,9 +76,15 @@ class _Frame:
     z: float
 
     def box(
-        self, material: str, length: float, width: float, bottom: float, top: float, along: float = 0.0,
+        self,
+        material: str,
+        length: float,
+        width: float,
+        bottom: float,
+        top: float,
+        along: float = 0.0,
         left: float = 0.0,
-    ) -> Landmark:  # fmt: skip
+    ) -> Landmark:
         """A box at this frame, or translated along its direction and to its left.
 
         Args:
@@ -86,9 +98,14 @@ class _Frame:
         """
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         solid = Solid.box(
-            x=self.x + cos * along - sin * left, y=self.y + sin * along + cos * left, yaw=self.yaw, length=length,
-            width=width, bottom=bottom, top=top,
-        )  # fmt: skip
+            x=self.x + cos * along - sin * left,
+            y=self.y + sin * along + cos * left,
+            yaw=self.yaw,
+            length=length,
+            width=width,
+            bottom=bottom,
+            top=top,
+        )
         return Landmark(box=solid, material=material)
 
 
@@ -119,8 +136,17 @@ def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
     low, high = _extent(layout)
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     half = (high[1] - low[1]) / 2
-    slab = Slab(x=float(low[0]), y=float(low[1] + high[1]) / 2, heading=0.0, length=float(high[0] - low[0]),
-                left=float(half), right=float(half), z0=z, z1=z, terrain="level")  # fmt: skip
+    slab = Slab(
+        x=float(low[0]),
+        y=float(low[1] + high[1]) / 2,
+        heading=0.0,
+        length=float(high[0] - low[0]),
+        left=float(half),
+        right=float(half),
+        z0=z,
+        z1=z,
+        terrain="level",
+    )
     return (slab,)
 
 

@@ -74,9 +74,15 @@ class _Pen:
         return _Pen(x=x, y=y, heading=self.heading, z=self.z, s=self.s, owner=self.owner)
 
     def lay_straight(
-        self, length: float, terrain: str, left: float, right: float, rise: float = 0.0, cross_slope: float = 0.0,
+        self,
+        length: float,
+        terrain: str,
+        left: float,
+        right: float,
+        rise: float = 0.0,
+        cross_slope: float = 0.0,
         recess: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Lays a slab along a line, and the way on it.
 
         Args:
@@ -109,9 +115,18 @@ class _Pen:
             x = self.x + chord * math.cos(toward) - reach * math.cos(heading)
             y = self.y + chord * math.sin(toward) - reach * math.sin(heading)
             self._add_slab(
-                Slab(x=x, y=y, heading=heading, length=2 * reach, left=half_width, right=half_width, z0=self.z,
-                     z1=self.z, terrain="level")
-            )  # fmt: skip
+                Slab(
+                    x=x,
+                    y=y,
+                    heading=heading,
+                    length=2 * reach,
+                    left=half_width,
+                    right=half_width,
+                    z0=self.z,
+                    z1=self.z,
+                    terrain="level",
+                )
+            )
         self._advance(radius * abs(angle), math.copysign(1.0 / radius, angle))
 
     def lay_winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
@@ -136,9 +151,19 @@ class _Pen:
             heading = self.heading
             x, y = self.x - reach * math.cos(heading), self.y - reach * math.sin(heading)
         self._add_slab(
-            Slab(x=x, y=y, heading=heading, length=reach, left=left, right=right, z0=self.z, z1=self.z,
-                 terrain="stair", recess=recess)
-        )  # fmt: skip
+            Slab(
+                x=x,
+                y=y,
+                heading=heading,
+                length=reach,
+                left=left,
+                right=right,
+                z0=self.z,
+                z1=self.z,
+                terrain="stair",
+                recess=recess,
+            )
+        )
 
     def lay_crossing(self, length: float, aside: float, left: float, right: float) -> None:
         """Lays a level slab on which the way crosses over to the next lane by two arcs of equal radius.
@@ -167,8 +192,9 @@ class _Pen:
         here = CurveSegment(
             s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature
         )
-        strip = Strip(s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain,
-                      cross_slope=cross_slope)  # fmt: skip
+        strip = Strip(
+            s0=self.s, s1=self.s + length, z0=self.z, z1=self.z + rise, terrain=terrain, cross_slope=cross_slope
+        )
         self.segments.append(here)
         last = self.strips[-1] if self.strips else None
         if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
@@ -181,14 +207,31 @@ class _Pen:
         self.s, self.z = here.s1, strip.z1
 
     def _add_slab_here(
-        self, length: float, left: float, right: float, terrain: str = "level", rise: float = 0.0, cross: float = 0.0,
+        self,
+        length: float,
+        left: float,
+        right: float,
+        terrain: str = "level",
+        rise: float = 0.0,
+        cross: float = 0.0,
         recess: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Adds a slab that begins at the pen, in its direction and at its height."""
         self._add_slab(
-            Slab(x=self.x, y=self.y, heading=self.heading, length=length, left=left, right=right, z0=self.z,
-                 z1=self.z + rise, terrain=terrain, cross_slope=cross, recess=recess)
-        )  # fmt: skip
+            Slab(
+                x=self.x,
+                y=self.y,
+                heading=self.heading,
+                length=length,
+                left=left,
+                right=right,
+                z0=self.z,
+                z1=self.z + rise,
+                terrain=terrain,
+                cross_slope=cross,
+                recess=recess,
+            )
+        )
 
     def round_last_edge(self, radius: float) -> None:
         """Rounds the end of the last slab with a radius, m."""

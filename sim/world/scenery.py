@@ -193,16 +193,23 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
         face = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(group))[:, None, None]
         name = f"scenery_{material}"
         spec.add_mesh(
-            name=name, uservert=vertices.ravel(), usernormal=np.repeat(normal, 4, axis=0).ravel(),
-            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M, userface=face.ravel(),
-            userfacenormal=face.ravel(), userfacetexcoord=face.ravel(),
+            name=name,
+            uservert=vertices.ravel(),
+            usernormal=np.repeat(normal, 4, axis=0).ravel(),
+            usertexcoord=np.array([q.uv for q in group]).ravel() / PERIOD_M,
+            userface=face.ravel(),
+            userfacenormal=face.ravel(),
+            userfacetexcoord=face.ravel(),
             inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )  # fmt: skip
+        )
         spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name,
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
             material=_add_material(spec, material, finish).name,
-            contype=0, conaffinity=0,
-        )  # fmt: skip
+            contype=0,
+            conaffinity=0,
+        )
 
 
 def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMaterial:
@@ -232,26 +239,39 @@ def add_ground(spec: mujoco.MjSpec, height: float, finish: str) -> None:
     lawn = _add_material(spec, "grass", finish)
     lawn.texuniform, lawn.texrepeat = True, (1 / PERIOD_M, 1 / PERIOD_M)  # a plane has no texture coordinates
     spec.worldbody.add_geom(
-        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, pos=(0.0, 0.0, height), size=(0.0, 0.0, 1.0),
+        name="ground",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=(0.0, 0.0, height),
+        size=(0.0, 0.0, 1.0),
         material=lawn.name,
-    )  # fmt: skip
+    )
 
 
 def add_sky(spec: mujoco.MjSpec, light: float) -> None:
     """Adds a sky gradient, a sun and ambient light; `light` 1 is a bright day."""
     spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=(0.42, 0.62, 0.86), rgb2=(0.90, 0.93, 0.95), width=32, height=192,
-    )  # fmt: skip
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=(0.42, 0.62, 0.86),
+        rgb2=(0.90, 0.93, 0.95),
+        width=32,
+        height=192,
+    )
     for name, direction, colour, shadow in (
         ("sun", (0.35, 0.45, -0.82), (0.62, 0.60, 0.55), True),
         ("fill", (-0.6, -0.5, -0.3), (0.16, 0.17, 0.19), False),
     ):
         spec.worldbody.add_light(
-            name=name, type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(0.0, 0.0, 12.0), dir=direction,
+            name=name,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            pos=(0.0, 0.0, 12.0),
+            dir=direction,
             diffuse=tuple(light * c for c in colour),
-            specular=(0.1 * shadow,) * 3, ambient=(0.0, 0.0, 0.0), castshadow=shadow,
-        )  # fmt: skip
+            specular=(0.1 * shadow,) * 3,
+            ambient=(0.0, 0.0, 0.0),
+            castshadow=shadow,
+        )
     # The headlight gives ambient light only: if it came from the camera, the brightness of a surface would depend on
     # the viewpoint.
     spec.visual.headlight.ambient = (0.46 * light, 0.47 * light, 0.50 * light)

@@ -182,9 +182,14 @@ class SolidSet:
         """
         points = np.asarray(xy, dtype=float)
         height, index = find_tops(
-            np.ascontiguousarray(points.reshape(-1, 2)), self._centre, self._axes, self._half, self._mid, self._slope,
+            np.ascontiguousarray(points.reshape(-1, 2)),
+            self._centre,
+            self._axes,
+            self._half,
+            self._mid,
+            self._slope,
             _TOUCH,
-        )  # fmt: skip
+        )
         index[height < self._ground] = -1
         height = np.maximum(height, self._ground)
         return height.reshape(points.shape[:-1]), index.reshape(points.shape[:-1])

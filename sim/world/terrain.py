@@ -54,8 +54,10 @@ class Terrain:
         """
         layout = lay_out(route)
         obstacles.check_things(route.things, layout)
-        lowest = min(float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
-                     for slab in layout.slabs)  # fmt: skip
+        lowest = min(
+            float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
+            for slab in layout.slabs
+        )
         return cls(layout=layout, ground_m=lowest - _GROUND_BELOW_M, route=route)
 
     @property
@@ -176,20 +178,30 @@ def _solid(slab: Slab, bottom: float) -> Solid:
     """Solid on the footprint of a slab, from `bottom` up to its surface."""
     x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
     return Solid(
-        x=x, y=y, yaw=slab.heading, length=slab.length, width=slab.left + slab.right, bottom=bottom,
-        start=slab.z0, end=slab.z1, cross=math.tan(slab.cross_slope), terrain=slab.terrain,
-    )  # fmt: skip
+        x=x,
+        y=y,
+        yaw=slab.heading,
+        length=slab.length,
+        width=slab.left + slab.right,
+        bottom=bottom,
+        start=slab.z0,
+        end=slab.z1,
+        cross=math.tan(slab.cross_slope),
+        terrain=slab.terrain,
+    )
 
 
 def _add_collision(spec: mujoco.MjSpec, name: str, solid: Solid) -> None:
     """Adds the exact shape of a solid, invisible (group 3)."""
     if solid.is_box:
         spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_BOX, group=3,
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            group=3,
             pos=(solid.x, solid.y, (solid.bottom + solid.start) / 2),
             size=(solid.length / 2, solid.width / 2, (solid.start - solid.bottom) / 2),
             quat=(math.cos(solid.yaw / 2), 0.0, 0.0, math.sin(solid.yaw / 2)),
-        )  # fmt: skip
+        )
     else:
         spec.add_mesh(name=name, uservert=corners(solid).ravel())
         spec.worldbody.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, group=3)

@@ -109,9 +109,15 @@ def pinhole(
 ) -> CameraCalibration:
     """A camera without distortion at the origin of its body, which its topic implies; `depth` is its depth stream."""
     return CameraCalibration(
-        topic=topic, part="", rate_hz=rate_hz, mount=Mount(body=body_of(topic)), width=size[0], height=size[1],
-        intrinsics=intrinsics, depth_topic=depth,
-    )  # fmt: skip
+        topic=topic,
+        part="",
+        rate_hz=rate_hz,
+        mount=Mount(body=body_of(topic)),
+        width=size[0],
+        height=size[1],
+        intrinsics=intrinsics,
+        depth_topic=depth,
+    )
 
 
 def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:

@@ -428,9 +428,7 @@ def _with_both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibrat
     read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
     imus = [imu, replace(imu, topic=NAMES["imu0"])]
     # the topics of the layout come last, because they take precedence on import
-    return Rig(
-        imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards
-    )  # fmt: skip
+    return Rig(imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards)
 
 
 def _format_transform(T: Array) -> str:

@@ -23,14 +23,43 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Factor to s, m/s² and rad/s of each unit, by quantity."""
 _SPELLINGS = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
-    "us": "µs", "usec": "µs", "microseconds": "µs", "nanoseconds": "ns", "nsec": "ns",
-    "m/s^2": "m/s²", "m/s2": "m/s²", "m/s/s": "m/s²", "ms^-2": "m/s²", "ms⁻²": "m/s²", "ms-2": "m/s²", "m.s-2": "m/s²",
-    "ms^-²": "m/s²", "m/sec^2": "m/s²", "m*s^-2": "m/s²", "milli-g": "mg", "gees": "g",
-    "rad/sec": "rad/s", "rads^-1": "rad/s", "rads-1": "rad/s", "rps": "rad/s",
-    "°/s": "deg/s", "º/s": "deg/s", "degree/s": "deg/s", "degrees/s": "deg/s", "deg/sec": "deg/s", "dps": "deg/s",
-    "degrees/second": "deg/s", "mdps": "mdeg/s",
-}  # fmt: skip
+    "sec": "s",
+    "secs": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "us": "µs",
+    "usec": "µs",
+    "microseconds": "µs",
+    "nanoseconds": "ns",
+    "nsec": "ns",
+    "m/s^2": "m/s²",
+    "m/s2": "m/s²",
+    "m/s/s": "m/s²",
+    "ms^-2": "m/s²",
+    "ms⁻²": "m/s²",
+    "ms-2": "m/s²",
+    "m.s-2": "m/s²",
+    "ms^-²": "m/s²",
+    "m/sec^2": "m/s²",
+    "m*s^-2": "m/s²",
+    "milli-g": "mg",
+    "gees": "g",
+    "rad/sec": "rad/s",
+    "rads^-1": "rad/s",
+    "rads-1": "rad/s",
+    "rps": "rad/s",
+    "°/s": "deg/s",
+    "º/s": "deg/s",
+    "degree/s": "deg/s",
+    "degrees/s": "deg/s",
+    "deg/sec": "deg/s",
+    "dps": "deg/s",
+    "degrees/second": "deg/s",
+    "mdps": "mdeg/s",
+}
 AXES = "xyz"
 OPTION = "--columns"
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
@@ -242,9 +271,14 @@ def _classify_column(name: str, unit: str, quantity: str, names: Sequence[str]) 
 
 
 def _to_signal(
-    path: Path, header: Sequence[str], sensor: str, kind: str, axes: Mapping[str, int],
-    named: Sequence[tuple[str, str]], dialect: Dialect,
-) -> Signal:  # fmt: skip
+    path: Path,
+    header: Sequence[str],
+    sensor: str,
+    kind: str,
+    axes: Mapping[str, int],
+    named: Sequence[tuple[str, str]],
+    dialect: Dialect,
+) -> Signal:
     if lacking := [axis for axis in AXES if axis not in axes]:
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)

@@ -88,9 +88,11 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             (only_part,) = parts.values()
             what = "forces" if quantity == ACCEL else "rates"
             raise ConfigError(
-                only_part.file, quantity, None,
+                only_part.file,
+                quantity,
+                None,
                 f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
-            )  # fmt: skip
+            )
     force, rate = parts[ACCEL], parts[GYRO]
     for part in (force, rate):
         _check_numbers(part)
@@ -104,10 +106,11 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         blocks = [
             bridge_gaps(
                 f"{name} ({p.quantity})",
-                Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}), notes,
+                Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}),
+                notes,
             )
             for p in (rate, force)
-        ]  # fmt: skip
+        ]
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:

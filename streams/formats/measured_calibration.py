@@ -45,12 +45,18 @@ def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
         mean = float(np.linalg.norm(rate[rest_window].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
-        topic=topic, part="", rate_hz=rate_hz, mount=Mount(body=body),
-        gyroscope_noise_density=gyro, gyroscope_random_walk=0.0,
-        accelerometer_noise_density=accel, accelerometer_random_walk=0.0,
-        gyroscope_bias_sd=bias, gyroscope_range=_find_range(rate, GYRO_RANGES_RADPS),
+        topic=topic,
+        part="",
+        rate_hz=rate_hz,
+        mount=Mount(body=body),
+        gyroscope_noise_density=gyro,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=accel,
+        accelerometer_random_walk=0.0,
+        gyroscope_bias_sd=bias,
+        gyroscope_range=_find_range(rate, GYRO_RANGES_RADPS),
         accelerometer_range=_find_range(force, ACCEL_RANGES_MPS2),
-    )  # fmt: skip
+    )
 
 
 def _find_rest(rate: Array, force: Array, n: int) -> slice | None:

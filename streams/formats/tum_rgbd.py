@@ -146,9 +146,11 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     camera = choose_camera(recording, camera_topic)
     if camera.depth_topic not in recording.topics:
         raise ConfigError(
-            recording.path, f"depth of {camera.topic}", camera.depth_topic or None,
+            recording.path,
+            f"depth of {camera.topic}",
+            camera.depth_topic or None,
             "a camera with depth, or --frame FRAME for the trajectory of a frame",
-        )  # fmt: skip
+        )
     counts = {}
     for name, topic in (("rgb", camera.topic), ("depth", camera.depth_topic)):
         counts[f"{name}.txt"] = _write_images(recording, topic, folder, name)

@@ -200,9 +200,12 @@ class Link:
     def send(self, message: Message, number: int) -> None:
         """Sends a message; waits while the connection is busy. Without a connection, it is lost."""
         self._session.put(
-            f"{_ROOT}/{self.name}/samples{message.topic}", message.payload, encoding=_CDR + message.typename,
-            attachment=_MARK.pack(message.t_ns, number), congestion_control=self._zenoh.CongestionControl.BLOCK,
-        )  # fmt: skip
+            f"{_ROOT}/{self.name}/samples{message.topic}",
+            message.payload,
+            encoding=_CDR + message.typename,
+            attachment=_MARK.pack(message.t_ns, number),
+            congestion_control=self._zenoh.CongestionControl.BLOCK,
+        )
 
     def publish_text(self, key: str, text: str) -> None:
         """Publishes a text."""

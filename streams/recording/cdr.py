@@ -21,11 +21,21 @@ from rosbags.typesys.store import Typestore
 ENCAPSULATION = 4
 
 _CODES = {
-    "bool": "u1", "byte": "u1", "char": "u1", "octet": "u1",
-    "int8": "i1", "int16": "i2", "int32": "i4", "int64": "i8",
-    "uint8": "u1", "uint16": "u2", "uint32": "u4", "uint64": "u8",
-    "float32": "f4", "float64": "f8",
-}  # fmt: skip
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "octet": "u1",
+    "int8": "i1",
+    "int16": "i2",
+    "int32": "i4",
+    "int64": "i8",
+    "uint8": "u1",
+    "uint16": "u2",
+    "uint32": "u4",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
 
 
 @dataclass(frozen=True, eq=False)

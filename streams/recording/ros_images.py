@@ -22,9 +22,15 @@ IMAGES = (COMPRESSED, RAW)
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 _INFO_PERIOD_NS = 1_000_000_000
 _PIXELS = {
-    "mono8": ("u1", 1), "8UC1": ("u1", 1), "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3),
-    "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1),
-}  # fmt: skip
+    "mono8": ("u1", 1),
+    "8UC1": ("u1", 1),
+    "rgb8": ("u1", 3),
+    "bgr8": ("u1", 3),
+    "8UC3": ("u1", 3),
+    "16UC1": ("u2", 1),
+    "mono16": ("u2", 1),
+    "32FC1": ("f4", 1),
+}
 
 
 def _header(topic: str, t_ns: int) -> dict[str, Any]:

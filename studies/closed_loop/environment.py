@@ -287,9 +287,13 @@ class Assistance(control.Task):
 
 
 def environment(
-    scenario: str | TwinConfig, seed: int | Iterable[int] = 0, *, observer: Callable[[Rig], Observer] | None = None,
-    sensors: tuple[str, ...] = SENSORS, flat_observation: bool = False,
-) -> control.Environment:  # fmt: skip
+    scenario: str | TwinConfig,
+    seed: int | Iterable[int] = 0,
+    *,
+    observer: Callable[[Rig], Observer] | None = None,
+    sensors: tuple[str, ...] = SENSORS,
+    flat_observation: bool = False,
+) -> control.Environment:
     """The walk of a scenario as an environment with a step of 10 ms.
 
     Args:

@@ -305,9 +305,11 @@ def run_seed(
     figures: dict[str, Any] = {}
     for method in methods:
         estimator = FootToFoot(
-            simulation.rig, options=Options(method=method), start=simulation.start(),
+            simulation.rig,
+            options=Options(method=method),
+            start=simulation.start(),
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
-        )  # fmt: skip
+        )
         paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
         for foot in FEET:
             covariance = paths[foot].trajectory.covariance

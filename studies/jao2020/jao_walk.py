@@ -117,11 +117,14 @@ def table(result: dict[str, Any]) -> list[str]:
     for case, description in CASES.items():
         suffix = "" if case == "unclipped" else f"_{case}"
         columns = {
-            "end": summary[f"mean_end_error{suffix}_m"], "up": summary[f"mean_abs_up_error{suffix}_m"],
-            "share": summary[f"mean_end_error{suffix}_pct"], "rms": summary[f"feet_disagree_rms{suffix}_m"],
-            "largest": summary[f"feet_disagree_max{suffix}_m"], "nees": summary[f"end_nees{suffix}_mean"],
+            "end": summary[f"mean_end_error{suffix}_m"],
+            "up": summary[f"mean_abs_up_error{suffix}_m"],
+            "share": summary[f"mean_end_error{suffix}_pct"],
+            "rms": summary[f"feet_disagree_rms{suffix}_m"],
+            "largest": summary[f"feet_disagree_max{suffix}_m"],
+            "nees": summary[f"end_nees{suffix}_mean"],
             "paper": {} if case == "half_blind" else paper_errors,
-        }  # fmt: skip
+        }
         rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in METHODS]
         lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

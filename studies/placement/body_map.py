@@ -102,8 +102,12 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
 
     Sensors with one of each have none.
     """
-    moving = [knob.name for free in problem.free for knob in free.knobs
-              if any(word in f".{path.text}" for path in free.paths for word in _MOVED)]  # fmt: skip
+    moving = [
+        knob.name
+        for free in problem.free
+        for knob in free.knobs
+        if any(word in f".{path.text}" for path in free.paths for word in _MOVED)
+    ]
     mounts_by_values: dict[str, list[tuple[str, Mount, bool]]] = {}
     positions: dict[tuple[str, ...], _Dot] = {}
     directions: dict[tuple[str, ...], _Dot] = {}
@@ -186,9 +190,14 @@ def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoc
     """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
     spec.add_texture(
-        name="paper", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=8, height=8,
-    )  # fmt: skip
+        name="paper",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=[1, 1, 1],
+        rgb2=[1, 1, 1],
+        width=8,
+        height=8,
+    )
     spec.worldbody.add_light(pos=_SUN, dir=[-x for x in _SUN], diffuse=[0.5] * 3, castshadow=False)
     add_wearer(spec, config.person, config.exo)
     add_rig(spec, sensor_rig(config).rig)

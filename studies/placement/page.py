@@ -32,9 +32,12 @@ def placement_page(
         lead += f" The table is from {len(result['walks_of_table'])} walks that the search has not seen."
     sections = [
         section("Places", lead, _table(problem, result)),
-        section("Significance", "Pairs of places, compared walk by walk, corrected for their number (Holm).",
-                render_template("list", words=result["words"])),
-    ]  # fmt: skip
+        section(
+            "Significance",
+            "Pairs of places, compared walk by walk, corrected for their number (Holm).",
+            render_template("list", words=result["words"]),
+        ),
+    ]
     if image is not None:
         tag = Markup('<div style="overflow-x:auto"><img src="{}" alt="{}" style="width:100%;min-width:640px"></div>')
         sections.append(
@@ -94,7 +97,7 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     score, top = problem.scores[k], searched.places[places[0]].values
     plot = Plot(
         title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name, height=440
-    )  # fmt: skip
+    )
     plot.heatmap(xs, ys, best, label=score.name, reverse=not score.higher_is_better)
     plot.dots([top[across.name]], [top[up.name]], ERROR, size=12, symbol="x", label=_best_label(searched))
     return plot.html()
@@ -103,8 +106,11 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
 def _profiles(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
     """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
     numbers, k = _find_scored(searched), _first_weighted(problem)
-    return [(_over_choices if knob.values else _over_numbers)(knob, searched, numbers, k)
-            for knob in problem.knobs if numbers]  # fmt: skip
+    return [
+        (_over_choices if knob.values else _over_numbers)(knob, searched, numbers, k)
+        for knob in problem.knobs
+        if numbers
+    ]
 
 
 def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
@@ -114,9 +120,12 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
         best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
     column_intervals = intervals(searched.values[list(best.values()), :, k].T)
     plot = Plot(
-        title=knob.name, x=(-0.5, len(knob.values) - 0.5), x_label=knob.name, y_label=searched.scores[k].name,
+        title=knob.name,
+        x=(-0.5, len(knob.values) - 0.5),
+        x_label=knob.name,
+        y_label=searched.scores[k].name,
         x_names=[format_value(value) for value in knob.values],
-    )  # fmt: skip
+    )
     ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in column_intervals]
     plot.curves([[(x, low), (x, high)] for x, (low, high) in zip(best, ends)], _BEST, width=3, label="95 % interval")
     plot.dots(list(best), [interval.mean for interval in column_intervals], _BEST, size=10, label="best place")

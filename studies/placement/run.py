@@ -183,17 +183,27 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
         "best": {key: table[0][key] for key in ("label", "values")},
         "table": table,
         "comparisons": [
-            {"first": p.first + 1, "second": p.second + 1, "difference": p.mean, "low": p.low, "high": p.high,
-             "p": p.p, "significant": p.significant}
+            {
+                "first": p.first + 1,
+                "second": p.second + 1,
+                "difference": p.mean,
+                "low": p.low,
+                "high": p.high,
+                "p": p.p,
+                "significant": p.significant,
+            }
             for p in pairs
         ],
         "words": comparison_text(pairs, called, len(final.walks)),
         "pareto": [
-            {"label": searched.places[i].label, "values": dict(searched.places[i].values),
-             "scores": {name: float(values.mean()) for name, values in zip(names, searched.values[i].T)}}
+            {
+                "label": searched.places[i].label,
+                "values": dict(searched.places[i].values),
+                "scores": {name: float(values.mean()) for name, values in zip(names, searched.values[i].T)},
+            }
             for i in best
         ],
-    }  # fmt: skip
+    }
 
 
 def _write(

@@ -25,7 +25,7 @@ GEOMETRIC_SCORES = {
     "own_body_pct": ("head_camera", False, "share of its image covered by the walker's own body"),
     "weight_g": ("", False, "weight of all enabled sensors"),
     "foot_weight_g": ("", False, "weight of the sensors on one foot"),
-}  # fmt: skip
+}
 """Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
 
 

@@ -66,9 +66,15 @@ def optimise(
                 continue
             rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, at * len(starts) + k)))
             cma_options: dict[str, Any] = {
-                "bounds": [0.0, 1.0], "seed": math.nan, "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
-                "verbose": -9, "maxfevals": left, "tolfun": 1e-9, "tolx": 1e-4, "tolflatfitness": 5,
-            }  # fmt: skip
+                "bounds": [0.0, 1.0],
+                "seed": math.nan,
+                "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
+                "verbose": -9,
+                "maxfevals": left,
+                "tolfun": 1e-9,
+                "tolx": 1e-4,
+                "tolflatfitness": 5,
+            }
             search = cma.CMAEvolutionStrategy(start, _SPREAD, cma_options)
             while left > 0 and not search.stop():
                 points = search.ask()

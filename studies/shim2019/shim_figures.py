@@ -61,9 +61,12 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
     """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method."""
     scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
     plot = Plot(
-        title=f"Figure 23, {quantity}", x=(-0.6, len(CASES) - 0.4), y_label=f"{quantity}, {unit}", x_label="terrain",
+        title=f"Figure 23, {quantity}",
+        x=(-0.6, len(CASES) - 0.4),
+        y_label=f"{quantity}, {unit}",
+        x_label="terrain",
         x_names=tuple(CASES),
-    )  # fmt: skip
+    )
     for k, method in enumerate((METHODS[0], *METHODS)):
         name = f"estimated_{quantity}" if k else quantity
         values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
@@ -84,9 +87,13 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
     plot = Plot(
-        title=f"Figure 24, {method}", x=(-1.05, 1.05), y=(-1.05, 1.05), x_label="slope / largest slope",
-        y_label=f"{method}: elevation / largest elevation", height=380,
-    )  # fmt: skip
+        title=f"Figure 24, {method}",
+        x=(-1.05, 1.05),
+        y=(-1.05, 1.05),
+        x_label="slope / largest slope",
+        y_label=f"{method}: elevation / largest elevation",
+        height=380,
+    )
     for mode, color in _COLORS.items():
         step_numbers = np.flatnonzero(modes == mode)
         if len(step_numbers):

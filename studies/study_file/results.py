@@ -95,9 +95,13 @@ def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
     low, high = sorted(ends) if ends else (None, None)
     directions = ("higher", "lower") if scale.kind == CLAIM else ("worse", "better")
     return {
-        "change": scale.change(difference.mean), "unit": "points" if scale.in_points else "%", "low": low,
-        "high": high, "p": difference.p, "verdict": directions[difference.mean < 0] if difference.significant else "",
-    }  # fmt: skip
+        "change": scale.change(difference.mean),
+        "unit": "points" if scale.in_points else "%",
+        "low": low,
+        "high": high,
+        "p": difference.p,
+        "verdict": directions[difference.mean < 0] if difference.significant else "",
+    }
 
 
 def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:

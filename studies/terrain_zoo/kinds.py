@@ -53,14 +53,22 @@ def draw_base_walk(rng: Rng) -> TwinConfig:
     gait = Gait(speed_mps=float(rng.uniform(0.7, 1.35)), step_sd=float(rng.uniform(0.01, 0.03)), gaze=gaze)
     camera = SensorConfig(pitch_down_rad=math.radians(rng.uniform(20.0, 30.0)), calibration_sd=CALIBRATED)
     route = Route(
-        segments=(Level(length_m=15.0),), width_m=float(rng.uniform(1.2, 2.4)),
-        scenery=str(rng.choice(["outdoor", "room", "corridor"])), texture=str(rng.choice(["rich", "rich", "plain"])),
+        segments=(Level(length_m=15.0),),
+        width_m=float(rng.uniform(1.2, 2.4)),
+        scenery=str(rng.choice(["outdoor", "room", "corridor"])),
+        texture=str(rng.choice(["rich", "rich", "plain"])),
         light=float(rng.uniform(0.75, 1.1)),
-    )  # fmt: skip
+    )
     return TwinConfig(
-        name="anyone", route=route, person=person, exo=None, gait=gait, sensors=_SENSORS,
-        fittings={"head_camera": camera}, rig_mount=str(rng.choice(MOUNTS)),
-    )  # fmt: skip
+        name="anyone",
+        route=route,
+        person=person,
+        exo=None,
+        gait=gait,
+        sensors=_SENSORS,
+        fittings={"head_camera": camera},
+        rig_mount=str(rng.choice(MOUNTS)),
+    )
 
 
 def _with_terrain(config: TwinConfig, *middle: Segment, before_m: float = 3.0, after_m: float = 2.5) -> TwinConfig:
@@ -94,9 +102,10 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
 def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
     """Draws a stair upward, with riser, tread and number of risers between bounds."""
     return Stairs(
-        risers=int(rng.integers(risers[0], risers[1] + 1)), riser_m=1e-3 * float(rng.uniform(*riser_mm)),
+        risers=int(rng.integers(risers[0], risers[1] + 1)),
+        riser_m=1e-3 * float(rng.uniform(*riser_mm)),
         tread_m=1e-3 * float(rng.uniform(*tread_mm)),
-    )  # fmt: skip
+    )
 
 
 def _up_and_down(config: TwinConfig, rng: Rng, stair: Stairs) -> TwinConfig:
@@ -175,9 +184,11 @@ def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _step_by_step(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over a stair with both feet on each tread."""
     gait = replace(
-        config.gait, stairs="step_by_step", leading_foot=str(rng.choice(["l", "r"])),
+        config.gait,
+        stairs="step_by_step",
+        leading_foot=str(rng.choice(["l", "r"])),
         speed_mps=float(rng.uniform(0.5, 0.9)),
-    )  # fmt: skip
+    )
     return _up_and_down(replace(config, gait=gait), rng, _stair(rng, (130, 190), (260, 330), (4, 6)))
 
 

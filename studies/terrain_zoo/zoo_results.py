@@ -171,16 +171,22 @@ def report(result: Row) -> str:
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
     sections = [
-        section("By kind", "Steps predicted right, ours and the published method.",
-                text_block(overall_lines(result))),
+        section("By kind", "Steps predicted right, ours and the published method.", text_block(overall_lines(result))),
         section("Odometry", "Height and tilt of the camera's path.", text_block(odometry_lines(result))),
-        section("Confusion matrix", "Steps by true mode and by the last mode predicted before touch-down.",
-                confusion_table(result["summary"]["confusion"])),
-        section("Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.",
-                lead_plot(steps)),
-        section("Calibration", "Predicted probability and share of correct predictions, with the number of steps.",
-                calibration_plot(steps[_OURS])),
-    ]  # fmt: skip
+        section(
+            "Confusion matrix",
+            "Steps by true mode and by the last mode predicted before touch-down.",
+            confusion_table(result["summary"]["confusion"]),
+        ),
+        section(
+            "Lead time", "Time from the final correct prediction to touch-down; 0 where it was wrong.", lead_plot(steps)
+        ),
+        section(
+            "Calibration",
+            "Predicted probability and share of correct predictions, with the number of steps.",
+            calibration_plot(steps[_OURS]),
+        ),
+    ]
     chips = [f"{len(cases)} walks", f"{len(steps[_OURS])} steps", f"{cases[0]['physics']} physics"]
     closing = "The results of every walk are in JSON files beside this page."
     return page(name.replace("_", " ").capitalize(), result["description"], chips, sections, closing)

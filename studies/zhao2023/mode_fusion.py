@@ -26,9 +26,12 @@ from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, 
 LIGHTS = ("light", "dark")
 BY = ("camera", "both", "legs")
 _WORDS = {
-    "light": "in the light", "dark": "dark from the first step up on",
-    "camera": "camera", "both": "camera and legs", "legs": "legs alone",
-}  # fmt: skip
+    "light": "in the light",
+    "dark": "dark from the first step up on",
+    "camera": "camera",
+    "both": "camera and legs",
+    "legs": "legs alone",
+}
 
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:

@@ -387,9 +387,13 @@ def _spread(quantity: str, result: dict[str, Any]) -> str:
     shares = 100.0 * np.array(walk_spread["bins"]) / walk_spread["count"]
     top = 1.25 * float(shares.max())
     plot = Plot(
-        title=QUANTITIES[quantity], x=(float(edges[0]), float(edges[-1])), y=(0.0, top), x_label=QUANTITIES[quantity],
-        y_label="share of the time, %", height=260,
-    )  # fmt: skip
+        title=QUANTITIES[quantity],
+        x=(float(edges[0]), float(edges[-1])),
+        y=(0.0, top),
+        x_label=QUANTITIES[quantity],
+        y_label="share of the time, %",
+        height=260,
+    )
     plot.bars(edges[:-1], edges[1:], 0.0, shares, PALETTE[4], label="ours")
     for spread, at, color, label in ((walk_spread, 0.90, INK, "ours"), (paper_spread, 0.96, PALETTE[1], "paper")):
         if spread is not None:
@@ -402,9 +406,12 @@ def _spread(quantity: str, result: dict[str, Any]) -> str:
 def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
     """Histogram of the lead times by method, as HTML."""
     plot = Plot(
-        title="Lead time", x=(0.0, 5.0), x_label="time before touch-down, s", y_label="share of the steps, %",
+        title="Lead time",
+        x=(0.0, 5.0),
+        x_label="time before touch-down, s",
+        y_label="share of the steps, %",
         height=280,
-    )  # fmt: skip
+    )
     for (method, method_steps), color in zip(steps.items(), PALETTE):
         counts = np.histogram(np.clip([s.lead_s for s in method_steps], 0.0, 4.999), _LEAD_EDGES)[0]
         shares = np.repeat(100.0 * counts / max(len(method_steps), 1), 2)
@@ -416,9 +423,13 @@ def calibration_plot(steps: Sequence[ScoredMode]) -> str:
     """Share of correct predictions by predicted probability, as HTML."""
     bins = reliability(steps)
     plot = Plot(
-        title="Calibration", x=(0.0, 1.05), y=(0.0, 1.12), x_label="predicted probability",
-        y_label="share of correct predictions", height=320,
-    )  # fmt: skip
+        title="Calibration",
+        x=(0.0, 1.05),
+        y=(0.0, 1.12),
+        x_label="predicted probability",
+        y_label="share of correct predictions",
+        height=320,
+    )
     plot.line([0.0, 1.0], [0.0, 1.0], MUTED, dash="dash", label="calibrated")
     x, y, counts = zip(*bins) if bins else ((), (), ())
     plot.dots(x, y, PALETTE[0], size=8, label="steps (number)", labels=[str(count) for count in counts])

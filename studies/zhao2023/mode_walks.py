@@ -72,9 +72,13 @@ def compute_spread(values: Array, edges: Array) -> Spread:
     """The spread of (N,) values, N > 0, with counts between (B,) edges."""
     bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
     return {
-        "count": len(values), "mean": float(np.mean(values)), "sd": float(np.std(values)),
-        "min": float(np.min(values)), "max": float(np.max(values)), "bins": bins.tolist(),
-    }  # fmt: skip
+        "count": len(values),
+        "mean": float(np.mean(values)),
+        "sd": float(np.std(values)),
+        "min": float(np.min(values)),
+        "max": float(np.max(values)),
+        "bins": bins.tolist(),
+    }
 
 
 def combine_spreads(parts: Sequence[Spread]) -> Spread:
@@ -86,11 +90,13 @@ def combine_spreads(parts: Sequence[Spread]) -> Spread:
     means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
     mean = float(counts @ means / counts.sum())
     return {
-        "count": int(counts.sum()), "mean": mean,
+        "count": int(counts.sum()),
+        "mean": mean,
         "sd": math.sqrt(float(counts @ (sds**2 + (means - mean) ** 2) / counts.sum())),
-        "min": min(p["min"] for p in parts), "max": max(p["max"] for p in parts),
+        "min": min(p["min"] for p in parts),
+        "max": max(p["max"] for p in parts),
         "bins": np.sum([p["bins"] for p in parts], axis=0).tolist(),
-    }  # fmt: skip
+    }
 
 
 MOUNTS = ("head", "chest")

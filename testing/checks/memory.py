@@ -27,9 +27,10 @@ def check_leaves_sample(subject: Subject) -> None:
 def check_keeps_no_reference(subject: Subject) -> None:
     """The caller may reuse the arrays of a sample after `update`."""
     require_equal(
-        subject.buffer_run.returned, subject.reference,
+        subject.buffer_run.returned,
+        subject.reference,
         "the estimates differ if the caller reuses the arrays of a sample after update; copy what you keep or return",
-    )  # fmt: skip
+    )
 
 
 def check_bounded_memory(subject: Subject) -> None:
@@ -88,9 +89,18 @@ class _HeapInfo(ctypes.Structure):
     _fields_ = tuple(
         (name, ctypes.c_size_t)
         for name in (
-            "arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks", "keepcost",
+            "arena",
+            "ordblks",
+            "smblks",
+            "hblks",
+            "hblkhd",
+            "usmblks",
+            "fsmblks",
+            "uordblks",
+            "fordblks",
+            "keepcost",
         )
-    )  # fmt: skip
+    )
 
 
 def _count_allocated_bytes() -> int:

@@ -24,10 +24,11 @@ from stridetwin.testing.subject import (
 def check_deterministic(subject: Subject) -> None:
     """A second instance returns the same estimates, bit by bit."""
     require_equal(
-        feed(subject.create(), subject.walk.samples), subject.reference,
+        feed(subject.create(), subject.walk.samples),
+        subject.reference,
         "a second instance returned other estimates for the same samples; use no clock, no random number without a "
         "fixed seed, and no state of the class or module",
-    )  # fmt: skip
+    )
 
 
 def check_independent(subject: Subject) -> None:
@@ -44,9 +45,10 @@ def check_independent(subject: Subject) -> None:
                     estimates.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
     for estimates, end in zip(returned, (2 * lag, lag)):
         require_equal(
-            estimates, [one for one in subject.reference if one.index < end],
+            estimates,
+            [one for one in subject.reference if one.index < end],
             "two instances that take samples in turn influence each other; keep all state in the instance",
-        )  # fmt: skip
+        )
 
 
 def check_causal(subject: Subject) -> None:

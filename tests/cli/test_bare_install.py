@@ -21,8 +21,13 @@ MADE = {
     "terrain_map": ["o.json", "o.ply"],
     "locomotion_mode": ["o.csv"],
 }
-NAMES = {"dm-control": "dm_control", "rerun-sdk": "rerun", "scikit-learn": "sklearn", "eclipse-zenoh": "zenoh",
-         "open3d-cpu": "open3d"}  # fmt: skip
+NAMES = {
+    "dm-control": "dm_control",
+    "rerun-sdk": "rerun",
+    "scikit-learn": "sklearn",
+    "eclipse-zenoh": "zenoh",
+    "open3d-cpu": "open3d",
+}
 
 
 def test_what_is_blocked_is_what_the_extras_bring():
@@ -50,8 +55,11 @@ def estimates(seen, tmp_path_factory):
     )
     done = subprocess.run(
         [sys.executable, "-c", script, json.dumps(commands)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
     assert done.returncode == 0, done.stderr
     (folder / "said.txt").write_text(done.stdout)
     return folder
@@ -89,9 +97,13 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         "print('', [main(words) for words in json.loads(sys.argv[1])])"
     )
     done = subprocess.run(
-        [sys.executable, "-c", script, json.dumps(commands)], cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [sys.executable, "-c", script, json.dumps(commands)],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2, 2]"
     assert "\nshoe_sight " in done.stdout

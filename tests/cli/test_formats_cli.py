@@ -70,9 +70,15 @@ def test_estimators_take_bags_and_folders_as_they_are(sources, capsys, tmp_path)
 def test_a_table_is_estimated_with_its_options(capsys, tmp_path):
     table, rig, path = standing_foot(tmp_path / "foot.csv"), tmp_path / "rig.yaml", tmp_path / "path.txt"
     imu = ImuCalibration(
-        topic="/foot_l/imu", part="", rate_hz=100.0, mount=Mount(body="foot_l"), gyroscope_noise_density=2e-2,
-        gyroscope_random_walk=1e-3, accelerometer_noise_density=0.1, accelerometer_random_walk=1e-2,
-    )  # fmt: skip
+        topic="/foot_l/imu",
+        part="",
+        rate_hz=100.0,
+        mount=Mount(body="foot_l"),
+        gyroscope_noise_density=2e-2,
+        gyroscope_random_walk=1e-3,
+        accelerometer_noise_density=0.1,
+        accelerometer_random_walk=1e-2,
+    )
     write_rig(Rig(imus={imu.topic: imu}), rig)
     for words, says in (
         (("--rig", tmp_path / "nowhere.yaml"), "nowhere.yaml: cannot be read"),
@@ -104,13 +110,26 @@ def test_truth_of_a_camera_scores_the_imu_beside_it(capsys, tmp_path):
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], (0.1, -0.05, 0.02)  # optical, before the IMU
     imu = ImuCalibration(
-        topic="/head/imu", part="", rate_hz=100.0, mount=Mount(body="head"), gyroscope_noise_density=1e-3,
-        gyroscope_random_walk=1e-5, accelerometer_noise_density=1e-2, accelerometer_random_walk=1e-4,
-    )  # fmt: skip
+        topic="/head/imu",
+        part="",
+        rate_hz=100.0,
+        mount=Mount(body="head"),
+        gyroscope_noise_density=1e-3,
+        gyroscope_random_walk=1e-5,
+        accelerometer_noise_density=1e-2,
+        accelerometer_random_walk=1e-4,
+    )
     camera = CameraCalibration(
-        topic="/head/color", part="", rate_hz=5.0, mount=Mount(body="head", T_body_sensor=T), width=32, height=24,
-        intrinsics=(26.0, 26.5, 15.5, 11.5), depth_topic="/head/depth", imu_topic="/head/imu",
-    )  # fmt: skip
+        topic="/head/color",
+        part="",
+        rate_hz=5.0,
+        mount=Mount(body="head", T_body_sensor=T),
+        width=32,
+        height=24,
+        intrinsics=(26.0, 26.5, 15.5, 11.5),
+        depth_topic="/head/depth",
+        imu_topic="/head/imu",
+    )
     rig = Rig(imus={imu.topic: imu}, cameras={camera.topic: camera})
     force = np.tile((0.0, 0.0, 9.81), (len(t), 1))
     columns = {"angular_rate": rate, "specific_force": force}

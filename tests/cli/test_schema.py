@@ -48,9 +48,12 @@ def test_the_command_prints_a_schema(capsys):
     schema = json.loads(capsys.readouterr().out)
     assert set(schema["required"]) == {"description", "terrain"}
     assert schema["properties"]["width_m"] == {
-        "default": 2.4, "description": "Width of the route, or of each lane.", "maximum": 10, "minimum": 1.2,
+        "default": 2.4,
+        "description": "Width of the route, or of each lane.",
+        "maximum": 10,
+        "minimum": 1.2,
         "type": "number",
-    }  # fmt: skip
+    }
     segments = schema["properties"]["terrain"]["oneOf"][0]["items"]["oneOf"]
     stairs = next(s["properties"]["stairs"]["oneOf"][0] for s in segments if s["required"] == ["stairs"])
     assert stairs["required"] == ["risers", "direction"]

@@ -18,8 +18,12 @@ def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tutorial")
     return subprocess.run(
         [sys.executable, ROOT / "tools" / "tutorial.py", "--folder", folder],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "typing")}, cwd=folder, capture_output=True, text=True, timeout=1800,
-    )  # fmt: skip
+        env=os.environ | {"PYTHONPATH": str(ROOT / "typing")},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=1800,
+    )
 
 
 def test_every_command_of_the_tutorial_works(done):

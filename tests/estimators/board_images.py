@@ -23,10 +23,17 @@ def camera(lens: str = "pinhole", timeshift_s: float = 0.0) -> CameraCalibration
     """A small camera of 73 degrees."""
     model, distortion = LENSES[lens]
     return CameraCalibration(
-        topic="/foot_l/camera", part="", rate_hz=60.0, mount=Mount(body="foot_l"), width=400, height=300,
-        intrinsics=(270.0, 272.0, 201.0, 148.0), distortion_model=model, distortion=distortion,
+        topic="/foot_l/camera",
+        part="",
+        rate_hz=60.0,
+        mount=Mount(body="foot_l"),
+        width=400,
+        height=300,
+        intrinsics=(270.0, 272.0, 201.0, 148.0),
+        distortion_model=model,
+        distortion=distortion,
         timeshift_cam_imu_s=timeshift_s,
-    )  # fmt: skip
+    )
 
 
 def project(T_camera_board: Array, points_in_board: Array, lens: str) -> Array:

@@ -39,10 +39,17 @@ LEFT_FOOT = rig_of(ADIS16485)
 def ranges(gyro_radps: float = 0.0, accel_mps2: float = 0.0) -> ImuCalibration:
     """A sensor of which the limits alone are known; 0: not even these."""
     return ImuCalibration(
-        topic="/foot_l/imu", part="", rate_hz=120.0, mount=Mount(body="foot_l"), gyroscope_noise_density=0.0,
-        gyroscope_random_walk=0.0, accelerometer_noise_density=0.0, accelerometer_random_walk=0.0,
-        gyroscope_range=gyro_radps, accelerometer_range=accel_mps2,
-    )  # fmt: skip
+        topic="/foot_l/imu",
+        part="",
+        rate_hz=120.0,
+        mount=Mount(body="foot_l"),
+        gyroscope_noise_density=0.0,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=0.0,
+        accelerometer_random_walk=0.0,
+        gyroscope_range=gyro_radps,
+        accelerometer_range=accel_mps2,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

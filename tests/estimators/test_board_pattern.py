@@ -18,9 +18,16 @@ from stridetwin.streams.rig import CameraCalibration, Mount
 from tests.estimators.from_python import from_python
 
 CAMERA = CameraCalibration(
-    topic="/foot_l/camera", part="", rate_hz=60.0, mount=Mount(body="foot_l"), width=800, height=600,
-    intrinsics=(420.0, 430.0, 405.0, 295.0), distortion_model="radtan", distortion=(-0.08, 0.02, 0.003, -0.004),
-)  # fmt: skip
+    topic="/foot_l/camera",
+    part="",
+    rate_hz=60.0,
+    mount=Mount(body="foot_l"),
+    width=800,
+    height=600,
+    intrinsics=(420.0, 430.0, 405.0, 295.0),
+    distortion_model="radtan",
+    distortion=(-0.08, 0.02, 0.003, -0.004),
+)
 FISHEYE = replace(CAMERA, distortion_model="equidistant", distortion=(-0.03, 0.01, -0.004, 0.001))
 PATTERN = BoardPattern(BOARD)
 SQUARES = np.array([[0.0, 0.0], [1.5, -0.5], [-2.0, 1.0], [0.7, 2.3]])

@@ -99,9 +99,11 @@ def test_the_same_legs_described_by_another_table_walk_the_same(walk, tables, me
         thigh, knee = leg.rows[:5], leg.rows[5:]
         mount = replace(leg.thigh, R_frame_sensor=leg.thigh.R_frame_sensor @ turn.as_matrix())
         legs[side] = replace(
-            leg, rows=(*thigh, replace(still, a=0.1), replace(knee[0], a=knee[0].a - 0.1), *knee[1:]),
-            thigh=mount, knee=replace(leg.knee, frame=7),
-        )  # fmt: skip
+            leg,
+            rows=(*thigh, replace(still, a=0.1), replace(knee[0], a=knee[0].a - 0.1), *knee[1:]),
+            thigh=mount,
+            knee=replace(leg.knee, frame=7),
+        )
     moved = list(samples)
     for side in "lr":
         moved = remounted(tuple(moved), f"/exo/thigh_{side}/ahrs", turn)
@@ -297,9 +299,12 @@ def test_what_is_believed_of_the_offsets_stays_sound_over_an_hour_of_walking():
     for k in range(7000):
         noise = rng.normal(0.0, 0.3 * sd)
         step = StepFigures(
-            vector=np.array([0.6, 0.0, 0.0]) + noise[:3], J_vector=J_vector[k % 2], slopes=noise[3:],
-            J_slopes=J_slopes[k % 2], sd=sd,
-        )  # fmt: skip
+            vector=np.array([0.6, 0.0, 0.0]) + noise[:3],
+            J_vector=J_vector[k % 2],
+            slopes=noise[3:],
+            J_slopes=J_slopes[k % 2],
+            sd=sd,
+        )
         posterior = offsets.posterior(step)
         offsets.store(posterior)
     assert np.abs(posterior.P - posterior.P.T).max() <= 1e-12 * np.abs(posterior.P).max()

@@ -49,8 +49,13 @@ def pitched(angle, turn=0.3):
 
 def test_a_footfall_is_the_weighted_mean_of_its_flat_attitudes():
     fall, expected, free_weight = Footfall(3, True), np.zeros((2, 3)), 0.0
-    for angle, rate, alone, free in ((0.05, 0.0, True, True), (0.06, 0.2, True, True), (0.055, 0.1, False, True),
-                                     (0.06, 0.0, True, False), (0.06, 0.59, False, False)):  # fmt: skip
+    for angle, rate, alone, free in (
+        (0.05, 0.0, True, True),
+        (0.06, 0.2, True, True),
+        (0.055, 0.1, False, True),
+        (0.06, 0.0, True, False),
+        (0.06, 0.59, False, False),
+    ):
         R = pitched(angle)
         weight = (1.0 if alone else 0.05) / (1.0 + (rate / 0.2) ** 2)
         free_weight += weight if free else 0.0

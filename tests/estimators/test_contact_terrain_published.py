@@ -39,10 +39,15 @@ def test_phases_follow_centre_of_pressure_and_rate(x, rate, phase):
 @pytest.mark.parametrize(
     ("phases", "load", "foot"),
     [
-        ((FF, FO), (500, 0), 0), ((FO, HC), (0, 90), 1), ((FF, HO), (100, 600), 0), ((HC, FF), (700, 10), 1),
-        ((FF, FF), (300, 400), 1), ((HC, HO), (400, 300), 0), ((FO, FO), (0, 0), 1),
+        ((FF, FO), (500, 0), 0),
+        ((FO, HC), (0, 90), 1),
+        ((FF, HO), (100, 600), 0),
+        ((HC, FF), (700, 10), 1),
+        ((FF, FF), (300, 400), 1),
+        ((HC, HO), (400, 300), 0),
+        ((FO, FO), (0, 0), 1),
     ],
-)  # fmt: skip
+)
 def test_the_pivot_is_on_the_flat_foot_or_the_one_with_more_load(phases, load, foot):
     assert pivot_foot(phases, np.array(load, dtype=float), 1) == foot
 

@@ -67,10 +67,15 @@ def moved(x, error):
     )
     y = x.copy()
     for to, of, n in (
-        (POSITION, D_POSITION, 3), (VELOCITY, D_VELOCITY, 3), (GYRO_BIAS, D_GYRO_BIAS, 3),
-        (ACCEL_BIAS, D_ACCEL_BIAS, 3), (CONTACT, D_CONTACT, 3), (FLOOR, D_FLOOR, 1), (DRIFT, D_DRIFT, 1),
+        (POSITION, D_POSITION, 3),
+        (VELOCITY, D_VELOCITY, 3),
+        (GYRO_BIAS, D_GYRO_BIAS, 3),
+        (ACCEL_BIAS, D_ACCEL_BIAS, 3),
+        (CONTACT, D_CONTACT, 3),
+        (FLOOR, D_FLOOR, 1),
+        (DRIFT, D_DRIFT, 1),
         (SCALE, D_SCALE, 1),
-    ):  # fmt: skip
+    ):
         y[to : to + n] += error[of : of + n]
     y[ATTITUDE : ATTITUDE + 4] = R.as_quat(scalar_first=True)
     return y
@@ -80,10 +85,15 @@ def difference(true, x):
     """(21,) the error that takes a nominal state to a true one; the inverse of `moved`."""
     error = np.zeros(STATES)
     for to, of, n in (
-        (POSITION, D_POSITION, 3), (VELOCITY, D_VELOCITY, 3), (GYRO_BIAS, D_GYRO_BIAS, 3),
-        (ACCEL_BIAS, D_ACCEL_BIAS, 3), (CONTACT, D_CONTACT, 3), (FLOOR, D_FLOOR, 1), (DRIFT, D_DRIFT, 1),
+        (POSITION, D_POSITION, 3),
+        (VELOCITY, D_VELOCITY, 3),
+        (GYRO_BIAS, D_GYRO_BIAS, 3),
+        (ACCEL_BIAS, D_ACCEL_BIAS, 3),
+        (CONTACT, D_CONTACT, 3),
+        (FLOOR, D_FLOOR, 1),
+        (DRIFT, D_DRIFT, 1),
         (SCALE, D_SCALE, 1),
-    ):  # fmt: skip
+    ):
         error[of : of + n] = true[to : to + n] - x[to : to + n]
     a, b = (Rotation.from_quat(y[ATTITUDE : ATTITUDE + 4], scalar_first=True) for y in (true, x))
     error[D_ATTITUDE : D_ATTITUDE + 3] = (a * b.inv()).as_rotvec()
@@ -163,11 +173,24 @@ def test_the_covariance_of_a_step_is_that_of_its_slopes():
     np.testing.assert_array_equal(memory.covariance, memory.covariance.T)
 
 
-@pytest.mark.parametrize("name", ["gyro_noise_radps_rthz", "accel_noise_mps2_rthz", "gyro_bias_walk_radps2_rthz",
-                                  "accel_bias_walk_mps3_rthz", "accel_motion_noise_per_rthz"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "gyro_noise_radps_rthz",
+        "accel_noise_mps2_rthz",
+        "gyro_bias_walk_radps2_rthz",
+        "accel_bias_walk_mps3_rthz",
+        "accel_motion_noise_per_rthz",
+    ],
+)
 def test_each_noise_density_adds_its_square_times_the_duration(name):
-    row = {"gyro_noise": D_ATTITUDE, "accel_noise": D_VELOCITY, "gyro_bias": D_GYRO_BIAS, "accel_bias": D_ACCEL_BIAS,
-           "accel_motion": D_VELOCITY}["_".join(name.split("_")[:2])]  # fmt: skip
+    row = {
+        "gyro_noise": D_ATTITUDE,
+        "accel_noise": D_VELOCITY,
+        "gyro_bias": D_GYRO_BIAS,
+        "accel_bias": D_ACCEL_BIAS,
+        "accel_motion": D_VELOCITY,
+    }["_".join(name.split("_")[:2])]
     variances = []
     for density in (0.0, 0.02):
         memory = foot()
@@ -287,9 +310,10 @@ def test_a_foot_at_rest_measures_the_bias_of_its_gyro():
     S = H @ P @ H.T + noise
     np.testing.assert_allclose(memory.nis[BY_RATE], [z @ np.linalg.solve(S, z) / 3.0, 1.0], rtol=1e-9)
     assert from_python(stance.unknown_bias_statistic)(foot()) == pytest.approx(
-        4.0 * np.trace(P[ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3, ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3])
+        4.0
+        * np.trace(P[ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3, ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3])
         / stance.GYRO_SCALE_RADPS**2
-    )  # fmt: skip
+    )
 
 
 def test_the_noise_of_a_rotating_arm_is_whitened():

@@ -294,9 +294,10 @@ def test_the_sonar_is_used_where_the_other_shoe_is_not_seen(short) -> None:
     echoes = [a for a in aids if isinstance(a, Range)]
     alone, heard = (estimator_for(simulation).run(imus, a)["l"].trajectory for a in ([], echoes))
     assert not np.array_equal(alone.p_frame_in_world[-1], heard.p_frame_in_world[-1])
-    both, seen_only = (estimator_for(simulation).run(imus, a)["l"].trajectory.p_frame_in_world[-1] for a in (
-        aids, [a for a in aids if isinstance(a, BoardObservation)]
-    ))  # fmt: skip
+    both, seen_only = (
+        estimator_for(simulation).run(imus, a)["l"].trajectory.p_frame_in_world[-1]
+        for a in (aids, [a for a in aids if isinstance(a, BoardObservation)])
+    )
     assert np.linalg.norm(both - seen_only) < 0.005
 
 
@@ -376,9 +377,13 @@ def test_the_streams_are_imus_cameras_and_sonars_of_the_feet_alone() -> None:
     rig = sensor_rig(TwinConfig(name="all", route=Route(segments=(Level(length_m=2.0),)))).rig
     streams = FootToFoot.streams(rig, Options())
     assert [(s.topic, s.required) for s in streams] == [
-        ("/foot_l/imu", True), ("/foot_r/imu", True), ("/foot_l/camera", False), ("/foot_r/camera", False),
-        ("/foot_l/sonar", False), ("/foot_r/sonar", False),
-    ]  # fmt: skip
+        ("/foot_l/imu", True),
+        ("/foot_r/imu", True),
+        ("/foot_l/camera", False),
+        ("/foot_r/camera", False),
+        ("/foot_l/sonar", False),
+        ("/foot_r/sonar", False),
+    ]
 
 
 def test_feet_start_side_by_side_where_nobody_says_otherwise() -> None:

@@ -91,10 +91,15 @@ def test_small_matrices_are_numpys():
     P = F[:4] @ F[:4].T
     v, w, R = *rng.normal(size=(2, 3)), Rotation.from_rotvec([0.3, -0.4, 0.5]).as_matrix()
     for name, arguments, expected in [
-        ("mul", (A, B), A @ B), ("sparse_mul", (F, A), F @ A), ("transform_covariance", (F, P), F @ P @ F.T),
-        ("transposed", (A,), A.T), ("identity", (3,), np.eye(3)), ("dot", (v, w), v @ w), ("rotate", (R, v), R @ v),
+        ("mul", (A, B), A @ B),
+        ("sparse_mul", (F, A), F @ A),
+        ("transform_covariance", (F, P), F @ P @ F.T),
+        ("transposed", (A,), A.T),
+        ("identity", (3,), np.eye(3)),
+        ("dot", (v, w), v @ w),
+        ("rotate", (R, v), R @ v),
         ("rotate_back", (R, v), R.T @ v),
-    ]:  # fmt: skip
+    ]:
         got = from_python(getattr(matrices, name))(*(np.ascontiguousarray(a) if np.ndim(a) else a for a in arguments))
         np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-13, err_msg=name)
     out, flat = np.zeros((4, 3)), np.zeros(3)
@@ -115,10 +120,15 @@ def test_vectors_and_matrices_of_tuples_are_numpys():
     a, b, A, B = *rng.normal(size=(2, 3)), *rng.normal(size=(2, 3, 3))
     s, t, M, N = tuple(a), tuple(b), tuple(map(tuple, A)), tuple(map(tuple, B))
     for name, arguments, expected in [
-        ("dot", (s, t), a @ b), ("cross", (s, t), np.cross(a, b)), ("axpy", (s, -1.7, t), a - 1.7 * b),
-        ("rotate", (M, t), A @ b), ("scale_matrix", (-1.7, M), -1.7 * A), ("matrix_product", (M, N), A @ B),
-        ("rows_cross", (M, t), A @ cross_matrix(b)), ("transposed", (M,), A.T),
-    ]:  # fmt: skip
+        ("dot", (s, t), a @ b),
+        ("cross", (s, t), np.cross(a, b)),
+        ("axpy", (s, -1.7, t), a - 1.7 * b),
+        ("rotate", (M, t), A @ b),
+        ("scale_matrix", (-1.7, M), -1.7 * A),
+        ("matrix_product", (M, N), A @ B),
+        ("rows_cross", (M, t), A @ cross_matrix(b)),
+        ("transposed", (M,), A.T),
+    ]:
         np.testing.assert_allclose(
             from_python(getattr(quaternions, name))(*arguments), expected, rtol=1e-12, err_msg=name
         )

@@ -31,9 +31,10 @@ def parameter_classes() -> set[type]:
     return {
         kind
         for kind in classes
-        if kind.__module__.startswith(_PACKAGE) and kind.__name__.endswith("Parameters")
+        if kind.__module__.startswith(_PACKAGE)
+        and kind.__name__.endswith("Parameters")
         and all(p.default is not p.empty for p in signature(kind).parameters.values())
-    }  # fmt: skip
+    }
 
 
 def values(structure: Any, classes: set[type]) -> dict[str, Any]:

@@ -23,9 +23,16 @@ def campaign(walk, tmp_path):
         shutil.copy(walk / "recording.mcap", folder / place)
         text = (folder / place).read_bytes()
         rows.append(
-            {"walk": f"walk_{i:05d}", "status": status, "recording": place, "bytes": len(text), "findings": [],
-             "expected_findings": [], "sha256": hashlib.sha256(text).hexdigest()}
-        )  # fmt: skip
+            {
+                "walk": f"walk_{i:05d}",
+                "status": status,
+                "recording": place,
+                "bytes": len(text),
+                "findings": [],
+                "expected_findings": [],
+                "sha256": hashlib.sha256(text).hexdigest(),
+            }
+        )
     (folder / "manifest.json").write_text(json.dumps({"format": "stridetwin-campaign-1", "walks": rows}))
     return folder
 

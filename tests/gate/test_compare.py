@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from score_tables import SPREADS, of_rows, table, walk
 
-from stridetwin.gate.compare import (  # fmt: skip
+from stridetwin.gate.compare import (
     BETTER,
     MISSING,
     NEW,
@@ -193,10 +193,16 @@ def test_a_walk_without_one_of_the_scores_leaves_the_others_theirs():
 
 @pytest.mark.parametrize(
     "bad",
-    [[], {}, {"estimators": 3}, {"estimators": {"a": {"ape_rmse_m": "x"}}}, {"estimators": {}, "recordings": 3},
-     {"estimators": {}, "recordings": [{"estimators": {"a": {"b": None}}}]},
-     {"estimators": {}, "recordings": [{"estimators": {}, "failed": ["a"]}]}],
-)  # fmt: skip
+    [
+        [],
+        {},
+        {"estimators": 3},
+        {"estimators": {"a": {"ape_rmse_m": "x"}}},
+        {"estimators": {}, "recordings": 3},
+        {"estimators": {}, "recordings": [{"estimators": {"a": {"b": None}}}]},
+        {"estimators": {}, "recordings": [{"estimators": {}, "failed": ["a"]}]},
+    ],
+)
 def test_other_files_are_no_baseline(bad):
     with pytest.raises(StrideTwinError, match=r"base\.json"):
         table_of(bad, "base.json")

@@ -15,9 +15,11 @@ from stridetwin.streams.samples import Block, Imu
 COLUMNS = ("angular_rate", "specific_force")
 RNG = np.random.default_rng(2)
 BLOCK = Block(
-    topic="/foot_l/imu", kind=Imu, t_ns=np.arange(400) * 8_000_000,
+    topic="/foot_l/imu",
+    kind=Imu,
+    t_ns=np.arange(400) * 8_000_000,
     columns={"angular_rate": RNG.normal(0.0, 3.0, (400, 3)), "specific_force": RNG.normal(0.0, 40.0, (400, 3))},
-)  # fmt: skip
+)
 RECORDING = SimpleNamespace(block=lambda topic: BLOCK)
 
 

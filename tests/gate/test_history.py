@@ -11,17 +11,26 @@ from stridetwin.streams.errors import StrideTwinError
 
 LONG = 10**399
 LINE = {
-    "label": "v1", "verdict": "passed", "regressions": [], "walks": 1, "walks_digest": "0a", "failed": 0,
+    "label": "v1",
+    "verdict": "passed",
+    "regressions": [],
+    "walks": 1,
+    "walks_digest": "0a",
+    "failed": 0,
     "estimators": {"a": {"end_error_m": 0.1}},
-}  # fmt: skip
+}
 BAD = [
-    *(({"estimators": {"a": {"end_error_m": value}}}, f"estimators.a.end_error_m: invalid {value!r}: expected a n")
-      for value in ("x", [1], None, LONG, 1e308, -1e308, float("nan"), float("inf"))),
+    *(
+        ({"estimators": {"a": {"end_error_m": value}}}, f"estimators.a.end_error_m: invalid {value!r}: expected a n")
+        for value in ("x", [1], None, LONG, 1e308, -1e308, float("nan"), float("inf"))
+    ),
     ({"estimators": {"a": 1}}, "estimators.a: invalid 1"),
     ({"estimators": []}, "estimators: invalid []: expected estimators, each with its scores"),
     ({"estimators": {"x\ud800": {}}}, r"estimators: invalid 'x\ud800'"),
-    *(({"regressions": value}, f"regressions: invalid {value!r}: expected a list of texts")
-      for value in (None, 5, [1], "mine: worse")),
+    *(
+        ({"regressions": value}, f"regressions: invalid {value!r}: expected a list of texts")
+        for value in (None, 5, [1], "mine: worse")
+    ),
     ({"walks_digest": [1]}, "walks_digest: invalid [1]: expected text"),
     ({"label": "x\ud800"}, r"label: invalid 'x\ud800': expected text in UTF-8"),
     ({"label": None}, "label: invalid None"),
@@ -29,7 +38,7 @@ BAD = [
     ({"verdict": [1]}, "verdict: invalid [1]: expected passed, worse, failed, no baseline"),
     *(({"walks": value}, f"walks: invalid {value!r}: expected a whole number") for value in ("x", -1, True, LONG)),
     ({"failed": "x"}, "failed: invalid 'x'"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("change", "said"), BAD)

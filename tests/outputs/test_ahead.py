@@ -53,12 +53,16 @@ def walked() -> list[Footprint]:
     modes = ["LG"] * 7 + ["SA"] * 3 + ["LG"] * 3
     return [
         Footprint(
-            topic="/truth/footprints", t_ns=round(1e9 * (FIRST_S + STEP_S * max(0, i - 2))), foot="lr"[i % 2],
-            p_foot_in_world=placed(at, 0.1 - 0.2 * (i % 2)), q_world_foot=np.array([1.0, 0, 0, 0]), terrain="level",
+            topic="/truth/footprints",
+            t_ns=round(1e9 * (FIRST_S + STEP_S * max(0, i - 2))),
+            foot="lr"[i % 2],
+            p_foot_in_world=placed(at, 0.1 - 0.2 * (i % 2)),
+            q_world_foot=np.array([1.0, 0, 0, 0]),
+            terrain="level",
             mode=mode,
         )
         for i, (at, mode) in enumerate(zip(s, modes))
-    ]  # fmt: skip
+    ]
 
 
 def turned(angle: float) -> np.ndarray:
@@ -82,22 +86,43 @@ def predictions(footprints: list[Footprint]) -> list[ModeEstimate]:
             covariance = (turned(-TURN) @ np.diag([0.03**2, 0.02**2, 1.0]) @ turned(TURN))[:2, :2]
             steps.append(
                 StepPrediction(
-                    step=k + 1, foot=landed[k].foot, mode=mode, t_ns=landed[k].t_ns, t_sd_s=0.03,
-                    probabilities={m: 0.96 if m == mode else 0.01 for m in MODES}, p_foot_in_world=there,
+                    step=k + 1,
+                    foot=landed[k].foot,
+                    mode=mode,
+                    t_ns=landed[k].t_ns,
+                    t_sd_s=0.03,
+                    probabilities={m: 0.96 if m == mode else 0.01 for m in MODES},
+                    p_foot_in_world=there,
                     covariance=covariance,
                 )
-            )  # fmt: skip
+            )
         change = NextChange(
-            mode="SA", p_in_world=(turned(-TURN) @ (placed(3.0, 0.0) - SHIFT))[:2], distance=3.0, distance_sd=0.01,
-            time_s=1.0, time_sd_s=0.1, riser=0.151, riser_sd=0.002, tread=0.302, tread_sd=0.003, slope=math.nan,
+            mode="SA",
+            p_in_world=(turned(-TURN) @ (placed(3.0, 0.0) - SHIFT))[:2],
+            distance=3.0,
+            distance_sd=0.01,
+            time_s=1.0,
+            time_sd_s=0.1,
+            riser=0.151,
+            riser_sd=0.002,
+            tread=0.302,
+            tread_sd=0.003,
+            slope=math.nan,
             slope_sd=math.nan,
-        )  # fmt: skip
+        )
         found.append(
             ModeEstimate(
-                t_ns=t_ns, step=next_, steps=tuple(steps), change=change, heading=-TURN,
-                p_body_in_world=np.zeros(3), step_length=0.5, step_length_sd=0.02, step_time=STEP_S,
+                t_ns=t_ns,
+                step=next_,
+                steps=tuple(steps),
+                change=change,
+                heading=-TURN,
+                p_body_in_world=np.zeros(3),
+                step_length=0.5,
+                step_length_sd=0.02,
+                step_time=STEP_S,
             )
-        )  # fmt: skip
+        )
     return found
 
 
@@ -110,9 +135,16 @@ def walk() -> AlignedWalk:
     truth = Trajectory(t_ns=t_ns, p_frame_in_world=np.tile(SHIFT, (2, 1)), q_world_frame=q_true)
     places = np.array([f.p_foot_in_world for f in footprints])
     return AlignedWalk(
-        frame="head/imu", poses=poses, camera=None, alignment=MovingAlignment(poses, truth), p_frame_in_world=places,
-        place_m=places[:, 0], layout=LAYOUT, footprints=footprints, foot_places_m=LAYOUT.way.project(places[:, :2]),
-    )  # fmt: skip
+        frame="head/imu",
+        poses=poses,
+        camera=None,
+        alignment=MovingAlignment(poses, truth),
+        p_frame_in_world=places,
+        place_m=places[:, 0],
+        layout=LAYOUT,
+        footprints=footprints,
+        foot_places_m=LAYOUT.way.project(places[:, :2]),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -130,9 +162,12 @@ def route() -> MappedRoute:
     left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
     classes = np.where((s > EDGES[0]) & (s < EDGES[-1]), GROUND_CLASSES.index("SA"), 0).astype(np.uint8)
     return MappedRoute(
-        s=s, left=left, height=np.tile(true_heights(LAYOUT.profile, s)[:, None] + 0.004, len(left)),
-        classes=np.tile(classes[:, None], len(left)), edges=np.array([[at + 0.006, -0.8, 0.8] for at in EDGES]),
-    )  # fmt: skip
+        s=s,
+        left=left,
+        height=np.tile(true_heights(LAYOUT.profile, s)[:, None] + 0.004, len(left)),
+        classes=np.tile(classes[:, None], len(left)),
+        edges=np.array([[at + 0.006, -0.8, 0.8] for at in EDGES]),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -140,11 +175,14 @@ def snapshots() -> list[Snapshot]:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.0]])
     return [
         Snapshot(
-            t_ns=round(1e9 * t), points=np.zeros((5, 3), np.float32), classes=np.zeros(5, np.uint8),
-            planes=[(square, 0)], edges=[square[:2]],
+            t_ns=round(1e9 * t),
+            points=np.zeros((5, 3), np.float32),
+            classes=np.zeros(5, np.uint8),
+            planes=[(square, 0)],
+            edges=[square[:2]],
         )
         for t in np.arange(1.0, 8.0, 0.5)
-    ]  # fmt: skip
+    ]
 
 
 def test_an_alignment_is_inverted_exactly():
@@ -288,9 +326,14 @@ def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(evaluated
     found = ScoredChange(mode="RA", found=True, distance_m=0.003, slope_rad=0.01)
     missed = ScoredChange(mode="SA", found=False)
     ground = map_figures(
-        MapScores(changes=(found, missed), accuracy_m=0.004, accuracy_p95_m=0.009, completeness=0.9,
-                  edge_errors=np.array([0.003, -0.001, 0.3, math.inf]))
-    )  # fmt: skip
+        MapScores(
+            changes=(found, missed),
+            accuracy_m=0.004,
+            accuracy_p95_m=0.009,
+            completeness=0.9,
+            edge_errors=np.array([0.003, -0.001, 0.3, math.inf]),
+        )
+    )
     assert ground["found_pct"] == 50.0
     assert ground["begin_rmse_mm"] == pytest.approx(3.0)
     assert ground["slope_rmse_deg"] == pytest.approx(math.degrees(0.01))

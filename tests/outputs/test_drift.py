@@ -47,9 +47,10 @@ def moved(path: Trajectory, yaw: float, shift: np.ndarray) -> Trajectory:
     turn = Rotation.from_euler("z", yaw)
     attitude = turn * Rotation.from_quat(path.q_world_frame, scalar_first=True)
     return replace(
-        path, p_frame_in_world=turn.apply(path.p_frame_in_world) + shift,
+        path,
+        p_frame_in_world=turn.apply(path.p_frame_in_world) + shift,
         q_world_frame=attitude.as_quat(scalar_first=True),
-    )  # fmt: skip
+    )
 
 
 def wandering(seed: int, size: float = 0.05) -> Trajectory:
@@ -156,8 +157,10 @@ def test_a_path_that_is_far_off_not_finite_or_not_there_is_a_failure() -> None:
     assert drift_figures(odometry_of(replace(TRUTH.poses, p_frame_in_world=far)), TRUTH)["failure"] == "off"
     far[700, 1] = np.nan
     assert drift_figures(odometry_of(replace(TRUTH.poses, p_frame_in_world=far)), TRUTH) == {
-        "failure": "not finite", "unhealthy_s": 0.0, "recovered": False,
-    }  # fmt: skip
+        "failure": "not finite",
+        "unhealthy_s": 0.0,
+        "recovered": False,
+    }
     nothing = odometry_of(TRUTH.poses, np.zeros(len(TRUTH.t_ns), bool))
     assert drift_figures(nothing, TRUTH)["failure"] == "silent"
 

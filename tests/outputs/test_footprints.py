@@ -11,9 +11,7 @@ from stridetwin.outputs.truth import SCORED_AHEAD_S, project_on_way, scoring_tim
 from stridetwin.sim.config import Level, Route, Turn
 from stridetwin.sim.world.route import lay_out
 
-CORNER = lay_out(
-    Route(segments=(Level(length_m=6), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=6)))
-)  # fmt: skip
+CORNER = lay_out(Route(segments=(Level(length_m=6), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=6))))
 
 
 @pytest.mark.parametrize("step_m", [0.3, 0.7, 1.4])

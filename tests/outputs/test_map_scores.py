@@ -21,13 +21,18 @@ from stridetwin.sim.world.route import lay_out
 LAYOUT = lay_out(
     Route(
         segments=(
-            Level(length_m=3), Stairs(risers=3, riser_m=0.15, tread_m=0.3), Level(length_m=3),
-            Stairs(risers=3, riser_m=0.15, tread_m=0.3, down=True), Level(length_m=2),
-            Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=2), Ramp(angle_rad=0.2, rise_m=0.4),
+            Level(length_m=3),
+            Stairs(risers=3, riser_m=0.15, tread_m=0.3),
+            Level(length_m=3),
+            Stairs(risers=3, riser_m=0.15, tread_m=0.3, down=True),
+            Level(length_m=2),
+            Turn(angle_rad=math.pi / 2, radius_m=1.5),
+            Level(length_m=2),
+            Ramp(angle_rad=0.2, rise_m=0.4),
             Level(length_m=3),
         )
     )
-)  # fmt: skip
+)
 UP, DOWN = 3.0, 3.0 + 2 * 0.3 + 3.0
 RAMP = next(p.s0 for p in LAYOUT.profile if p.terrain == "ramp")
 ALIGNMENT = YawAlignment(estimated=np.array([1.0, -2.0, 0.5]), true=np.array([0.3, 0.4, 1.7]), yaw=0.7)
@@ -70,10 +75,19 @@ def mapped_flight(s, riser, tread, edges, *, up=True, steps=3):
     places = in_map(true_points(edges, 0.0))[:, :2]
     at, beside = places @ direction, float(places[0] @ [-direction[1], direction[0]])
     return MappedStairs(
-        id=1, planes=tuple(range(steps + 1)), steps=steps, riser=riser, tread=tread, heading=heading,
-        start=float(min(at)), base=1.0, covariance=np.diag([1.0, 4.0, 9.0, 16.0, 25.0]) * 1e-6, edges=np.sort(at),
-        risers=np.full(steps, riser), across=beside + np.array([-0.6, 0.9]),
-    )  # fmt: skip
+        id=1,
+        planes=tuple(range(steps + 1)),
+        steps=steps,
+        riser=riser,
+        tread=tread,
+        heading=heading,
+        start=float(min(at)),
+        base=1.0,
+        covariance=np.diag([1.0, 4.0, 9.0, 16.0, 25.0]) * 1e-6,
+        edges=np.sort(at),
+        risers=np.full(steps, riser),
+        across=beside + np.array([-0.6, 0.9]),
+    )
 
 
 class KnownMap:
@@ -310,28 +324,52 @@ def test_figures_of_a_map_have_their_units():
     )
     assert figures == pytest.approx(
         {
-            "accuracy_rmse_mm": 4.0, "accuracy_p95_mm": 9.0, "completeness_pct": 90.0,
-            "edge_rmse_mm": math.sqrt((100.0**2 + 139.0**2) / 2), "edge_mean_mm": -19.5, "edge_false_pct": 60.0,
-            "found_pct": 200.0 / 3.0, "begin_rmse_mm": math.sqrt(12.5), "riser_rmse_mm": 2.0, "tread_rmse_mm": 6.0,
+            "accuracy_rmse_mm": 4.0,
+            "accuracy_p95_mm": 9.0,
+            "completeness_pct": 90.0,
+            "edge_rmse_mm": math.sqrt((100.0**2 + 139.0**2) / 2),
+            "edge_mean_mm": -19.5,
+            "edge_false_pct": 60.0,
+            "found_pct": 200.0 / 3.0,
+            "begin_rmse_mm": math.sqrt(12.5),
+            "riser_rmse_mm": 2.0,
+            "tread_rmse_mm": 6.0,
             "slope_rmse_deg": math.degrees(0.02),
         }
-    )  # fmt: skip
+    )
 
 
 def test_figures_of_predicted_changes_have_their_units():
     """By size and direction; a size with a standard deviation at its bound or above it was not observed."""
     approaches = [
-        ScoredChange(mode="SA", found=True, distance_m=-0.03, distance_sd_m=0.02, riser_m=0.003, riser_sd_m=0.019,
-                     tread_m=-0.004, tread_sd_m=0.039),
-        ScoredChange(mode="SA", found=True, distance_m=0.05, distance_sd_m=0.02, riser_m=0.03, riser_sd_m=0.021,
-                     tread_m=0.2, tread_sd_m=0.041),
+        ScoredChange(
+            mode="SA",
+            found=True,
+            distance_m=-0.03,
+            distance_sd_m=0.02,
+            riser_m=0.003,
+            riser_sd_m=0.019,
+            tread_m=-0.004,
+            tread_sd_m=0.039,
+        ),
+        ScoredChange(
+            mode="SA",
+            found=True,
+            distance_m=0.05,
+            distance_sd_m=0.02,
+            riser_m=0.03,
+            riser_sd_m=0.021,
+            tread_m=0.2,
+            tread_sd_m=0.041,
+        ),
         ScoredChange(mode="SD", found=True, distance_m=0.01, distance_sd_m=0.02, riser_m=-0.005, riser_sd_m=0.001),
         ScoredChange(mode="LG", found=True, distance_m=-0.07, distance_sd_m=0.01),
         ScoredChange(mode="RA", found=True, distance_m=0.06, distance_sd_m=0.1, slope_rad=0.01, slope_sd_rad=0.02),
-        ScoredChange(mode="RD", found=True, distance_m=-0.08, distance_sd_m=0.1, slope_rad=-0.02,
-                     slope_sd_rad=math.radians(1.6)),
+        ScoredChange(
+            mode="RD", found=True, distance_m=-0.08, distance_sd_m=0.1, slope_rad=-0.02, slope_sd_rad=math.radians(1.6)
+        ),
         ScoredChange(mode="RA", found=False),
-    ]  # fmt: skip
+    ]
     f = mode_figures([ModeScores(steps=[], approaches=approaches)])
     assert f["changes"] == 7
     assert f["changes_found_pct"] == pytest.approx(600 / 7)
@@ -355,9 +393,14 @@ def test_figures_of_predicted_changes_have_their_units():
 def plane(id_, centre, *, gradient=(0.0, 0.0), area=1.0, spread=None):
     normal = np.array([-gradient[0], -gradient[1], 1.0])
     return Plane(
-        id=id_, centre=np.asarray(centre, float), normal=normal / np.linalg.norm(normal), area_m2=area,
-        spread=np.eye(2) / 12.0 if spread is None else spread, votes=9.0, covariance=np.zeros((3, 3)),
-    )  # fmt: skip
+        id=id_,
+        centre=np.asarray(centre, float),
+        normal=normal / np.linalg.norm(normal),
+        area_m2=area,
+        spread=np.eye(2) / 12.0 if spread is None else spread,
+        votes=9.0,
+        covariance=np.zeros((3, 3)),
+    )
 
 
 def test_the_outline_of_a_plane_is_the_rectangle_of_its_points():
@@ -434,10 +477,17 @@ def test_edges_ahead_are_stored_with_their_ends_and_replaced_when_seen_again():
 
 @pytest.mark.parametrize(
     ("ends", "kept"),
-    [(((0.5, -0.4), (0.5, 0.4)), True), (((0.5, 0.28), (0.5, 1.0)), True), (((0.5, 0.32), (0.5, 1.0)), False),
-     (((0.5, -1.0), (0.5, -0.32)), False), (((0.1, -0.3), (0.9, 0.3)), False), (((0.3, -0.3), (0.7, 0.3)), True),
-     (((1.25, -0.4), (1.25, 0.4)), False), (((-0.1, -0.4), (-0.1, 0.4)), False)],
-)  # fmt: skip
+    [
+        (((0.5, -0.4), (0.5, 0.4)), True),
+        (((0.5, 0.28), (0.5, 1.0)), True),
+        (((0.5, 0.32), (0.5, 1.0)), False),
+        (((0.5, -1.0), (0.5, -0.32)), False),
+        (((0.1, -0.3), (0.9, 0.3)), False),
+        (((0.3, -0.3), (0.7, 0.3)), True),
+        (((1.25, -0.4), (1.25, 0.4)), False),
+        (((-0.1, -0.4), (-0.1, 0.4)), False),
+    ],
+)
 def test_an_edge_of_the_route_crosses_it(ends, kept):
     """Not those beside it, along it, behind the walker or farther ahead than 1.2 m."""
     mapper = mapped_route.RouteMapper(LAYOUT, -0.5, 9.0)
@@ -464,10 +514,18 @@ def test_lines_of_edges_lie_on_the_treads_above_them():
 def test_a_snapshot_shows_one_point_per_cell_and_the_planes_nearby():
     eye = in_map(true_points([2.0], 0.0, 1.6))[0]
     rng = np.random.default_rng(0)
-    points = np.vstack([eye + [0.55, 0.55, 0.0] + rng.uniform(-0.049, 0.049, (40, 3)), eye + [[-2.95, 0.05, -1.6]],
-                        eye + [[0.05, 3.02, -1.6], [1.25, 0.35, -1.6]]])  # fmt: skip
-    planes = {0: plane(0, eye + [1.0, 0.0, -1.6]), 1: plane(1, eye + [1.0, 1.0, -1.6], area=0.049),
-              2: plane(2, eye + [0.0, 3.1, -1.6])}  # fmt: skip
+    points = np.vstack(
+        [
+            eye + [0.55, 0.55, 0.0] + rng.uniform(-0.049, 0.049, (40, 3)),
+            eye + [[-2.95, 0.05, -1.6]],
+            eye + [[0.05, 3.02, -1.6], [1.25, 0.35, -1.6]],
+        ]
+    )
+    planes = {
+        0: plane(0, eye + [1.0, 0.0, -1.6]),
+        1: plane(1, eye + [1.0, 1.0, -1.6], area=0.049),
+        2: plane(2, eye + [0.0, 3.1, -1.6]),
+    }
     flight = mapped_flight(UP, 0.15, 0.3, UP + np.array([0.0, 0.3, 0.6]))
     estimate = SimpleNamespace(
         t_ns=7, planes=planes, p_camera_in_world=eye, stairs=(flight,), terrain_of=level_estimate().terrain_of

@@ -25,9 +25,12 @@ def walk(tmp_path_factory):
     """A few steps on the level."""
     path = tmp_path_factory.mktemp("walk") / "walk.mcap"
     config = TwinConfig(
-        name="modes", route=Route(segments=(Level(length_m=2.5),)), sensors=("insole", "head_imu", "head_camera"),
-        gait=Gait(stand_s=0.6), fittings={"head_camera": SensorConfig(rate_hz=10.0)},
-    )  # fmt: skip
+        name="modes",
+        route=Route(segments=(Level(length_m=2.5),)),
+        sensors=("insole", "head_imu", "head_camera"),
+        gait=Gait(stand_s=0.6),
+        fittings={"head_camera": SensorConfig(rate_hz=10.0)},
+    )
     record(Twin(config, 5), path, lambda *_: None)
     return path
 

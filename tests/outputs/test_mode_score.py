@@ -28,10 +28,14 @@ def layout(*segments: Segment):
 
 
 WAY = layout(
-    Level(length_m=3), Stairs(risers=4, riser_m=0.15, tread_m=0.28), Level(length_m=2),
-    Stairs(risers=1, riser_m=0.15, tread_m=0.28, down=True), Level(length_m=2), Ramp(angle_rad=0.2, rise_m=0.5),
     Level(length_m=3),
-)  # fmt: skip
+    Stairs(risers=4, riser_m=0.15, tread_m=0.28),
+    Level(length_m=2),
+    Stairs(risers=1, riser_m=0.15, tread_m=0.28, down=True),
+    Level(length_m=2),
+    Ramp(angle_rad=0.2, rise_m=0.5),
+    Level(length_m=3),
+)
 
 
 def test_modes_change_at_first_and_last_edges_and_at_both_ends_of_a_ramp():
@@ -58,10 +62,20 @@ def test_flights_with_a_short_landing_between_them_are_two():
 
 def test_scores_survive_json():
     scores = ModeScores(
-        steps=[ScoredMode(t_s=1.0, mode="LG", before="LG", predicted="RA", allowed=("LG", "RA"), lead_s=0.5,
-                          probabilities=(0.4, 0.0, 0.0, 0.6, 0.0), forward_m=0.02)],
+        steps=[
+            ScoredMode(
+                t_s=1.0,
+                mode="LG",
+                before="LG",
+                predicted="RA",
+                allowed=("LG", "RA"),
+                lead_s=0.5,
+                probabilities=(0.4, 0.0, 0.0, 0.6, 0.0),
+                forward_m=0.02,
+            )
+        ],
         approaches=[ScoredChange(mode="SA", found=True, distance_m=0.01)],
-    )  # fmt: skip
+    )
     rows = json.loads(json.dumps(scores.rows(), allow_nan=False))
     again = ModeScores.of(rows)
     assert again.rows() == scores.rows()
@@ -79,18 +93,32 @@ def test_a_riser_of_about_the_least_height_may_count_as_level_or_stair(riser_m, 
     pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
     prints = [
-        Footprint(topic="/truth/footprints", t_ns=k, foot="lr"[k % 2], terrain="level", mode="LG" if k == 4 else mode,
-                  p_foot_in_world=np.array([s, 0.0, 0.0]), q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        Footprint(
+            topic="/truth/footprints",
+            t_ns=k,
+            foot="lr"[k % 2],
+            terrain="level",
+            mode="LG" if k == 4 else mode,
+            p_foot_in_world=np.array([s, 0.0, 0.0]),
+            q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]),
+        )
         for k, s in enumerate((0.6, 1.0, 1.5, 2.2, 2.8))
-    ]  # fmt: skip
+    ]
     prints[2] = replace(prints[2], mode="LG")
     before, over, after = score_modes(prints, [], MovingAlignment(still, still), way, 0.27).steps
     assert (before.allowed, over.allowed, after.allowed) == (("LG",), (mode, *others), ("LG",))
 
 
 def test_a_step_that_may_count_as_either_mode_has_no_calibration():
-    clear = ScoredMode(t_s=1.0, mode="LG", before="LG", predicted="LG", allowed=("LG",), lead_s=0.5,
-                       probabilities=(0.9, 0.1, 0.0, 0.0, 0.0))  # fmt: skip
+    clear = ScoredMode(
+        t_s=1.0,
+        mode="LG",
+        before="LG",
+        predicted="LG",
+        allowed=("LG",),
+        lead_s=0.5,
+        probabilities=(0.9, 0.1, 0.0, 0.0, 0.0),
+    )
     either = replace(clear, allowed=("LG", "RA"), probabilities=(0.5, 0.0, 0.0, 0.5, 0.0))
     assert reliability([clear, either]) == [(0.9, 1.0, 1)]
 
@@ -142,10 +170,17 @@ def test_the_lead_counts_from_when_a_prediction_stays_right(modes: tuple[str, ..
         return SimpleNamespace(t_ns=t_ns, steps=(step,), change=None)
 
     prints = [
-        Footprint(topic="/truth/footprints", t_ns=t_ns, foot=foot, terrain="stair", mode="SA",
-                  p_foot_in_world=np.zeros(3), q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        Footprint(
+            topic="/truth/footprints",
+            t_ns=t_ns,
+            foot=foot,
+            terrain="stair",
+            mode="SA",
+            p_foot_in_world=np.zeros(3),
+            q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]),
+        )
         for t_ns, foot in ((0, "l"), (1, "r"), (2_000_000_000, "l"))
-    ]  # fmt: skip
+    ]
     estimates = [at(1_200_000_000 + 200_000_000 * k, mode) for k, mode in enumerate(modes)]
     pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
@@ -156,23 +191,40 @@ def test_the_lead_counts_from_when_a_prediction_stays_right(modes: tuple[str, ..
 @pytest.mark.parametrize(("off_m", "found"), [(-0.03, True), (0.39, True), (0.41, False), (-0.41, False)])
 def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> None:
     turned = layout(
-        Level(length_m=3), Turn(angle_rad=math.pi / 2, radius_m=1.5), Level(length_m=2),
-        Ramp(angle_rad=0.2, rise_m=0.5), Level(length_m=3),
-    )  # fmt: skip
+        Level(length_m=3),
+        Turn(angle_rad=math.pi / 2, radius_m=1.5),
+        Level(length_m=2),
+        Ramp(angle_rad=0.2, rise_m=0.5),
+        Level(length_m=3),
+    )
     change = next(c for c in mode_changes(turned) if c.mode == "RA")
     prints = [
-        Footprint(topic="/truth/footprints", t_ns=k * 500_000_000, foot="lr"[k % 2], terrain="level",
-                  mode="LG" if s < change.s else "RA", p_foot_in_world=np.array([*turned.way.point(s), 0.0]),
-                  q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]))
+        Footprint(
+            topic="/truth/footprints",
+            t_ns=k * 500_000_000,
+            foot="lr"[k % 2],
+            terrain="level",
+            mode="LG" if s < change.s else "RA",
+            p_foot_in_world=np.array([*turned.way.point(s), 0.0]),
+            q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]),
+        )
         for k, s in enumerate([0.0, 0.0, *np.arange(0.5, change.s - 0.3, 0.7), change.s - 0.1, change.s + 0.6])
-    ]  # fmt: skip
+    ]
     estimate = SimpleNamespace(
-        t_ns=prints[-1].t_ns - 1_600_000_000, steps=(),
+        t_ns=prints[-1].t_ns - 1_600_000_000,
+        steps=(),
         change=SimpleNamespace(
-            mode="RA", p_in_world=turned.way.point(change.s + off_m), distance_sd=0.01, riser=math.nan,
-            riser_sd=math.nan, tread=math.nan, tread_sd=math.nan, slope=0.2, slope_sd=0.01,
+            mode="RA",
+            p_in_world=turned.way.point(change.s + off_m),
+            distance_sd=0.01,
+            riser=math.nan,
+            riser_sd=math.nan,
+            tread=math.nan,
+            tread_sd=math.nan,
+            slope=0.2,
+            slope_sd=0.01,
         ),
-    )  # fmt: skip
+    )
     pose = {"p_frame_in_world": np.zeros((1, 3)), "q_world_frame": np.array([[1.0, 0.0, 0.0, 0.0]])}
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
     scores = score_modes(prints, [estimate], MovingAlignment(still, still), turned, 0.27)

@@ -18,10 +18,11 @@ def estimated(words: list[str], *, covariance: bool = True) -> PathEstimate:
     """One pose per half second, of the given status."""
     n = len(words)
     path = Trajectory(
-        t_ns=np.arange(n) * 500_000_000, p_frame_in_world=np.arange(3.0 * n).reshape(n, 3),
+        t_ns=np.arange(n) * 500_000_000,
+        p_frame_in_world=np.arange(3.0 * n).reshape(n, 3),
         q_world_frame=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         covariance=np.arange(n)[:, None, None] + np.arange(36.0).reshape(6, 6) if covariance else None,
-    )  # fmt: skip
+    )
     healthy = np.array([word != LOST for word in words])
     return PathEstimate(name="dvio", frame="head/imu", path=path, status=np.array(words), healthy=healthy)
 

@@ -26,9 +26,14 @@ S = 1_000_000_000
 
 def footprint(foot: str, t_s: float, mode: str = "LG") -> Footprint:
     return Footprint(
-        topic="/truth/footprints", t_ns=round(t_s * S), foot=foot, p_foot_in_world=np.zeros(3),
-        q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]), terrain="level", mode=mode,
-    )  # fmt: skip
+        topic="/truth/footprints",
+        t_ns=round(t_s * S),
+        foot=foot,
+        p_foot_in_world=np.zeros(3),
+        q_world_foot=np.array([1.0, 0.0, 0.0, 0.0]),
+        terrain="level",
+        mode=mode,
+    )
 
 
 def strides_at(times_s: list[float]) -> list[Stride]:

@@ -20,9 +20,7 @@ def walk(length=12.0):
     p = np.column_stack([length * t / 20, np.sin(t / 3), 0.2 * np.sin(t / 5)])
     v = np.column_stack([np.full_like(t, length / 20), np.cos(t / 3) / 3, 0.04 * np.cos(t / 5)])
     q = Rotation.from_euler("ZYX", np.column_stack([0.3 * np.sin(t / 4), 0.2 * t / 20, 0 * t + 0.1]))
-    return TruePath(
-        t_ns=T_NS, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q.as_quat(scalar_first=True)
-    )  # fmt: skip
+    return TruePath(t_ns=T_NS, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q.as_quat(scalar_first=True))
 
 
 def turned(path, yaw, shift, rotation=None):
@@ -121,9 +119,11 @@ def test_an_honest_covariance_has_nees_three_and_95_percent_within():
     error = rng.normal(size=(len(T_NS), 3)) @ half.T
     error[0] = 0
     estimate = Trajectory(
-        t_ns=T_NS, p_frame_in_world=path.p_frame_in_world + error, q_world_frame=path.q_world_frame,
+        t_ns=T_NS,
+        p_frame_in_world=path.p_frame_in_world + error,
+        q_world_frame=path.q_world_frame,
         covariance=covariance,
-    )  # fmt: skip
+    )
     moved = turned(estimate, 1.2, (3, 4, 5))
     scores = score(compare(moved, path))
     assert scores["nees_position_mean"] == pytest.approx(3, abs=0.3)
@@ -136,18 +136,18 @@ def test_estimates_that_cannot_be_scored_are_refused():
     bad = offset(path.poses, np.where(T_NS[:, None] == T_NS[7], np.nan, 0.0) * np.ones(3))
     with pytest.raises(RecordingError, match=r"not finite at t = 0\.140 s"):
         compare(bad, path)
-    late = Trajectory(
-        t_ns=T_NS + 10**12, p_frame_in_world=path.p_frame_in_world, q_world_frame=path.q_world_frame
-    )  # fmt: skip
+    late = Trajectory(t_ns=T_NS + 10**12, p_frame_in_world=path.p_frame_in_world, q_world_frame=path.q_world_frame)
     with pytest.raises(RecordingError, match=r"0 poses of the estimate lie within the truth's 0\.000-20\.000 s"):
         compare(late, path)
 
 
 def test_truth_must_be_a_finite_path():
     columns = {
-        "p_frame_in_world": np.zeros((2, 3)), "v_frame_in_world": np.zeros((2, 3)),
-        "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1)), "angular_rate": np.zeros((2, 3)),
-    }  # fmt: skip
+        "p_frame_in_world": np.zeros((2, 3)),
+        "v_frame_in_world": np.zeros((2, 3)),
+        "q_world_frame": np.tile([1.0, 0, 0, 0], (2, 1)),
+        "angular_rate": np.zeros((2, 3)),
+    }
     block = Block(topic="/truth/x/odometry", kind=Odometry, t_ns=np.array([0, 10**9]), columns=columns)
     TruePath.of(block)
     columns["p_frame_in_world"][1, 2] = np.inf

@@ -18,11 +18,18 @@ def step(i, *, mode="LG", estimated_mode="LG", seen=True, elevation=0.004, slope
     if not seen:
         return ScoredStep(mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0))
     return ScoredStep(
-        mode=mode, slope=0.0, elevation=0.0, place=(0.5 * i, 0.0, 0.0), estimated_mode=estimated_mode,
-        estimated_slope=slope, estimated_elevation=elevation,
-        estimated_place=(9.0 + 0.51 * i, 1.0, 0.0), slope_sd=0.01, elevation_sd=0.001,
+        mode=mode,
+        slope=0.0,
+        elevation=0.0,
+        place=(0.5 * i, 0.0, 0.0),
+        estimated_mode=estimated_mode,
+        estimated_slope=slope,
+        estimated_elevation=elevation,
+        estimated_place=(9.0 + 0.51 * i, 1.0, 0.0),
+        slope_sd=0.01,
+        elevation_sd=0.001,
         probability=0.9,
-    )  # fmt: skip
+    )
 
 
 def test_scores_count_missed_and_unknown_steps():

@@ -25,18 +25,31 @@ from tests.pinned import assert_pinned, columns
 
 def footprint(i, mode="LG", height=0.0, pitch=0.0):
     return Footprint(
-        topic="/truth/footprints", t_ns=i * 500_000_000, foot="lr"[i % 2],
+        topic="/truth/footprints",
+        t_ns=i * 500_000_000,
+        foot="lr"[i % 2],
         p_foot_in_world=np.array([0.5 * i, 0.0, height]),
-        q_world_foot=np.array([np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0]), terrain="level", mode=mode,
-    )  # fmt: skip
+        q_world_foot=np.array([np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0]),
+        terrain="level",
+        mode=mode,
+    )
 
 
 def estimate(i, place=None, **more):
     values = {
-        "t_ns": i * 500_000_000 + 300_000_000, "step": i, "foot": "lr"[i % 2], "slope": 0.01, "elevation": 0.002,
-        "slope_sd": 0.01, "elevation_sd": 0.004, "normal": np.array([0.0, 0, 1]), "covariance": np.eye(3),
-        "p_sole_in_world": np.array([0.5 * i, 0.0, 0.0]) if place is None else place, "mode": "LG", "probability": 0.9,
-    }  # fmt: skip
+        "t_ns": i * 500_000_000 + 300_000_000,
+        "step": i,
+        "foot": "lr"[i % 2],
+        "slope": 0.01,
+        "elevation": 0.002,
+        "slope_sd": 0.01,
+        "elevation_sd": 0.004,
+        "normal": np.array([0.0, 0, 1]),
+        "covariance": np.eye(3),
+        "p_sole_in_world": np.array([0.5 * i, 0.0, 0.0]) if place is None else place,
+        "mode": "LG",
+        "probability": 0.9,
+    }
     return StepEstimate(**(values | more))
 
 
@@ -122,12 +135,19 @@ def test_the_experiment_prints_its_figures_beside_the_papers():
     def steps(mode, elevation):
         return [
             ScoredStep(
-                mode=mode, slope=0.0, elevation=elevation, place=(0.3 * i, 0, 0), estimated_mode=mode,
-                estimated_slope=0.01 * i, estimated_elevation=elevation + 0.01,
-                estimated_place=(0.3 * i, 0, 0), slope_sd=0.02, elevation_sd=0.02,
+                mode=mode,
+                slope=0.0,
+                elevation=elevation,
+                place=(0.3 * i, 0, 0),
+                estimated_mode=mode,
+                estimated_slope=0.01 * i,
+                estimated_elevation=elevation + 0.01,
+                estimated_place=(0.3 * i, 0, 0),
+                slope_sd=0.02,
+                elevation_sd=0.02,
             ).row()
             for i in range(3)
-        ]  # fmt: skip
+        ]
 
     walks = {walk: {m: steps("LG", 0.0) for m in ("proposed", "published")} for walk, _ in shim_table5.CASES.values()}
     walks["shim_stairs"] = {m: steps("SA", 0.165) + steps("SD", -0.165) for m in ("proposed", "published")}
@@ -155,11 +175,15 @@ def test_pinned_numbers(num_regression):
     prints = [footprint(i, modes[i // 6 % 5], 0.1 * (i % 7), 0.05 * (i % 5)) for i in range(40)]
     estimates = [
         estimate(
-            i, prints[i].p_foot_in_world + rng.normal(0.0, 0.01, 3), slope=rng.normal(0.0, 0.05),
-            elevation=rng.normal(0.0, 0.05), mode=modes[i // 6 % 5] if i % 4 else modes[i % 5],
+            i,
+            prints[i].p_foot_in_world + rng.normal(0.0, 0.01, 3),
+            slope=rng.normal(0.0, 0.05),
+            elevation=rng.normal(0.0, 0.05),
+            mode=modes[i // 6 % 5] if i % 4 else modes[i % 5],
         )
-        for i in range(2, 40) if i % 9
-    ]  # fmt: skip
+        for i in range(2, 40)
+        if i % 9
+    ]
     steps = score_steps(prints, estimates)
     places = [place for mode in modes for place in displacement_errors(steps, mode)]
     rows = [

@@ -164,10 +164,14 @@ def _xyzw(folder):
 
 def test_the_true_changes_of_a_route():
     segments = (
-        Level(length_m=3), Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=False), Level(length_m=2),
-        Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=True), Level(length_m=3),
-        Ramp(angle_rad=0.2, rise_m=0.5, down=False), Level(length_m=3),
-    )  # fmt: skip
+        Level(length_m=3),
+        Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=False),
+        Level(length_m=2),
+        Stairs(risers=4, riser_m=0.15, tread_m=0.28, down=True),
+        Level(length_m=3),
+        Ramp(angle_rad=0.2, rise_m=0.5, down=False),
+        Level(length_m=3),
+    )
     up, down, ramp = true_changes(Terrain.from_route(Route(segments=segments)).layout.profile)
     assert (up.mode, up.risers, down.mode, ramp.mode) == ("SA", 4, "SD", "RA")
     assert (up.s, up.riser, up.tread) == pytest.approx((3.0, 0.15, 0.28))

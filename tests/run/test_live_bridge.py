@@ -242,9 +242,14 @@ def test_images_that_have_waited_are_skipped_on_request_and_recorded_all_the_sam
 
 def test_what_an_estimator_can_take():
     camera = CameraCalibration(
-        topic="/foot_l/camera", part="", rate_hz=30.0, mount=Mount(body="foot_l"), width=32, height=24,
+        topic="/foot_l/camera",
+        part="",
+        rate_hz=30.0,
+        mount=Mount(body="foot_l"),
+        width=32,
+        height=24,
         intrinsics=(30.0, 30.0, 15.5, 11.5),
-    )  # fmt: skip
+    )
     head = replace(camera, topic="/head/color", mount=Mount(body="head"), depth_topic="/head/depth")
     fit = InputCheck(
         {"/foot_l/camera": Image, "/head/color": Image, "/head/depth": Depth},

@@ -96,8 +96,11 @@ def test_nothing_is_left_to_compile(seen, estimator):
 
 def test_nothing_is_left_to_compile_of_shoes_that_see_each_other(tmp_path):
     config = TwinConfig(
-        name="shoes", route=Route(segments=(Level(length_m=0.5),)), gait=Gait(stand_s=0.5),
-        sensors=("foot_imu", "foot_camera", "sonar"), fittings={"foot_camera": SensorConfig(rate_hz=15.0)},
-    )  # fmt: skip
+        name="shoes",
+        route=Route(segments=(Level(length_m=0.5),)),
+        gait=Gait(stand_s=0.5),
+        sensors=("foot_imu", "foot_camera", "sonar"),
+        fittings={"foot_camera": SensorConfig(rate_hz=15.0)},
+    )
     record(Twin(config, 5), tmp_path / "walk.mcap", lambda *_: None)
     assert left_to_compile(tmp_path / "walk.mcap", "foot_to_foot") == []

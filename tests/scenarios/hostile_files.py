@@ -38,9 +38,14 @@ MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 
 DEEP = "[" * 100_000
 DEPTH = "16UC1; compressedDepth"
 YAMLS = {
-    "aliases": ALIASES, "merges": MERGES, "deep": DEEP, "itself": "a: &a [*a, *a]\n", "digits": "9" * 10_000 + "\n",
-    "date": "a: 2001-99-99\n", "values": "[" + "1," * 400_000 + "1]",
-}  # fmt: skip
+    "aliases": ALIASES,
+    "merges": MERGES,
+    "deep": DEEP,
+    "itself": "a: &a [*a, *a]\n",
+    "digits": "9" * 10_000 + "\n",
+    "date": "a: 2001-99-99\n",
+    "values": "[" + "1," * 400_000 + "1]",
+}
 
 
 def encoded(record):
@@ -59,10 +64,14 @@ def mcap(path, *parts):
 def chunk(data, size, compression, crc=0):
     return encoded(
         records.Chunk(
-            compression=compression, data=data, message_start_time=0, message_end_time=1, uncompressed_crc=crc,
+            compression=compression,
+            data=data,
+            message_start_time=0,
+            message_end_time=1,
+            uncompressed_crc=crc,
             uncompressed_size=size,
         )
-    )  # fmt: skip
+    )
 
 
 def zstd_zeros(size, head=b""):
@@ -168,11 +177,13 @@ def mcaps(folder):
     yield mcap(folder / "schemas.mcap", ours, packed(b"".join(types)))
     line = "=" * 80
     for name, text in {
-        "strings": "string[1000000000] x", "numbers": "float64[4000000000] x",
-        "nothing": f"Empty[] x\n{line}\nMSG: sensor_msgs/Empty\n", "itself": "Imu[] x",
+        "strings": "string[1000000000] x",
+        "numbers": "float64[4000000000] x",
+        "nothing": f"Empty[] x\n{line}\nMSG: sensor_msgs/Empty\n",
+        "itself": "Imu[] x",
         "levels": "A0 x\n" + "".join(f"{line}\nMSG: sensor_msgs/A{i}\nA{i + 1} y\nA{i + 1} z\n" for i in range(60)),
         "long": "\n".join(f"float64 a{i}" for i in range(100_000)),
-    }.items():  # fmt: skip
+    }.items():
         data = announced(imu, "/head/imu", text), packed(message(b"\0\1\0\0" + b"\xff" * 400))
         yield mcap(folder / f"type_{name}.mcap", ours, *data)
         yield mcap(folder / f"type_{name}_foreign.mcap", *data)
@@ -185,7 +196,7 @@ def mcaps(folder):
         ("/head/third", "sensor_msgs/msg/CompressedImage", compressed(bytes(12) + sized_png(40_000, 40_000), DEPTH)),
         ("/head/scans", "sensor_msgs/msg/CompressedImage", compressed(scanned_jpeg(4096, 4096), "jpeg")),
         ("/head/tiff", "sensor_msgs/msg/CompressedImage", compressed(b"II*\0\x08\0\0\0" + bytes(500), "tiff")),
-    ):  # fmt: skip
+    ):
         name = topic.strip("/").replace("/", "_")
         data = announced(typename, topic), packed(message(payload) + message(payload, 2))
         yield mcap(folder / f"payload_{name}.mcap", ours, *data)
@@ -308,9 +319,11 @@ def folders(folder, walk):
         (root / "imu0" / "sensor.yaml").write_text(text)
         yield root.parent
     images = {
-        "png": sized_png(60_000, 60_000), "jpeg": sized_jpeg(65_000, 65_000), "gif": b"GIF89a" + b"\xff" * 99,
+        "png": sized_png(60_000, 60_000),
+        "jpeg": sized_jpeg(65_000, 65_000),
+        "gif": b"GIF89a" + b"\xff" * 99,
         "scans": scanned_jpeg(4096, 4096),
-    }  # fmt: skip
+    }
     for name, data in images.items():
         place = folder / f"euroc_{name}"
         root = write_euroc(place, walk) / "mav0"

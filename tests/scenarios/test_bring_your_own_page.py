@@ -80,7 +80,7 @@ def mot(path):
         ("opensim", ("ground_force_r_", "ground_force_l_"), ("ground_torque_r_", "ground_torque_l_")),
         ("opensim_2392", ("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_")),
     ],
-)  # fmt: skip
+)
 def test_opensim_gets_where_the_ground_bears_whom(folder, outcomes, made, force, torque):
     force, torque = (dict(zip("rl", names)) for names in (force, torque))
     loads, head = mot(folder / made / "ground_reactions.mot")
@@ -112,11 +112,29 @@ def test_opensim_knees_bend_the_way_of_their_model(folder, outcomes):
     theirs, _ = mot(folder / "opensim_2392" / "motion.mot")
     assert head["inDegrees"] == "yes"
     names = (
-        "pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz", "lumbar_extension",
-        "lumbar_bending", "lumbar_rotation",
-        *(f"{j}_{s}" for s in "rl" for j in ("hip_flexion", "hip_adduction", "hip_rotation", "knee_angle",
-                                             "ankle_angle", "subtalar_angle", "mtp_angle")),
-    )  # fmt: skip
+        "pelvis_tilt",
+        "pelvis_list",
+        "pelvis_rotation",
+        "pelvis_tx",
+        "pelvis_ty",
+        "pelvis_tz",
+        "lumbar_extension",
+        "lumbar_bending",
+        "lumbar_rotation",
+        *(
+            f"{j}_{s}"
+            for s in "rl"
+            for j in (
+                "hip_flexion",
+                "hip_adduction",
+                "hip_rotation",
+                "knee_angle",
+                "ankle_angle",
+                "subtalar_angle",
+                "mtp_angle",
+            )
+        ),
+    )
     assert set(names) <= set(theirs)
     for side in "rl":
         assert ours[f"knee_angle_{side}"].max() > 50.0

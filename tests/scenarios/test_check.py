@@ -23,9 +23,15 @@ K = np.array([[200.0, 0, 79.5], [0, 200.0, 59.5], [0, 0, 1]])
 
 def imu_calibration(topic="/head/imu", rate=float(HZ), part="BMI055"):
     return ImuCalibration(
-        topic=topic, part=part, rate_hz=rate, mount=Mount(body="head"), gyroscope_noise_density=1e-3,
-        gyroscope_random_walk=2e-5, accelerometer_noise_density=1e-2, accelerometer_random_walk=3e-4,
-    )  # fmt: skip
+        topic=topic,
+        part=part,
+        rate_hz=rate,
+        mount=Mount(body="head"),
+        gyroscope_noise_density=1e-3,
+        gyroscope_random_walk=2e-5,
+        accelerometer_noise_density=1e-2,
+        accelerometer_random_walk=3e-4,
+    )
 
 
 def inertial(gyro=None, t_ns=None):
@@ -107,17 +113,22 @@ def rendered(shift_s, with_depth, hz=(5 / 2 / np.pi, 3.1 / 2 / np.pi, 4.3 / 2 / 
     return gyro, images
 
 
-def check_of(
-    tmp_path, gyro, images, *, with_depth=True, calibrated_s=0.0, turned=None, body="head", boards=None
-):  # fmt: skip
+def check_of(tmp_path, gyro, images, *, with_depth=True, calibrated_s=0.0, turned=None, body="head", boards=None):
     """Check of a camera whose mount is calibrated turned by a rotation from the true one."""
     T = np.eye(4)
     T[:3, :3] = np.eye(3) if turned is None else turned.as_matrix()
     camera = CameraCalibration(
-        topic="/head/color", part="", rate_hz=200 / 7, mount=Mount(body=body, T_body_sensor=T), width=160, height=120,
-        intrinsics=(200.0, 200.0, 79.5, 59.5), depth_topic="/head/depth" if with_depth else "", imu_topic="/head/imu",
+        topic="/head/color",
+        part="",
+        rate_hz=200 / 7,
+        mount=Mount(body=body, T_body_sensor=T),
+        width=160,
+        height=120,
+        intrinsics=(200.0, 200.0, 79.5, 59.5),
+        depth_topic="/head/depth" if with_depth else "",
+        imu_topic="/head/imu",
         timeshift_cam_imu_s=calibrated_s,
-    )  # fmt: skip
+    )
     imu = replace(imu_calibration(), mount=Mount(body=body))
     rig = Rig(imus={"/head/imu": imu}, cameras={camera.topic: camera}, boards=boards or {})
     return checked(tmp_path / "a.mcap", rig, inertial(gyro), *images, jpeg_quality=None)

@@ -29,9 +29,7 @@ def errors(true, nominal):
     mounts = [(true.back, nominal.back)]
     for side, leg in true.legs.items():
         mounts += [(leg.thigh, nominal.legs[side].thigh), (leg.foot, nominal.legs[side].foot)]
-    lengths = [
-        n.a - t.a for side, leg in true.legs.items() for t, n in zip(leg.rows, nominal.legs[side].rows)
-    ]  # fmt: skip
+    lengths = [n.a - t.a for side, leg in true.legs.items() for t, n in zip(leg.rows, nominal.legs[side].rows)]
     angles = [Rotation.from_matrix(n.R_frame_sensor @ t.R_frame_sensor.T).magnitude() for t, n in mounts]
     return np.array(angles), np.array(lengths)
 

@@ -97,10 +97,20 @@ YOURS = {"gate.yaml", "mine.yaml", "stairs.yaml", "walk.yaml"}
 """Files that a page says are the reader's own."""
 
 PLACES = {
-    "SENSOR": "foot_camera", "PROBLEM": "shoe_sight",
-    "SCENARIO": "level_20m", "CAMPAIGN": "stairs_and_ramps", "ESTIMATOR": "foot_ins", "NAME": "jao_simulation",
-    "KIND": "mcap", "F": "pelvis", "S": "mcap", "T": "/foot_l/imu", "FIRST": "7", "DIR": "runs", "PX": "64",
-} | dict.fromkeys(["N", "K", "M", "PCT", "MS"], "2")  # fmt: skip
+    "SENSOR": "foot_camera",
+    "PROBLEM": "shoe_sight",
+    "SCENARIO": "level_20m",
+    "CAMPAIGN": "stairs_and_ramps",
+    "ESTIMATOR": "foot_ins",
+    "NAME": "jao_simulation",
+    "KIND": "mcap",
+    "F": "pelvis",
+    "S": "mcap",
+    "T": "/foot_l/imu",
+    "FIRST": "7",
+    "DIR": "runs",
+    "PX": "64",
+} | dict.fromkeys(["N", "K", "M", "PCT", "MS"], "2")
 """Examples of what usages leave to the reader; all other words may be anything."""
 
 SHOWN = [(name(page), command) for page in PAGES for command in dict.fromkeys(fenced(page))]

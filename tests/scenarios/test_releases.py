@@ -70,9 +70,20 @@ def test_recordings_of_a_release_are_read_and_scored_as_then(release):
     assert recording.problems == []
     assert recording.unread == {}
     assert {info.kind.__name__ for info in recording.topics.values()} >= {
-        "Imu", "Insole", "Ahrs", "Encoder", "Interaction", "Actuator", "Range", "Odometry", "Joints", "Wrench", "Point",
-        "FootPhase", "Footprint",
-    }  # fmt: skip
+        "Imu",
+        "Insole",
+        "Ahrs",
+        "Encoder",
+        "Interaction",
+        "Actuator",
+        "Range",
+        "Odometry",
+        "Joints",
+        "Wrench",
+        "Point",
+        "FootPhase",
+        "Footprint",
+    }
     assert {"scenario", "seed", "physics", "terrain", "exoskeleton"} <= set(recording.metadata)
     assert len(list(recording.samples())) == sum(info.count for info in recording.topics.values())
     (estimate,) = FootIns.follow(recording, Options())

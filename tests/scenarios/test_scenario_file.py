@@ -164,36 +164,66 @@ def test_patterns_and_manners_of_walking(tmp_path):
         (lambda n: n.update(light=9), "light: invalid 9", "0.2-1.4"),
         (lambda n: n.update(gait={"speed_mps": float("nan")}), "gait.speed_mps: invalid nan", "0.05-2.1"),
         (lambda n: n.update(dynamics={"assist": True}), "physics: invalid 'kinematic'", "dynamic, as the scenario has"),
-        (lambda n: n.update(physics="dynamic", dynamics={"friction": 0.1}),
-         "dynamics.friction: invalid 0.1", "0.2-1.5"),
-        (lambda n: n.update(physics="dynamic", dynamics={"pushes": [{"left_n": 50}]}),
-         "dynamics.pushes[0].at_s: missing", "expected"),
+        (
+            lambda n: n.update(physics="dynamic", dynamics={"friction": 0.1}),
+            "dynamics.friction: invalid 0.1",
+            "0.2-1.5",
+        ),
+        (
+            lambda n: n.update(physics="dynamic", dynamics={"pushes": [{"left_n": 50}]}),
+            "dynamics.pushes[0].at_s: missing",
+            "expected",
+        ),
         (lambda n: n.update(ideal_sensors="yes"), "ideal_sensors: invalid 'yes'", "true, false"),
         (lambda n: n.update(description=" "), "description: invalid ' '", "text"),
         (lambda n: n.update(person={"sex": "m"}), "person.sex: invalid 'm'", "male, female"),
-        (lambda n: n["terrain"].insert(1, {"stairs": {"risers_mm": [100, 500], "direction": "up"}}),
-         "terrain[1].stairs.risers_mm[1]: invalid 500", "20-250"),
-        (lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90, "radius_m": 0.3}}), "radius_m: invalid 0.3",
-         "at least 1"),
-        (lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90}}), "terrain[2]: invalid 'stairs'",
-         "at least 0.5 m"),
-        (lambda n: n["terrain"].insert(1, {"ramp": {"angle_deg": 40, "rise_m": 1, "direction": "up"}}),
-         "terrain[1].ramp.angle_deg: invalid 40", "1-20"),
+        (
+            lambda n: n["terrain"].insert(1, {"stairs": {"risers_mm": [100, 500], "direction": "up"}}),
+            "terrain[1].stairs.risers_mm[1]: invalid 500",
+            "20-250",
+        ),
+        (
+            lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90, "radius_m": 0.3}}),
+            "radius_m: invalid 0.3",
+            "at least 1",
+        ),
+        (
+            lambda n: n["terrain"].insert(1, {"turn": {"angle_deg": 90}}),
+            "terrain[2]: invalid 'stairs'",
+            "at least 0.5 m",
+        ),
+        (
+            lambda n: n["terrain"].insert(1, {"ramp": {"angle_deg": 40, "rise_m": 1, "direction": "up"}}),
+            "terrain[1].ramp.angle_deg: invalid 40",
+            "1-20",
+        ),
         (lambda n: stairs(n).update(tread_mm=120), "terrain[1].stairs.tread_mm: invalid 120", "200-600"),
         (lambda n: n.update(width_m=0.6), "width_m: invalid 0.6", "1.2-10"),
         (lambda n: n.update(scenery="forest"), "scenery: invalid 'forest'", "outdoor, room"),
-        (lambda n: n["terrain"].insert(1, {"lanes": {"walk": 3, "lanes": [[{"level": {"length_m": 2}}]] * 2}}),
-         "terrain[1].lanes.walk: invalid 3", "1-2"),
-        (lambda n: n["terrain"].insert(1, {"level": {"length_m": 2, "cross_slope_deg": 9}}),
-         "terrain[1].level.cross_slope_deg: invalid 9", "-5 to 5"),
-        (lambda n: n["terrain"].append({"level": {"length_m": 2, "cross_slope_deg": 3}}),
-         "terrain[3].level.cross_slope_deg: invalid 3.0", "0 (a walk ends on level ground)"),
+        (
+            lambda n: n["terrain"].insert(1, {"lanes": {"walk": 3, "lanes": [[{"level": {"length_m": 2}}]] * 2}}),
+            "terrain[1].lanes.walk: invalid 3",
+            "1-2",
+        ),
+        (
+            lambda n: n["terrain"].insert(1, {"level": {"length_m": 2, "cross_slope_deg": 9}}),
+            "terrain[1].level.cross_slope_deg: invalid 9",
+            "-5 to 5",
+        ),
+        (
+            lambda n: n["terrain"].append({"level": {"length_m": 2, "cross_slope_deg": 3}}),
+            "terrain[3].level.cross_slope_deg: invalid 3.0",
+            "0 (a walk ends on level ground)",
+        ),
         (lambda n: stairs(n).update(turn_deg=300), "terrain[1].stairs.turn_deg: invalid 300", "-270 to 270"),
-        (lambda n: stairs(n).update(risers=6, turn_deg=90), "width_m: invalid 2.4",
-         "so that the treads of its winding stairs do not meet"),
+        (
+            lambda n: stairs(n).update(risers=6, turn_deg=90),
+            "width_m: invalid 2.4",
+            "so that the treads of its winding stairs do not meet",
+        ),
         (lambda n: n.update(terrian=1), "'terrian'", "did you mean 'terrain'?"),
     ],
-)  # fmt: skip
+)
 def test_an_error_names_file_key_value_and_what_is_valid(tmp_path, change, where, valid):
     path = written(tmp_path, change)
     with pytest.raises(ConfigError) as error:
@@ -218,11 +248,16 @@ def test_all_errors_of_a_file_are_reported_at_once(tmp_path):
     lines = str(error.value).splitlines()
     assert all(line.startswith(f"{path}: ") and len(line) < 600 for line in lines)
     wanted = (
-        "terrain[1].stairs.riser_mm: invalid 500", "terrain[1].stairs: invalid 'tread'",
+        "terrain[1].stairs.riser_mm: invalid 500",
+        "terrain[1].stairs: invalid 'tread'",
         "gait.speed_mps: invalid 'fast'",
-        "gait.gaze.yaw_deg: invalid 90", "sensors.sonar.rate_hz: invalid 0",
-        "faults[0].at_s: invalid -1", "faults[1].kind: invalid 'nam'", "invalid 'terrian'", "description: missing",
-    )  # fmt: skip
+        "gait.gaze.yaw_deg: invalid 90",
+        "sensors.sonar.rate_hz: invalid 0",
+        "faults[0].at_s: invalid -1",
+        "faults[1].kind: invalid 'nam'",
+        "invalid 'terrian'",
+        "description: missing",
+    )
     assert len(lines) == len(wanted)
     assert all(sum(line.startswith(f"{path}: {place}: expected") for line in lines) == 1 for place in wanted)
 

@@ -23,9 +23,7 @@ ROUTES = {
 }
 
 
-def make(
-    name: str, count: int = 2, seed: int = 3, sensors: tuple[str, ...] = (), physics: str = "kinematic"
-) -> Twin:  # fmt: skip
+def make(name: str, count: int = 2, seed: int = 3, sensors: tuple[str, ...] = (), physics: str = "kinematic") -> Twin:
     route = Route(segments=ROUTES[name], width_m=1.8, bystanders=count)
     return Twin(TwinConfig(name=name, route=route, sensors=sensors, physics=physics), seed)
 

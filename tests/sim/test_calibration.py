@@ -19,9 +19,13 @@ from stridetwin.streams.samples import Depth
 
 SD = CalibrationSd(rotation_rad=0.004, position_m=0.002, intrinsics=0.001, offset_s=0.001, depth_scale=0.005)
 CONFIG = TwinConfig(
-    name="few steps", route=Route(segments=(Level(length_m=2.0),), scenery="room"), gait=Gait(stand_s=0.5), exo=None,
-    sensors=("head_imu", "head_camera"), fittings={"head_camera": SensorConfig(calibration_sd=SD, rate_hz=1.0)},
-)  # fmt: skip
+    name="few steps",
+    route=Route(segments=(Level(length_m=2.0),), scenery="room"),
+    gait=Gait(stand_s=0.5),
+    exo=None,
+    sensors=("head_imu", "head_camera"),
+    fittings={"head_camera": SensorConfig(calibration_sd=SD, rate_hz=1.0)},
+)
 SEEDS = range(300)
 
 

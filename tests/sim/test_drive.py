@@ -18,9 +18,12 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Actuator, Block
 
 WALK = TwinConfig(
-    name="driven", route=Route(segments=(Level(length_m=4.0),)), sensors=("actuator",), physics="dynamic",
+    name="driven",
+    route=Route(segments=(Level(length_m=4.0),)),
+    sensors=("actuator",),
+    physics="dynamic",
     exo=Exo(mode=1, drive="assist"),
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +100,11 @@ def test_actuators_measure_torque_and_speed_of_the_motors(twin: Twin) -> None:
     assert isinstance(walk, SimulatedWalk)
     assert walk.fell_at is None
     sampled = [
-        b for group in twin.blocks() for b in group
+        b
+        for group in twin.blocks()
+        for b in group
         if isinstance(b, Block) and b.topic == "/exo/hip_l/actuator" and b.kind is Actuator
-    ]  # fmt: skip
+    ]
     command = np.concatenate([b.columns["torque_command"] for b in sampled])
     t = np.concatenate([b.t_ns for b in sampled]) * 1e-9
     names = walk.coordinates.names[6:]

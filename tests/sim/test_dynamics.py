@@ -31,17 +31,25 @@ jacobian, contact_forces = from_python(spatial.jacobian), from_python(whole_body
 eliminate, solve = from_python(whole_body_problem.eliminate), from_python(whole_body_problem.solve_control_step)
 
 STAIRS: tuple[Segment, ...] = (
-    Level(length_m=2.5), Stairs(risers=3), Level(length_m=2.0), Stairs(risers=3, down=True), Level(length_m=2.0),
-)  # fmt: skip
+    Level(length_m=2.5),
+    Stairs(risers=3),
+    Level(length_m=2.0),
+    Stairs(risers=3, down=True),
+    Level(length_m=2.0),
+)
 
 
 def make(
     segments: tuple[Segment, ...], seed: int = 7, dynamics: Dynamics | None = None, person: Person | None = None
 ) -> Twin:
     config = TwinConfig(
-        name="dynamic", route=Route(segments=segments), person=person or Person(), sensors=(), physics="dynamic",
+        name="dynamic",
+        route=Route(segments=segments),
+        person=person or Person(),
+        sensors=(),
+        physics="dynamic",
         dynamics=dynamics,
-    )  # fmt: skip
+    )
     return Twin(config, seed)
 
 
@@ -168,9 +176,14 @@ def test_control_step_obeys_the_equations_of_motion() -> None:
     tasks, aims = rng.normal(size=(4, n)), rng.normal(size=4)
     wanted, unaided = rng.normal(size=n), np.zeros(6)
     qacc, torque, push, rest = solve(
-        M, h, wanted, np.full(n, 0.1), Tasks(tasks, aims, np.ones(4)),
-        ContactPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))), unaided,
-    )  # fmt: skip
+        M,
+        h,
+        wanted,
+        np.full(n, 0.1),
+        Tasks(tasks, aims, np.ones(4)),
+        ContactPoints(contacts, edges, np.full(k, 1e-3), 1e-4, rng.uniform(0.0, 1.0, (k, 4))),
+        unaided,
+    )
     assert push.min() >= 0.0
     force = np.einsum("ke,kei->ki", push, edges).ravel()
     assert np.allclose(M @ qacc + h, np.r_[np.zeros(6), torque[6:]] + contacts.T @ force + np.r_[rest, np.zeros(n - 6)])
@@ -226,18 +239,34 @@ RIGHT_STANDS = np.array([np.nan, 0.0])
 
 
 def replanned(
-    shift: StepReplan, until: float, normal: Array, off: Array = IN_PLACE, floor: Array = RIGHT_STANDS,
-    misplaced: Array = IN_PLACE, pressing: tuple[bool, bool] = (False, True),
-) -> None:  # fmt: skip
+    shift: StepReplan,
+    until: float,
+    normal: Array,
+    off: Array = IN_PLACE,
+    floor: Array = RIGHT_STANDS,
+    misplaced: Array = IN_PLACE,
+    pressing: tuple[bool, bool] = (False, True),
+) -> None:
     """One control step on the right foot; the left one lands in `until` s, or should have landed."""
     R_sole, vec, points = np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), np.zeros((2, 8))
     R_sole[:, :, 2] = normal
     planned = PlannedFeet(
-        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]), touching=points > 0.0, force_weight=points,
-        R_sole=R_sole, p_sole=vec, swinging=np.array([until > 0.0, False]), until_landing=np.array([until, 0.0]),
-        R_way=np.eye(2), near_edge=np.zeros(2, dtype=bool), p_foot=vec, v_foot=vec, a_foot=vec, R_foot=R_sole,
-        w_foot=vec, dw_foot=vec,
-    )  # fmt: skip
+        share=np.array([0.0, 1.0] if until > 0.0 else [0.5, 0.5]),
+        touching=points > 0.0,
+        force_weight=points,
+        R_sole=R_sole,
+        p_sole=vec,
+        swinging=np.array([until > 0.0, False]),
+        until_landing=np.array([until, 0.0]),
+        R_way=np.eye(2),
+        near_edge=np.zeros(2, dtype=bool),
+        p_foot=vec,
+        v_foot=vec,
+        a_foot=vec,
+        R_foot=R_sole,
+        w_foot=vec,
+        dw_foot=vec,
+    )
     advance_shifts(shift, 0.002, planned, off, floor, np.array(pressing), misplaced)
 
 
@@ -309,8 +338,9 @@ def test_a_pushed_walker_puts_the_foot_elsewhere_and_walks_on() -> None:
     assert twin.fell_at is None
     moved = [
         np.linalg.norm(one.p_foot_in_world - other.p_foot_in_world)
-        for side in "lr" for one, other in zip(calm.steps[side], walk.steps[side], strict=True)
-    ]  # fmt: skip
+        for side in "lr"
+        for one, other in zip(calm.steps[side], walk.steps[side], strict=True)
+    ]
     assert max(moved) > 0.02
     assert np.abs(walk.torque[:, :6]).max() == 0.0
 

@@ -61,13 +61,20 @@ ANGLES = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(
 ROUTES: dict[str, tuple[Segment, ...]] = {
     "level": (Level(length_m=4.0),),
     "stairs": (
-        Level(length_m=2.0), Stairs(risers=3), Level(length_m=1.5), Stairs(risers=3, down=True), Level(length_m=1.5),
+        Level(length_m=2.0),
+        Stairs(risers=3),
+        Level(length_m=1.5),
+        Stairs(risers=3, down=True),
+        Level(length_m=1.5),
     ),
     "ramp_14": (
-        Level(length_m=2.0), Ramp(angle_rad=np.radians(14), rise_m=0.5), Level(length_m=1.5),
-        Ramp(angle_rad=np.radians(14), rise_m=0.5, down=True), Level(length_m=2.0),
+        Level(length_m=2.0),
+        Ramp(angle_rad=np.radians(14), rise_m=0.5),
+        Level(length_m=1.5),
+        Ramp(angle_rad=np.radians(14), rise_m=0.5, down=True),
+        Level(length_m=2.0),
     ),
-}  # fmt: skip
+}
 
 
 def model_of(person: Person, exo: Exo | None) -> mujoco.MjModel:
@@ -158,9 +165,13 @@ def test_axes_of_abduction_and_flexion_meet_in_the_hip(person: Person) -> None:
 def test_joints_but_the_ankle_stop_where_the_paper_says() -> None:
     rom = {name: row["exo"] for name, row in PAPER["joint_rom_deg"].items()}
     up, down = zip(
-        rom["hip_adduction_abduction"], rom["hip_medial_lateral_rotation"], rom["hip_flexion_extension"],
-        rom["knee_extension_flexion"][::-1], rom["ankle_dorsi_plantar_flexion"], rom["ankle_inversion_eversion"],
-    )  # fmt: skip
+        rom["hip_adduction_abduction"],
+        rom["hip_medial_lateral_rotation"],
+        rom["hip_flexion_extension"],
+        rom["knee_extension_flexion"][::-1],
+        rom["ankle_dorsi_plantar_flexion"],
+        rom["ankle_inversion_eversion"],
+    )
     theirs = np.column_stack([-np.array(down), up])
     theirs[4] = -50.0, 45.0  # beyond the wearer's own range, where theirs lies within it
     np.testing.assert_allclose(np.degrees(RANGE_RAD), theirs)
@@ -321,9 +332,11 @@ def test_compiled_stops_are_the_stops() -> None:
 
 def moving(rng: np.random.Generator) -> BodyState:
     return BodyState(
-        p=rng.normal(0, 0.05, 3), R=Rotation.from_rotvec(rng.normal(0, 0.2, 3)).as_matrix(), v=rng.normal(0, 1, 3),
+        p=rng.normal(0, 0.05, 3),
+        R=Rotation.from_rotvec(rng.normal(0, 0.2, 3)).as_matrix(),
+        v=rng.normal(0, 1, 3),
         w=rng.normal(0, 1, 3),
-    )  # fmt: skip
+    )
 
 
 def energy(c: Coupling, exo: tuple[Array, Array], body: tuple[Array, Array]) -> float:

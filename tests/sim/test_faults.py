@@ -42,9 +42,15 @@ KNEE, BACK = "/exo/knee_l/encoder", "/exo/back/ahrs"
 
 def _imu(topic: str, part: str, body: str) -> ImuCalibration:
     return ImuCalibration(
-        topic=topic, part=part, rate_hz=RATE_HZ, mount=Mount(body=body), gyroscope_noise_density=1e-4,
-        gyroscope_random_walk=0.0, accelerometer_noise_density=1e-3, accelerometer_random_walk=0.0,
-    )  # fmt: skip
+        topic=topic,
+        part=part,
+        rate_hz=RATE_HZ,
+        mount=Mount(body=body),
+        gyroscope_noise_density=1e-4,
+        gyroscope_random_walk=0.0,
+        accelerometer_noise_density=1e-3,
+        accelerometer_random_walk=0.0,
+    )
 
 
 RIG = Rig(
@@ -336,9 +342,13 @@ def test_a_passer_by_covers_the_share_in_colour_and_depth_and_moves() -> None:
 def test_a_floor_that_mirrors_loses_depth_or_shows_the_ceiling() -> None:
     down = np.array([0.0, 1.0, 0.0, 0.0])  # the optical axis points down: x forward, y right
     eye = Odometry(
-        topic="/truth/head/imu/odometry", t_ns=0, p_frame_in_world=np.array([0.0, 0, 1.5]), q_world_frame=down,
-        v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
-    )  # fmt: skip
+        topic="/truth/head/imu/odometry",
+        t_ns=0,
+        p_frame_in_world=np.array([0.0, 0, 1.5]),
+        q_world_frame=down,
+        v_frame_in_world=np.zeros(3),
+        angular_rate=np.zeros(3),
+    )
     fault = MirrorFloor(topic=DEPTH, at_s=0, holes=0.3, mirrored=0.2)
     first, _, depth = replayed([eye, *frames(1, 1.5)], fault)
     assert first is eye

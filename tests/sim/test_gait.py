@@ -23,23 +23,36 @@ from stridetwin.streams.way import Way
 ROUTES: dict[str, tuple[Segment, ...]] = {
     "level": (Level(length_m=6.0),),
     "stairs": (
-        Level(length_m=2.5), Stairs(risers=4), Level(length_m=2.0), Stairs(risers=4, down=True), Level(length_m=2.0),
+        Level(length_m=2.5),
+        Stairs(risers=4),
+        Level(length_m=2.0),
+        Stairs(risers=4, down=True),
+        Level(length_m=2.0),
     ),
     "winding": (
-        Level(length_m=2.5), Stairs(risers=6, tread_m=0.28, turn_rad=np.radians(90.0)), Level(length_m=2.0),
-        Stairs(risers=8, tread_m=0.26, down=True, turn_rad=np.radians(-150.0)), Level(length_m=2.0),
+        Level(length_m=2.5),
+        Stairs(risers=6, tread_m=0.28, turn_rad=np.radians(90.0)),
+        Level(length_m=2.0),
+        Stairs(risers=8, tread_m=0.26, down=True, turn_rad=np.radians(-150.0)),
+        Level(length_m=2.0),
     ),
     "ramp": (
-        Level(length_m=2.5), Ramp(angle_rad=np.radians(8.5), rise_m=0.4), Level(length_m=2.0),
-        Ramp(angle_rad=np.radians(8.5), rise_m=0.4, down=True), Level(length_m=2.5),
+        Level(length_m=2.5),
+        Ramp(angle_rad=np.radians(8.5), rise_m=0.4),
+        Level(length_m=2.0),
+        Ramp(angle_rad=np.radians(8.5), rise_m=0.4, down=True),
+        Level(length_m=2.5),
     ),
     "arc": (Level(length_m=2.0), Turn(angle_rad=np.radians(-200.0), radius_m=1.5), Level(length_m=1.5)),
     "spot": (
-        Level(length_m=1.5), Turn(angle_rad=np.radians(90.0), radius_m=0.0), Level(length_m=1.5),
-        Turn(angle_rad=np.radians(-180.0), radius_m=0.0), Level(length_m=1.5),
+        Level(length_m=1.5),
+        Turn(angle_rad=np.radians(90.0), radius_m=0.0),
+        Level(length_m=1.5),
+        Turn(angle_rad=np.radians(-180.0), radius_m=0.0),
+        Level(length_m=1.5),
     ),
     "aslant": (Level(length_m=1.5), Level(length_m=3.0, cross_slope_rad=np.radians(5.0)), Level(length_m=1.5)),
-}  # fmt: skip
+}
 
 
 def make(name: str, seed: int = 7, person: Person | None = None, gait_of: Gait | None = None) -> Twin:
@@ -118,9 +131,10 @@ def test_soles_lie_wholly_on_one_tread(twin: Twin) -> None:
 
 
 def test_feet_turn_with_the_way_in_steps_that_people_make(twin: Twin) -> None:
-    way, steps = twin.terrain.layout.way, sorted(
-        (s for own in twin.reference.steps.values() for s in own), key=lambda s: s.t_touch
-    )  # fmt: skip
+    way, steps = (
+        twin.terrain.layout.way,
+        sorted((s for own in twin.reference.steps.values() for s in own), key=lambda s: s.t_touch),
+    )
     turns = np.abs(np.diff([s.heading for s in steps]))
     assert np.degrees(turns.max()) < 45.0
     for step in steps:

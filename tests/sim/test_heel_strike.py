@@ -116,8 +116,9 @@ def test_strikes_are_felt_beyond_8_g_at_1_khz(twin: Twin) -> None:
     force = np.linalg.norm(block.columns["specific_force"], axis=1)
     peaks = [
         force[round(1000 * s.t_touch) : round(1000 * s.t_touch) + 80].max() / 9.81
-        for s in twin.walk.steps["l"] if 0.0 < s.t_touch < twin.duration_s - 2.0
-    ]  # fmt: skip
+        for s in twin.walk.steps["l"]
+        if 0.0 < s.t_touch < twin.duration_s - 2.0
+    ]
     assert np.median(peaks) > 8.0
     assert max(peaks) < 60.0
     assert np.std(peaks) > 0.3  # no two strikes are alike
@@ -129,8 +130,9 @@ def test_a_shoe_in_stance_is_not_perfectly_still(twin: Twin) -> None:
     speed, t = np.linalg.norm(sensor.v_body_in_world, axis=1), sensor.t_ns * 1e-9
     slowest = [
         speed[(t > s.t_touch + 0.15) & (t < s.t_off - 0.15)].min()
-        for s in twin.walk.steps["l"] if 0.0 < s.t_touch < twin.duration_s - 2.0
-    ]  # fmt: skip
+        for s in twin.walk.steps["l"]
+        if 0.0 < s.t_touch < twin.duration_s - 2.0
+    ]
     assert 1e-3 < np.median(slowest) < 25e-3
 
 
@@ -152,14 +154,18 @@ def test_camera_and_board_ride_on_the_same_upper(twin: Twin) -> None:
 
 
 def test_insoles_lie_under_the_foot_and_not_on_the_upper() -> None:
-    walk = TwinConfig(
-        name="loads", route=Route(segments=(Level(length_m=1.2),)), sensors=("insole",), exo=None
-    )  # fmt: skip
+    walk = TwinConfig(name="loads", route=Route(segments=(Level(length_m=1.2),)), sensors=("insole",), exo=None)
     forces = [
-        np.concatenate([b.columns["force"] for blocks in Twin(replace(walk, shock=shock), 3).blocks() for b in blocks
-                        if isinstance(b, Block) and b.topic == "/foot_l/insole"])
+        np.concatenate(
+            [
+                b.columns["force"]
+                for blocks in Twin(replace(walk, shock=shock), 3).blocks()
+                for b in blocks
+                if isinstance(b, Block) and b.topic == "/foot_l/insole"
+            ]
+        )
         for shock in (True, False)
-    ]  # fmt: skip
+    ]
     np.testing.assert_array_equal(*forces)
 
 

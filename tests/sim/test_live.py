@@ -18,18 +18,23 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Actuator, Block
 
 WALK = TwinConfig(
-    name="live", route=Route(segments=(Level(length_m=1.2),)), sensors=("insole", "encoder", "ahrs", "actuator"),
-    physics="dynamic", exo=Exo(mode=1), shock=False,
-)  # fmt: skip
+    name="live",
+    route=Route(segments=(Level(length_m=1.2),)),
+    sensors=("insole", "encoder", "ahrs", "actuator"),
+    physics="dynamic",
+    exo=Exo(mode=1),
+    shock=False,
+)
 
 
 def test_what_arrives_live_is_what_a_recording_holds() -> None:
     recorded = {
         (sample.topic, sample.t_ns): sample
         for blocks in Twin(WALK, 3).blocks()
-        for block in blocks if isinstance(block, Block) and not block.topic.startswith("/truth")
+        for block in blocks
+        if isinstance(block, Block) and not block.topic.startswith("/truth")
         for sample in block
-    }  # fmt: skip
+    }
     delivered, at = 0, 0.0
     with LiveTwin(Twin(WALK, 3)) as live:
         while not live.simulation.is_over:
@@ -49,16 +54,18 @@ def test_an_imu_of_narrow_bandwidth_waits_for_the_motion_that_it_needs() -> None
     standard = load_part("ADIS16485")
     assert isinstance(standard, ImuPart)
     slow = replace(
-        standard, gyroscope=replace(standard.gyroscope, bandwidth_hz=20.0),
+        standard,
+        gyroscope=replace(standard.gyroscope, bandwidth_hz=20.0),
         accelerometer=replace(standard.accelerometer, bandwidth_hz=20.0),
-    )  # fmt: skip
+    )
     walk = replace(WALK, sensors=("foot_imu",), exo=None, fittings={"foot_imu": SensorConfig(part=slow)})
     held = {
         (sample.topic, sample.t_ns): sample
         for blocks in Twin(walk, 3).blocks()
-        for block in blocks if isinstance(block, Block) and block.topic == "/foot_l/imu"
+        for block in blocks
+        if isinstance(block, Block) and block.topic == "/foot_l/imu"
         for sample in block
-    }  # fmt: skip
+    }
     with LiveTwin(Twin(walk, 3)) as live:
         delivered = [s for k in range(1, 50) for s in live.advance(0.05 * k) if s.topic == "/foot_l/imu"]
     assert len(delivered) > 200

@@ -22,10 +22,14 @@ GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator", "insole")
 
 def walked(model, physics, length_m):
     config = TwinConfig(
-        name="own", route=Route(segments=(Level(length_m=length_m),)), physics=physics, sensors=GROUPS,
-        gait=Gait(stand_s=0.5), exo=Exo(own=read_own_exo(model, RIG)),
+        name="own",
+        route=Route(segments=(Level(length_m=length_m),)),
+        physics=physics,
+        sensors=GROUPS,
+        gait=Gait(stand_s=0.5),
+        exo=Exo(own=read_own_exo(model, RIG)),
         dynamics=Dynamics() if physics == "dynamic" else None,
-    )  # fmt: skip
+    )
     twin, columns = Twin(config, seed=1), {}
     for blocks in twin.blocks():
         for block in blocks:
@@ -286,9 +290,11 @@ def test_cuffs_that_do_not_hold_it_are_refused(tmp_path, old, new, said):
     text = RIG.read_text()
     (tmp_path / "rig.yaml").write_text(text.replace(*old).replace(*new))
     config = TwinConfig(
-        name="own", route=Route(segments=(Level(length_m=1.0),)), sensors=(),
+        name="own",
+        route=Route(segments=(Level(length_m=1.0),)),
+        sensors=(),
         exo=Exo(own=read_own_exo(MODEL, tmp_path / "rig.yaml")),
-    )  # fmt: skip
+    )
     with pytest.raises(ConfigError, match=said):
         Twin(config, 1)
 
@@ -297,9 +303,11 @@ def test_drive_needs_both_hips(tmp_path):
     text = RIG.read_text()
     (tmp_path / "rig.yaml").write_text(text.replace("  hip_l: {torque_max_nm: 40, speed_max_radps: 7}\n", ""))
     config = TwinConfig(
-        name="own", route=Route(segments=(Level(length_m=1.0),)), physics="dynamic",
+        name="own",
+        route=Route(segments=(Level(length_m=1.0),)),
+        physics="dynamic",
         exo=Exo(drive="assist", own=read_own_exo(MODEL, tmp_path / "rig.yaml")),
-    )  # fmt: skip
+    )
     with pytest.raises(ConfigError, match=r"motors\.hip_l"):
         Twin(config, 1)
 

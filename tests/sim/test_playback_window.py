@@ -98,9 +98,12 @@ def display():
 def test_window_plays_pauses_jumps_and_looks_through_cameras(display):
     environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "WAYLAND_DISPLAY")}
     done = subprocess.run(
-        [sys.executable, "-c", WINDOW], env=environment | {"DISPLAY": display}, capture_output=True, text=True,
+        [sys.executable, "-c", WINDOW],
+        env=environment | {"DISPLAY": display},
+        capture_output=True,
+        text=True,
         timeout=240,
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     seen = json.loads(done.stdout.splitlines()[-1])
     assert seen == dict.fromkeys(("moves", "pauses", "follows", "through a camera", "jumps"), True)

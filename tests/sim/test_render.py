@@ -138,8 +138,17 @@ def test_the_painted_sky_is_that_of_mujoco(world, pitch, roll):
         painted, depth = view.frame(data, T, intrinsics)
         film.update(data, mujoco.MjvCamera())
         for ours, theirs in zip(view.scene.camera, film.scene.camera):
-            for name in ("pos", "forward", "up", "frustum_center", "frustum_width", "frustum_bottom", "frustum_top",
-                         "frustum_near", "frustum_far"):  # fmt: skip
+            for name in (
+                "pos",
+                "forward",
+                "up",
+                "frustum_center",
+                "frustum_width",
+                "frustum_bottom",
+                "frustum_top",
+                "frustum_near",
+                "frustum_far",
+            ):
                 setattr(theirs, name, getattr(ours, name))
         drawn = np.empty_like(painted)
         film.draw(drawn, None)

@@ -136,10 +136,16 @@ def test_a_rolling_shutter_leans_what_moves_sideways():
 @pytest.mark.parametrize("model", ["radtan", "equidistant"])
 def test_a_distorted_image_is_where_the_calibration_says(model):
     calibration = CameraCalibration(
-        topic="/c", part="", rate_hz=1.0, mount=Mount(body="b"), width=320, height=240,
-        intrinsics=(200.0, 200.0, 159.5, 119.5), distortion_model=model,
+        topic="/c",
+        part="",
+        rate_hz=1.0,
+        mount=Mount(body="b"),
+        width=320,
+        height=240,
+        intrinsics=(200.0, 200.0, 159.5, 119.5),
+        distortion_model=model,
         distortion=(-0.25, 0.06, 0.001, -0.002) if model == "radtan" else (0.02, -0.01, 0.0, 0.0),
-    )  # fmt: skip
+    )
     lens = RenderedLens(calibration)
     point = np.array([[[0.45, -0.3, 1.0]]])
     fu, fv, pu, pv = lens.intrinsics

@@ -25,7 +25,7 @@ PART = ImuPart(
     accelerometer=Accelerometer(
         noise_density=2e-3, bias_instability=0, turn_on_bias=0.05, range=np.inf, bandwidth_hz=np.inf
     ),
-)  # fmt: skip
+)
 
 
 class ImuModel(imu_model.ImuModel):
@@ -233,10 +233,12 @@ def test_the_bandwidth_is_where_a_part_feels_0_7_of_a_vibration_and_its_delay_is
     def gain_and_delay(hz):
         w = 2 * np.pi * hz
         track = Track(
-            t_ns=np.round(t * 1e9).astype(np.int64), p_body_in_world=zero, v_body_in_world=zero,
+            t_ns=np.round(t * 1e9).astype(np.int64),
+            p_body_in_world=zero,
+            v_body_in_world=zero,
             q_world_body=Rotation.from_euler("x", -0.1 / w * np.cos(w * t)[:, None]).as_quat(scalar_first=True),
             w_body=np.column_stack([0.1 * np.sin(w * t), zero[:, :2]]),
-        )  # fmt: skip
+        )
         fresh = imu_model.ImuModel(imu(rate_hz=rate_hz), replace(limited(bandwidth_hz=cut_hz), rate_hz=rate_hz), STILL)
         measured = fresh.read(track, t_ns).columns["angular_rate"][250:, 0]
         middle = t_ns[250:] * 1e-9 - 0.5 / rate_hz  # of the interval that a sample is the mean of

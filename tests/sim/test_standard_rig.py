@@ -13,10 +13,13 @@ from stridetwin.streams.errors import ConfigError
 CONFIG = TwinConfig(name="walk", route=Route(segments=(Level(length_m=3.0),)))
 RIG = standard_rig(CONFIG)
 BODIES = {
-    "pelvis", "torso", "head", "exo_back",
+    "pelvis",
+    "torso",
+    "head",
+    "exo_back",
     *(f"{b}_{s}" for s in "lr" for b in ("thigh", "shank", "foot", "toe")),
     *(f"exo_{b}_{s}" for s in "lr" for b in ("thigh", "shank", "foot")),
-}  # fmt: skip
+}
 MIRROR = np.diag([1.0, -1.0, 1.0])
 
 

@@ -120,7 +120,7 @@ def test_edges_are_rounded(down, risers):
     sharp = replace(stairs, edge_radius_m=0.0)
     rounded, plain = (
         Terrain.from_route(Route(segments=(Level(length_m=2.0), one, Level(length_m=2.0)))) for one in (stairs, sharp)
-    )  # fmt: skip
+    )
     assert rounded.profile == plain.profile
     x = np.arange(-1.5, 4.5, 1e-3) + 5e-4
     xy = np.column_stack([x, np.zeros(len(x))])
@@ -329,9 +329,7 @@ def test_things_lie_flat_or_stand_clear_of_the_walker():
         return Thing(kind=kind, at_m=at_m, left_m=left_m)
 
     things = (thing("stripe", 1.0), thing("shadow", 2.0), thing("table", 3.45), thing("table", 0.5, 1.2))
-    plain, full = (
-        Terrain.from_route(Route(segments=(Level(length_m=3.0),), things=some)) for some in ((), things)
-    )  # fmt: skip
+    plain, full = (Terrain.from_route(Route(segments=(Level(length_m=3.0),), things=some)) for some in ((), things))
     way = np.column_stack([np.linspace(0.0, 4.9, 50), np.zeros(50)])
     np.testing.assert_array_equal(plain.height(way), full.height(way))  # nothing of it is ground
     boards = [m.box for m in full.landmarks if m.material == "wood" and m.box.bottom > 0.6]

@@ -18,24 +18,39 @@ from tests.pinned import SAME_RATES, assert_pinned, columns
 
 EVERY_NS = 500_000_000
 STAIRS: tuple[Segment, ...] = (
-    Level(length_m=2.5), Stairs(risers=4, riser_m=0.19), Level(length_m=1.5), Stairs(risers=3, down=True),
+    Level(length_m=2.5),
+    Stairs(risers=4, riser_m=0.19),
     Level(length_m=1.5),
-)  # fmt: skip
+    Stairs(risers=3, down=True),
+    Level(length_m=1.5),
+)
 WALKS: dict[str, tuple[tuple[Segment, ...], Gait]] = {
     "stairs": (STAIRS, Gait()),
     "step_by_step": (STAIRS, Gait(speed_mps=0.7, stairs="step_by_step", leading_foot="l")),
     "two_at_a_time": (STAIRS, Gait(stairs="two_at_a_time")),
     "deep_stairs": ((Level(length_m=2.0), Stairs(risers=3, tread_m=0.9), Level(length_m=2.0)), Gait()),
     "steep_ramps": (
-        (Level(length_m=2.0), Ramp(angle_rad=0.2, rise_m=0.4), Ramp(angle_rad=0.08, rise_m=0.2, down=True),
-         Level(length_m=2.0, cross_slope_rad=0.05), Level(length_m=1.0)),
+        (
+            Level(length_m=2.0),
+            Ramp(angle_rad=0.2, rise_m=0.4),
+            Ramp(angle_rad=0.08, rise_m=0.2, down=True),
+            Level(length_m=2.0, cross_slope_rad=0.05),
+            Level(length_m=1.0),
+        ),
         Gait(asymmetry=0.1),
     ),
-    "turns": ((Level(length_m=2.0), Turn(angle_rad=1.6, radius_m=1.0), Turn(angle_rad=-1.0, radius_m=0.0),
-               Level(length_m=2.0)), Gait.of_pattern("jog")),
+    "turns": (
+        (
+            Level(length_m=2.0),
+            Turn(angle_rad=1.6, radius_m=1.0),
+            Turn(angle_rad=-1.0, radius_m=0.0),
+            Level(length_m=2.0),
+        ),
+        Gait.of_pattern("jog"),
+    ),
     "wander": ((Level(length_m=9.0),), Gait.of_pattern("wander")),
     "shuffle": ((Level(length_m=2.0), Stairs(risers=1, riser_m=0.03), Level(length_m=2.0)), Gait(shuffle=0.8)),
-}  # fmt: skip
+}
 
 
 def twin_of(segments: tuple[Segment, ...], gait: Gait) -> Twin:

@@ -119,11 +119,14 @@ def test_uneven_risers_are_as_high_as_asked():
 def test_lanes_lie_side_by_side_and_the_way_crosses_over_on_the_landing():
     route = Route(
         segments=(
-            Level(length_m=2.0), Lanes(lanes=LANES, walk=1), Level(length_m=3.4), Lanes(lanes=LANES, walk=2),
+            Level(length_m=2.0),
+            Lanes(lanes=LANES, walk=1),
+            Level(length_m=3.4),
+            Lanes(lanes=LANES, walk=2),
             Level(length_m=2.0),
         ),
         width_m=1.6,
-    )  # fmt: skip
+    )
     terrain = Terrain.from_route(route)
     plan_length = 0.6 / math.tan(0.2)
     x = 2.0 + plan_length / 2  # the stair is over and padded, the ramp is half way up
@@ -136,8 +139,10 @@ def test_lanes_lie_side_by_side_and_the_way_crosses_over_on_the_landing():
     assert terrain.profile[-1].z1 == pytest.approx(1.2)
     s = np.linspace(0.0, terrain.profile[-1].s1 - 2.0, 400)
     points = terrain.layout.way.point(s)
-    on_strip = [any(p.s0 <= v <= p.s1 and abs(p.height(v, 0.0) - z) < 1e-6 for p in terrain.profile)
-                for v, z in zip(s, terrain.height(points))]  # fmt: skip
+    on_strip = [
+        any(p.s0 <= v <= p.s1 and abs(p.height(v, 0.0) - z) < 1e-6 for p in terrain.profile)
+        for v, z in zip(s, terrain.height(points))
+    ]
     assert all(on_strip)
 
 
@@ -153,15 +158,33 @@ def test_lanes_lie_side_by_side_and_the_way_crosses_over_on_the_landing():
         ((Level(length_m=3), Stairs(risers=2, riser_m=(0.1, 0.5))), "segments[1].riser_m", "0.25"),
         ((Level(length_m=3), Lanes(lanes=LANES, walk=3)), "segments[1].walk", "0-2"),
         ((Level(length_m=3), Lanes(lanes=LANES, walk=0), STAIR), "segments[2]", "a level"),
-        ((Level(length_m=3), Lanes(lanes=LANES, walk=0), Level(length_m=2), Lanes(lanes=LANES, walk=2)),
-         "segments[2].length_m", "to cross over"),
-        ((Level(length_m=8), STAIR, Level(length_m=3), Turn(angle_rad=math.pi, radius_m=0), Level(length_m=8)),
-         "segments[4]", "at another height"),
-        ((Level(length_m=4), Turn(angle_rad=math.pi / 2), Level(length_m=2), Turn(angle_rad=math.pi / 2),
-          Level(length_m=1), RAMP, Level(length_m=1), Turn(angle_rad=math.pi / 2, radius_m=1.0), Level(length_m=9)),
-         "segments[8]", "at another height"),
+        (
+            (Level(length_m=3), Lanes(lanes=LANES, walk=0), Level(length_m=2), Lanes(lanes=LANES, walk=2)),
+            "segments[2].length_m",
+            "to cross over",
+        ),
+        (
+            (Level(length_m=8), STAIR, Level(length_m=3), Turn(angle_rad=math.pi, radius_m=0), Level(length_m=8)),
+            "segments[4]",
+            "at another height",
+        ),
+        (
+            (
+                Level(length_m=4),
+                Turn(angle_rad=math.pi / 2),
+                Level(length_m=2),
+                Turn(angle_rad=math.pi / 2),
+                Level(length_m=1),
+                RAMP,
+                Level(length_m=1),
+                Turn(angle_rad=math.pi / 2, radius_m=1.0),
+                Level(length_m=9),
+            ),
+            "segments[8]",
+            "at another height",
+        ),
     ],
-)  # fmt: skip
+)
 def test_routes_that_cannot_be_are_refused_with_what_can(segments, field, words):
     with pytest.raises(ConfigError) as caught:
         lay_out(Route(segments=segments))
@@ -179,9 +202,10 @@ def test_a_route_may_meet_itself_at_one_height():
 
 def test_a_room_has_walls_and_furniture_beside_the_way():
     route = Route(
-        segments=(Level(length_m=4.0), Turn(angle_rad=-math.pi / 2, radius_m=0.0), Level(length_m=3.0)), width_m=1.2,
+        segments=(Level(length_m=4.0), Turn(angle_rad=-math.pi / 2, radius_m=0.0), Level(length_m=3.0)),
+        width_m=1.2,
         scenery="room",
-    )  # fmt: skip
+    )
     terrain = Terrain.from_route(route)
     walls = [m for m in terrain.landmarks if m.material == "plaster"]
     assert len(walls) == 4

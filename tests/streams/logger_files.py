@@ -126,8 +126,11 @@ ONE: dict[str, tuple[Callable[[Path], Path], TableRequest]] = {
     "Sensor Logger": (sensor_logger, TableRequest()),
     "Sensor Logger, gravity": (lambda folder: sensor_logger(folder, total=False), TableRequest()),
     "Sensor Logger, iPhone": (lambda folder: sensor_logger(folder, sign=-1.0), TableRequest()),
-    "another": (other, TableRequest(columns=parse_mapping(
-        "t=clock[ms],ax=accX[mg],ay=accY[mg],az=accZ[mg],gx=p[deg/s],gy=q[dps],gz=r[°/s]"
-    ))),
-}  # fmt: skip
+    "another": (
+        other,
+        TableRequest(
+            columns=parse_mapping("t=clock[ms],ax=accX[mg],ay=accY[mg],az=accZ[mg],gx=p[deg/s],gy=q[dps],gz=r[°/s]")
+        ),
+    ),
+}
 """One sensor each: how it is written, and what its header leaves open."""

@@ -59,8 +59,14 @@ def record3d(folder, compress=bytes):
     # ARKit's own camera looks along -z: here without rotation
     poses = [[0.0, 0.0, 0.0, 1.0, *p] for p in P.tolist()]
     metadata = {
-        "w": WIDTH, "h": HEIGHT, "dw": SMALL[0], "dh": SMALL[1], "fps": RATE_HZ, "poses": poses,
-        "K": [K[0], 0, 0, 0, K[1], 0, K[2], K[3], 1], "frameTimestamps": (T - T[0]).tolist(),
-    }  # fmt: skip
+        "w": WIDTH,
+        "h": HEIGHT,
+        "dw": SMALL[0],
+        "dh": SMALL[1],
+        "fps": RATE_HZ,
+        "poses": poses,
+        "K": [K[0], 0, 0, 0, K[1], 0, K[2], K[3], 1],
+        "frameTimestamps": (T - T[0]).tolist(),
+    }
     (folder / "metadata").write_text(json.dumps(metadata))
     return folder

@@ -17,10 +17,17 @@ def test_broken_files_are_no_surprise(name):
 
 
 WRITERS = (
-    logger_files.ngimu, logger_files.xsens, logger_files.metamotion, logger_files.movesense, logger_files.phyphox,
-    logger_files.sensor_logger, logger_files.gaitmap, logger_files.opensense, scan_files.stray_scanner,
+    logger_files.ngimu,
+    logger_files.xsens,
+    logger_files.metamotion,
+    logger_files.movesense,
+    logger_files.phyphox,
+    logger_files.sensor_logger,
+    logger_files.gaitmap,
+    logger_files.opensense,
+    scan_files.stray_scanner,
     scan_files.record3d,
-)  # fmt: skip
+)
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)

@@ -36,14 +36,26 @@ T_HEAD_IMU, T_HEAD_CAMERA = pose((0.1, 0, 0), (0, 0, 0.1)), pose((0, 1.8, 0), (0
 
 def rig():
     imu = ImuCalibration(
-        topic="/head/imu", part="BMI055", rate_hz=200.0, mount=Mount(body="head", T_body_sensor=T_HEAD_IMU),
-        gyroscope_noise_density=1e-3, gyroscope_random_walk=2e-5, accelerometer_noise_density=1e-2,
+        topic="/head/imu",
+        part="BMI055",
+        rate_hz=200.0,
+        mount=Mount(body="head", T_body_sensor=T_HEAD_IMU),
+        gyroscope_noise_density=1e-3,
+        gyroscope_random_walk=2e-5,
+        accelerometer_noise_density=1e-2,
         accelerometer_random_walk=3e-4,
-    )  # fmt: skip
+    )
     camera = CameraCalibration(
-        topic="/head/color", part="D455", rate_hz=200 / 33, mount=Mount(body="head", T_body_sensor=T_HEAD_CAMERA),
-        width=32, height=24, intrinsics=(30.0, 30.5, 15.5, 11.5), depth_topic="/head/depth", imu_topic="/head/imu",
-    )  # fmt: skip
+        topic="/head/color",
+        part="D455",
+        rate_hz=200 / 33,
+        mount=Mount(body="head", T_body_sensor=T_HEAD_CAMERA),
+        width=32,
+        height=24,
+        intrinsics=(30.0, 30.5, 15.5, 11.5),
+        depth_topic="/head/depth",
+        imu_topic="/head/imu",
+    )
     return Rig(imus={imu.topic: imu}, cameras={camera.topic: camera})
 
 
@@ -100,15 +112,26 @@ def worn_at(place, recording, file):
     body = {"chest": "torso"}.get(place, place)
     mounts = {t: replace(i.mount, body=body) for t, i in {**full.imus, **full.cameras}.items()}
     imu = replace(
-        full.imu("/head/imu"), topic=f"/{place}/imu", mount=mounts["/head/imu"], gyroscope_bias_sd=0.01,
-        accelerometer_bias_sd=0.2, gyroscope_range=8.7, accelerometer_range=39.2,
-    )  # fmt: skip
+        full.imu("/head/imu"),
+        topic=f"/{place}/imu",
+        mount=mounts["/head/imu"],
+        gyroscope_bias_sd=0.01,
+        accelerometer_bias_sd=0.2,
+        gyroscope_range=8.7,
+        accelerometer_range=39.2,
+    )
     camera = replace(
-        full.cameras["/head/color"], topic=f"/{place}/color", depth_topic=f"/{place}/depth", imu_topic=imu.topic,
-        mount=mounts["/head/color"], distortion=(-0.3, 0.1, 1e-3, -2e-3), timeshift_cam_imu_s=0.008,
-    )  # fmt: skip
-    with RecordingWriter(file, Rig(imus={imu.topic: imu}, cameras={camera.topic: camera}), {},
-                         depth_encoding="32FC1", jpeg_quality=None) as writer:  # fmt: skip
+        full.cameras["/head/color"],
+        topic=f"/{place}/color",
+        depth_topic=f"/{place}/depth",
+        imu_topic=imu.topic,
+        mount=mounts["/head/color"],
+        distortion=(-0.3, 0.1, 1e-3, -2e-3),
+        timeshift_cam_imu_s=0.008,
+    )
+    with RecordingWriter(
+        file, Rig(imus={imu.topic: imu}, cameras={camera.topic: camera}), {}, depth_encoding="32FC1", jpeg_quality=None
+    ) as writer:
         for sample in recording.samples(["/head/imu", "/head/color", "/head/depth", "/truth/head/imu/odometry"]):
             writer.write(replace(sample, topic=sample.topic.replace("head", place)))
     return Recording(file)

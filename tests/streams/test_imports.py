@@ -206,9 +206,15 @@ def test_written_as_a_recording_nothing_is_lost(sources, tmp_path, name):
 def test_streams_can_be_given_other_topics_and_calibrations(sources, tmp_path):
     topic = "/foot_r/imu"
     imu = ImuCalibration(
-        topic=topic, part="mine", rate_hz=IMU_HZ, mount=Mount(body="foot_r"), gyroscope_noise_density=1e-4,
-        gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
-    )  # fmt: skip
+        topic=topic,
+        part="mine",
+        rate_hz=IMU_HZ,
+        mount=Mount(body="foot_r"),
+        gyroscope_noise_density=1e-4,
+        gyroscope_random_walk=1e-6,
+        accelerometer_noise_density=1e-3,
+        accelerometer_random_walk=1e-5,
+    )
     write_rig(Rig(imus={topic: imu}), tmp_path / "rig.yaml")
     options = ImportOptions(names={"/camera/imu": topic}, rig=tmp_path / "rig.yaml")
     recording = open_any(sources["rosbag1"], options=options)
@@ -403,11 +409,18 @@ def test_a_bag_of_realsense_s_viewer(tmp_path, walk, units_m):
 
 def test_names_of_common_drivers():
     kinds = {
-        "/imu/left_foot": Imu, "/imu/right_foot": Imu, "/camera/infra1/image_rect_raw": Image,
-        "/camera/color/image_raw/compressed": Image, "/camera/depth/image_rect_raw": Depth,
-        "/camera/aligned_depth_to_color/image_raw": Depth, "/camera/imu": Imu, "/imu/data": Imu, "/odom": Odometry,
-        "/optitrack/person": Odometry, "/chest/imu": Imu,
-    }  # fmt: skip
+        "/imu/left_foot": Imu,
+        "/imu/right_foot": Imu,
+        "/camera/infra1/image_rect_raw": Image,
+        "/camera/color/image_raw/compressed": Image,
+        "/camera/depth/image_rect_raw": Depth,
+        "/camera/aligned_depth_to_color/image_raw": Depth,
+        "/camera/imu": Imu,
+        "/imu/data": Imu,
+        "/odom": Odometry,
+        "/optitrack/person": Odometry,
+        "/chest/imu": Imu,
+    }
     assert bag_names(kinds) == {
         "/imu/left_foot": "/foot_l/imu",
         "/imu/right_foot": "/foot_r/imu",

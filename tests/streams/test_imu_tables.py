@@ -8,21 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logger_files import (
-    FORCE,
-    FORCE_R,
-    GYRO,
-    GYRO_R,
-    ONE,
-    RATE_HZ,
-    N,
-    T,
-    gaitmap,
-    opensense,
-    other,
-    table,
-    x_imu,
-)  # fmt: skip
+from logger_files import FORCE, FORCE_R, GYRO, GYRO_R, ONE, RATE_HZ, N, T, gaitmap, opensense, other, table, x_imu
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
@@ -83,7 +69,7 @@ def test_the_command_takes_columns_rate_and_foot(tmp_path, capsys):
         (other, {"columns": {"t": "clock[parsec]"}}, r"--columns t, unit: invalid 'parsec': expected one of s, ms"),
         (other, {"columns": {"ax": "accX[g]"}}, r"--columns: invalid 'ax': expected also ay"),
     ],
-)  # fmt: skip
+)
 def test_what_a_header_leaves_open_is_asked_for(tmp_path, write, options, says):
     with pytest.raises(StrideTwinError, match=says) as caught:
         open_any(write(tmp_path), options=ImportOptions(table=TableRequest(**options)))
@@ -116,10 +102,19 @@ def test_a_mapping_of_another_form_is_refused(text):
 
 def test_units_have_many_spellings():
     for text, expected in (
-        ("deg/s", ("gyro", "deg/s")), ("°/s", ("gyro", "deg/s")), ("DPS", ("gyro", "deg/s")), ("ms", ("time", "ms")),
-        ("μs", ("time", "µs")), ("m/s^2", ("accel", "m/s²")), ("m s^-2", ("accel", "m/s²")), ("g", ("accel", "g")),
-        ("mg", ("accel", "mg")), ("G", None), ("uT", None), ("", None),
-    ):  # fmt: skip
+        ("deg/s", ("gyro", "deg/s")),
+        ("°/s", ("gyro", "deg/s")),
+        ("DPS", ("gyro", "deg/s")),
+        ("ms", ("time", "ms")),
+        ("μs", ("time", "µs")),
+        ("m/s^2", ("accel", "m/s²")),
+        ("m s^-2", ("accel", "m/s²")),
+        ("g", ("accel", "g")),
+        ("mg", ("accel", "mg")),
+        ("G", None),
+        ("uT", None),
+        ("", None),
+    ):
         assert unit_of(text) == expected
 
 

@@ -119,8 +119,11 @@ def change(path, value):
     ("path", "value", "says"),
     [
         (("cam0", "camera_model"), "omni", "cam0.camera_model: invalid 'omni': expected pinhole"),
-        (("cam0", "intrinsics"), [1, 2, 3],
-         "cam0.intrinsics: .*expected a list of four items: a number above 0, a number above 0"),
+        (
+            ("cam0", "intrinsics"),
+            [1, 2, 3],
+            "cam0.intrinsics: .*expected a list of four items: a number above 0, a number above 0",
+        ),
         (("cam0", "intrinsics"), [-1, 2, 3, 4], r"cam0.intrinsics\[0\]: invalid -1: expected a number above 0"),
         (("cam0", "resolution"), [640.5, 480], r"cam0.resolution\[0\]: invalid 640.5: expected a whole number"),
         (("cam0", "distortion_model"), "fov", "cam0.distortion_model: invalid .fov.: expected radtan, equidistant"),
@@ -132,10 +135,13 @@ def change(path, value):
         (("stridetwin", "cam0", "imu_topic"), "/x", "stridetwin.cam0.imu_topic: invalid '/x': .*/head/imu"),
         (("stridetwin", "sensors", 0, "kind"), "radar", r"sensors\[0\].kind: invalid 'radar': expected range, insole"),
         (("stridetwin", "sensors", 0, "colour"), "red", r"sensors\[0\]: invalid 'colour': expected keys topic"),
-        (("stridetwin", "boards", "foot_l", "squares"), [6, 1],
-         r"boards.foot_l.squares\[1\]: invalid 1: expected a whole number, 2-"),
+        (
+            ("stridetwin", "boards", "foot_l", "squares"),
+            [6, 1],
+            r"boards.foot_l.squares\[1\]: invalid 1: expected a whole number, 2-",
+        ),
     ],
-)  # fmt: skip
+)
 def test_errors_name_file_key_value_and_what_is_valid(path, value, says):
     with pytest.raises(StrideTwinError, match=rf"rig\.yaml: (stridetwin\.)?{says}") as caught:
         rig_from_yaml(change(path, value), "rig.yaml")
@@ -154,9 +160,12 @@ def test_plain_kalibr_files(tmp_path):
     T10 = np.eye(4)
     T10[0, 3] = -0.11
     camera = {
-        "camera_model": "pinhole", "intrinsics": [400.0, 400.0, 320.0, 240.0], "distortion_model": "radtan",
-        "distortion_coeffs": [0.0, 0.0, 0.0, 0.0], "resolution": [640, 480],
-    }  # fmt: skip
+        "camera_model": "pinhole",
+        "intrinsics": [400.0, 400.0, 320.0, 240.0],
+        "distortion_model": "radtan",
+        "distortion_coeffs": [0.0, 0.0, 0.0, 0.0],
+        "resolution": [640, 480],
+    }
     chain = {
         "cam0": camera | {"T_cam_imu": T.tolist(), "rostopic": "/cam0/image_raw", "cam_overlaps": [1]},
         "cam1": camera | {"T_cn_cnm1": T10.tolist(), "rostopic": "/cam1/image_raw"},

@@ -23,7 +23,7 @@ from scan_files import (
     T,
     record3d,
     stray_scanner,
-)  # fmt: skip
+)
 from scipy.spatial.transform import Rotation
 
 from stridetwin.cli.main import main

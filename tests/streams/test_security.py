@@ -122,8 +122,12 @@ def test_yaml_with_aliases_that_share_a_little_is_read():
 
 def test_numbers_with_an_exponent_are_numbers_and_dates_are_text():
     assert parse_yaml("[1e-3, 2.5E+2, .5e1, 2001-99-99, 2001-01-01]", "f") == [
-        1e-3, 250.0, 5.0, "2001-99-99", "2001-01-01"
-    ]  # fmt: skip
+        1e-3,
+        250.0,
+        5.0,
+        "2001-99-99",
+        "2001-01-01",
+    ]
 
 
 def test_data_that_aliases_name_are_copies():

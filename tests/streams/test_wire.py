@@ -33,9 +33,11 @@ from stridetwin.streams.samples import Depth, Image, Imu, Odometry
 def arrived(message, **other):
     """A message as Zenoh hands it over."""
     values = {
-        "key_expr": f"stridetwin/1a/samples{message.topic}", "payload": Bytes(message.payload),
-        "attachment": struct.pack("<qQ", message.t_ns, 5), "encoding": f"application/cdr;{message.typename}",
-    }  # fmt: skip
+        "key_expr": f"stridetwin/1a/samples{message.topic}",
+        "payload": Bytes(message.payload),
+        "attachment": struct.pack("<qQ", message.t_ns, 5),
+        "encoding": f"application/cdr;{message.typename}",
+    }
     return SimpleNamespace(**{**values, **other})
 
 
@@ -228,7 +230,9 @@ def of_scans(count):
         (compressed(b""), "neither"),
         (
             Message(
-                t_ns=1, topic="/head/color", typename="sensor_msgs/msg/Image",
+                t_ns=1,
+                topic="/head/color",
+                typename="sensor_msgs/msg/Image",
                 payload=serialise("sensor_msgs/msg/Image", {"height": 2**31, "width": 2, "encoding": "rgb8"}),
             ),
             "2147483648",
@@ -237,7 +241,7 @@ def of_scans(count):
         (Message(t_ns=1, topic="/i", typename="sensor_msgs/msg/Imu", payload=b"\0\1\0\0" + b"\xff" * 400), "length of"),
         (Message(t_ns=1, topic="/i", typename="sensor_msgs/msg/Image", payload=b"\0\1\0\0" + b"\xff" * 400), "no"),
     ],
-)  # fmt: skip
+)
 def test_payloads_that_lie_are_refused(message, said):
     with pytest.raises(ValueError, match=said):
         Decoder(message.topic, message.typename).sample(message)

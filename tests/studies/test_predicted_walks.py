@@ -49,19 +49,27 @@ def step(mode: str, predicted: str, p: float) -> ScoredMode:
     others = (1.0 - p) / 4
     probabilities = tuple(p if m == predicted else others for m in ("LG", "SA", "SD", "RA", "RD"))
     return ScoredMode(
-        t_s=1.0, mode=mode, before="LG", predicted=predicted, allowed=(mode,), lead_s=1.2 * (mode == predicted),
+        t_s=1.0,
+        mode=mode,
+        before="LG",
+        predicted=predicted,
+        allowed=(mode,),
+        lead_s=1.2 * (mode == predicted),
         probabilities=probabilities,
-    )  # fmt: skip
+    )
 
 
 def row(seed: int, predicted: str = "SA", methods: tuple[str, ...] = ("proposed", "published")) -> dict:
     scores = ModeScores(steps=[step("LG", "LG", 0.99), step("SA", predicted, 0.75)]).rows()
     angles = np.linspace(0.2, 0.6, 50)
     return {
-        "seed": seed, "physics": "dynamic", "fell_at_s": None, "mount": "head",
+        "seed": seed,
+        "physics": "dynamic",
+        "fell_at_s": None,
+        "mount": "head",
         "spread": {q: compute_spread(angles, EDGES[q]) for q in EDGES},
         "methods": {m: scores | {"time_ms": {"mean": 20.0, "p95": 30.0}} for m in methods},
-    }  # fmt: skip
+    }
 
 
 TRIALS = ("zhao_view", "zhao_directions", "zhao_disturbance")
@@ -216,8 +224,14 @@ def floor_seen_from(rig: Rig, x: float, t_ns: int) -> tuple[Odometry, Depth]:
     depth = np.where(down > 0.3, 1.5 / np.maximum(down, 0.3), 0.0).astype(np.float32)
     still = np.zeros(3)
     q = Rotation.from_matrix(R).as_quat(scalar_first=True)
-    pose = Odometry(topic="/poses", t_ns=t_ns, p_frame_in_world=np.array([x, 0.0, 1.5]), q_world_frame=q,
-                    v_frame_in_world=still, angular_rate=still)  # fmt: skip
+    pose = Odometry(
+        topic="/poses",
+        t_ns=t_ns,
+        p_frame_in_world=np.array([x, 0.0, 1.5]),
+        q_world_frame=q,
+        v_frame_in_world=still,
+        angular_rate=still,
+    )
     return pose, Depth(topic=camera.depth_topic, t_ns=t_ns, depth=depth)
 
 
@@ -238,8 +252,10 @@ def test_sizes_that_were_not_seen_are_counted() -> None:
     approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in errors_and_sds]
     down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
     assert down == {
-        "seen_pct": 50.0, "rmse": pytest.approx(2.0), "all_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3))
-    }  # fmt: skip
+        "seen_pct": 50.0,
+        "rmse": pytest.approx(2.0),
+        "all_rmse": pytest.approx(math.sqrt((100.0**2 + 8.0) / 3)),
+    }
 
 
 def test_steps_without_a_prediction_count() -> None:

@@ -16,12 +16,19 @@ pytest.importorskip("mujoco")
 def rows(mode, elevation, sd):
     return [
         ScoredStep(
-            mode=mode, slope=0.0, elevation=elevation, place=(0.3 * i, 0, 0), estimated_mode=mode,
-            estimated_slope=0.01 * i, estimated_elevation=elevation + 0.01,
-            estimated_place=(0.3 * i, 0, 0), slope_sd=sd, elevation_sd=sd,
+            mode=mode,
+            slope=0.0,
+            elevation=elevation,
+            place=(0.3 * i, 0, 0),
+            estimated_mode=mode,
+            estimated_slope=0.01 * i,
+            estimated_elevation=elevation + 0.01,
+            estimated_place=(0.3 * i, 0, 0),
+            slope_sd=sd,
+            elevation_sd=sd,
         ).row()
         for i in range(400)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -54,8 +54,15 @@ def test_tilt_is_the_angle_between_the_verticals_whatever_the_heading() -> None:
 def step(mode: str, predicted: str, p: float) -> ScoredMode:
     rest = (1.0 - p) / 4
     probabilities = tuple(p if m == predicted else rest for m in ("LG", "SA", "SD", "RA", "RD"))
-    return ScoredMode(t_s=1.0, mode=mode, before="LG", predicted=predicted, allowed=(mode,),
-                      lead_s=2.0 * (mode == predicted), probabilities=probabilities)  # fmt: skip
+    return ScoredMode(
+        t_s=1.0,
+        mode=mode,
+        before="LG",
+        predicted=predicted,
+        allowed=(mode,),
+        lead_s=2.0 * (mode == predicted),
+        probabilities=probabilities,
+    )
 
 
 def row(kind: str, seed: int, predicted: str, slope_rad: float) -> dict:
@@ -63,8 +70,15 @@ def row(kind: str, seed: int, predicted: str, slope_rad: float) -> dict:
     steps[2:] = [replace(s, slope_rad=slope_rad, slope_sd_rad=math.radians(0.5)) for s in steps[2:]]
     scores = ModeScores(steps=steps).rows() | {"time_ms": 9.0}
     odometry = {"distance_m": 10.0, "end_height_m": -0.05, "tilt_rad": math.radians(0.4), "inside_pct": 90.0}
-    return {"seed": seed, "physics": "kinematic", "kind": kind, "mount": "head", "fell_at_s": None,
-            "odometry": odometry, "methods": dict.fromkeys(METHODS, scores)}  # fmt: skip
+    return {
+        "seed": seed,
+        "physics": "kinematic",
+        "kind": kind,
+        "mount": "head",
+        "fell_at_s": None,
+        "odometry": odometry,
+        "methods": dict.fromkeys(METHODS, scores),
+    }
 
 
 def test_figures_by_kind_and_of_the_kinds_kept_from_tuning() -> None:

@@ -50,8 +50,11 @@ def test_one_line_per_check_and_exit_code_one(module, capsys):
     assert main(["conform", "small_foot:Foot", *only]) == 1
     rows = capsys.readouterr().out.splitlines()
     assert [row.split()[:2] for row in rows[:4]] == [
-        ["declaration", "passed"], ["finite", "passed"], ["fault_nan", "failed"], ["follow", "skipped"],
-    ]  # fmt: skip
+        ["declaration", "passed"],
+        ["finite", "passed"],
+        ["fault_nan", "failed"],
+        ["follow", "skipped"],
+    ]
     assert "pose" not in rows[0]
     assert "p_frame_in_world" in rows[2]
     assert rows[4] == "small_foot:Foot: 2 passed, 1 failed, 1 skipped"
@@ -61,9 +64,11 @@ def test_json_and_exit_code_zero(capsys):
     assert main(["conform", "foot_ins", "--foot", "r", "--only", "stamps", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data == {
-        "estimator": "foot_ins", "passed": 1, "failed": 0,
+        "estimator": "foot_ins",
+        "passed": 1,
+        "failed": 0,
         "checks": [{"check": "stamps", "outcome": "passed", "message": ""}],
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(

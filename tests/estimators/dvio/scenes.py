@@ -9,12 +9,21 @@ from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, FactorParameter
 
 NOISE = ImuNoise(
     rate=1e-3, force=1e-2, rate_share=0.0, rate_walk=1e-4, force_walk=1e-3, invalid_rate=1.0, invalid_force=5.0
-)  # fmt: skip
+)
 FACTORS = FactorParameters(
-    gravity=9.81, pixel_weight=400.0**2, depth_weight=200.0**2, later_depth_weight=100.0**2,
-    huber_sd=3.0, host_depth=True, depth_fixed=False, projection_depth=True,
-    host_depth_in_prior=True, first_estimates=False, rate_walk=1e-4, force_walk=1e-3,
-)  # fmt: skip
+    gravity=9.81,
+    pixel_weight=400.0**2,
+    depth_weight=200.0**2,
+    later_depth_weight=100.0**2,
+    huber_sd=3.0,
+    host_depth=True,
+    depth_fixed=False,
+    projection_depth=True,
+    host_depth_in_prior=True,
+    first_estimates=False,
+    rate_walk=1e-4,
+    force_walk=1e-3,
+)
 T_IMU_CAMERA = np.eye(4)
 T_IMU_CAMERA[:3, :3] = Rotation.from_euler("xyz", [0.1, -0.2, 0.05]).as_matrix()
 T_IMU_CAMERA[:3, 3] = [0.03, -0.01, 0.02]

@@ -102,9 +102,14 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
         rho_sd=TOLD_SD,
     )
     priors = Priors(
-        T_imu_camera=T_IMU_CAMERA, bias=np.zeros(6), bias_sd=believed_sd, mount_sd=noisy * MOUNT_SD,
-        offset_sd=noisy * OFFSET_SD, scale_sd=noisy * SCALE_SD, gravity=9.81,
-    )  # fmt: skip
+        T_imu_camera=T_IMU_CAMERA,
+        bias=np.zeros(6),
+        bias_sd=believed_sd,
+        mount_sd=noisy * MOUNT_SD,
+        offset_sd=noisy * OFFSET_SD,
+        scale_sd=noisy * SCALE_SD,
+        gravity=9.81,
+    )
     last, way_m = R[-1].T, float(np.linalg.norm(places[0] - places[-1]))
     return Walk(observations, preintegrations, measured[::BETWEEN, :3], priors, last[:, 2], last @ v[-1], bias, way_m)
 

@@ -50,12 +50,16 @@ def pinned(made):
     """Numbers of an estimate per second."""
     rows = [
         {
-            "p": e.pose.p_frame_in_world, "q": e.pose.q_world_frame, "log_sd": 0.5 * np.log(np.diag(e.covariance)),
-            "v": e.v_imu_in_world, "gyro_bias": e.gyro_bias, "accel_bias": e.accel_bias,
+            "p": e.pose.p_frame_in_world,
+            "q": e.pose.q_world_frame,
+            "log_sd": 0.5 * np.log(np.diag(e.covariance)),
+            "v": e.v_imu_in_world,
+            "gyro_bias": e.gyro_bias,
+            "accel_bias": e.accel_bias,
             "mount": e.camera_pose.T_world_frame,
         }
         for e in made[::200]
-    ]  # fmt: skip
+    ]
     return columns(rows)
 
 

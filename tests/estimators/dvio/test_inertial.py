@@ -18,11 +18,17 @@ from tests.estimators.dvio.scenes import NOISE
 def test_reaches_back_for_six_seconds_at_any_rate(rate_hz):
     x = ImuBuffer(
         ImuCalibration(
-            topic="/head/imu", part="fast", rate_hz=rate_hz, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
-            gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
+            topic="/head/imu",
+            part="fast",
+            rate_hz=rate_hz,
+            mount=Mount(body="head"),
+            gyroscope_noise_density=2.4e-4,
+            gyroscope_random_walk=5e-6,
+            accelerometer_noise_density=1.5e-3,
+            accelerometer_random_walk=4e-5,
         ),
         DvioParameters(),
-    )  # fmt: skip
+    )
     period_ns = round(1e9 / rate_hz)
     rate, force = np.array([0.0, 0.1, 0.0]), np.array([0.0, 0.0, 9.81])
     least, staying = np.inf, 0

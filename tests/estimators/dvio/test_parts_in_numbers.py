@@ -85,9 +85,18 @@ def test_a_pose_and_its_covariance_are_in_world_axes():
 def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():
     plausible = from_python(nav_state.is_plausible)
     assert plausible(blank_nav_state())
-    for name, at in (("p", 0), ("p", 2), ("R", (0, 0)), ("R", (1, 1)), ("R", (2, 2)), ("v", 1), ("bias", 0),
-                     ("bias", 5),
-                     ("covariance", (0, 14)), ("covariance", (14, 14))):  # fmt: skip
+    for name, at in (
+        ("p", 0),
+        ("p", 2),
+        ("R", (0, 0)),
+        ("R", (1, 1)),
+        ("R", (2, 2)),
+        ("v", 1),
+        ("bias", 0),
+        ("bias", 5),
+        ("covariance", (0, 14)),
+        ("covariance", (14, 14)),
+    ):
         for value in (math.nan, math.inf):
             nav = blank_nav_state()
             getattr(nav, name)[at] = value
@@ -102,12 +111,19 @@ def test_a_state_is_plausible_if_all_of_it_is_finite_and_within_its_limits():
 def inertial(rate_hz=100.0):
     return ImuBuffer(
         ImuCalibration(
-            topic="/head/imu", part="", rate_hz=rate_hz, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
-            gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
-            gyroscope_range=10.0, accelerometer_range=50.0,
+            topic="/head/imu",
+            part="",
+            rate_hz=rate_hz,
+            mount=Mount(body="head"),
+            gyroscope_noise_density=2.4e-4,
+            gyroscope_random_walk=5e-6,
+            accelerometer_noise_density=1.5e-3,
+            accelerometer_random_walk=4e-5,
+            gyroscope_range=10.0,
+            accelerometer_range=50.0,
         ),
         DvioParameters(),
-    )  # fmt: skip
+    )
 
 
 def imu(t_ms, rate=(0.1, 0.2, 0.3), force=(0.0, 0.0, 9.8)):
@@ -156,8 +172,13 @@ def test_a_sensor_is_stationary_by_the_scatter_of_a_quarter_second(rate_sd, forc
         sign = 1.0 if k % 2 else -1.0
         wild = 50.0 if k < 60 else 1.0  # before the quarter second it moves
         along = sign * wild * np.eye(3)[axis]
-        x.add(imu(10 * k, np.array([0.1, 0.2, 0.0]) + along * rate_sd * p.stationary_rate_sd_radps,
-                   np.array([0.0, 0.3, 9.8]) + along * force_sd * p.stationary_force_sd_mps2))  # fmt: skip
+        x.add(
+            imu(
+                10 * k,
+                np.array([0.1, 0.2, 0.0]) + along * rate_sd * p.stationary_rate_sd_radps,
+                np.array([0.0, 0.3, 9.8]) + along * force_sd * p.stationary_force_sd_mps2,
+            )
+        )
     assert x.is_stationary(990_000_000) == stationary
     assert not x.is_stationary(650_000_000)
     assert not x.is_stationary(200_000_000)
@@ -282,9 +303,15 @@ def test_the_covariance_of_some_states_is_a_block_of_the_inverse():
 def window_of_points(rng, count):
     """A window of three frames, and points that the first one hosts."""
     camera = CameraCalibration(
-        topic="/head/color", part="", rate_hz=30.0, mount=Mount(body="head"), width=640, height=360,
-        intrinsics=(465.0, 465.0, 319.5, 179.5), distortion=(0.0,) * 4,
-    )  # fmt: skip
+        topic="/head/color",
+        part="",
+        rate_hz=30.0,
+        mount=Mount(body="head"),
+        width=640,
+        height=360,
+        intrinsics=(465.0, 465.0, 319.5, 179.5),
+        distortion=(0.0,) * 4,
+    )
     T_imu_camera = np.eye(4)
     T_imu_camera[:3, :3], T_imu_camera[:3, 3] = Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.1, 0.1, 3)
     window = blank_window(3, count, T_imu_camera, 0.0)

@@ -100,8 +100,22 @@ def test_a_depth_is_the_median_about_a_point_and_none_next_to_an_edge():
         return known[len(known) // 2]
 
     with np.errstate(divide="ignore"):
-        expected = [median(5, 5), median(10, 10), 0.0, median(30, 30), 0.0, median(37, 20), median(42, 20), 0.0, 0.0,
-                    median(57, 20), 0.0, 0.0, 0.0, 0.0]  # fmt: skip
+        expected = [
+            median(5, 5),
+            median(10, 10),
+            0.0,
+            median(30, 30),
+            0.0,
+            median(37, 20),
+            median(42, 20),
+            0.0,
+            0.0,
+            median(57, 20),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+        ]
     np.testing.assert_allclose(rho, expected, rtol=1e-6)
 
 

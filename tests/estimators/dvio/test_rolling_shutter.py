@@ -15,9 +15,16 @@ three = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 def camera(readout_s: float) -> CameraCalibration:
     return CameraCalibration(
-        topic="/head/color", part="", rate_hz=30.0, mount=Mount(body="head"), width=640, height=HEIGHT,
-        intrinsics=(465.0, 465.0, 319.5, 179.5), distortion=(0.05, -0.02, 1e-3, 1e-3), readout_s=readout_s,
-    )  # fmt: skip
+        topic="/head/color",
+        part="",
+        rate_hz=30.0,
+        mount=Mount(body="head"),
+        width=640,
+        height=HEIGHT,
+        intrinsics=(465.0, 465.0, 319.5, 179.5),
+        distortion=(0.05, -0.02, 1e-3, 1e-3),
+        readout_s=readout_s,
+    )
 
 
 def calibration(T_imu_camera: np.ndarray):

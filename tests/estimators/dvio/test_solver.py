@@ -63,11 +63,13 @@ def residuals(w: WindowState, factors, depths: np.ndarray) -> np.ndarray:
         dt, off = z.dt[0], f.bias[k] - z.bias
         corrected = z.by_bias @ off
         gamma = z.delta_R @ Rotation.from_rotvec(corrected[3:6]).as_matrix()
-        r = np.concatenate([
-            f.R[k].T @ (f.p[k + 1] - f.p[k] - f.v[k] * dt - 0.5 * g * dt**2) - z.delta_p - corrected[:3],
-            Rotation.from_matrix(gamma.T @ f.R[k].T @ f.R[k + 1]).as_rotvec(),
-            f.R[k].T @ (f.v[k + 1] - f.v[k] - g * dt) - z.delta_v - corrected[6:],
-        ])  # fmt: skip
+        r = np.concatenate(
+            [
+                f.R[k].T @ (f.p[k + 1] - f.p[k] - f.v[k] * dt - 0.5 * g * dt**2) - z.delta_p - corrected[:3],
+                Rotation.from_matrix(gamma.T @ f.R[k].T @ f.R[k + 1]).as_rotvec(),
+                f.R[k].T @ (f.v[k + 1] - f.v[k] - g * dt) - z.delta_v - corrected[6:],
+            ]
+        )
         out.append(np.linalg.cholesky(np.linalg.inv(z.covariance)).T @ r)
         out.append((f.bias[k + 1] - f.bias[k]) / np.repeat([factors.rate_walk, factors.force_walk], 3) / np.sqrt(dt))
     R, p = [], []

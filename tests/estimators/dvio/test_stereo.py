@@ -20,9 +20,15 @@ PLANE_N, PLANE_D = np.array([0.15, -0.1, 1.0]) / np.linalg.norm([0.15, -0.1, 1.0
 
 def camera(topic: str, T: np.ndarray, distortion=(-0.28, 0.07, 2e-4, 2e-5)) -> CameraCalibration:
     return CameraCalibration(
-        topic=topic, part="test", rate_hz=20, mount=Mount(body="head", T_body_sensor=T), width=SIZE[0], height=SIZE[1],
-        intrinsics=(FOCAL, FOCAL, 370.0, 245.0), distortion=distortion,
-    )  # fmt: skip
+        topic=topic,
+        part="test",
+        rate_hz=20,
+        mount=Mount(body="head", T_body_sensor=T),
+        width=SIZE[0],
+        height=SIZE[1],
+        intrinsics=(FOCAL, FOCAL, 370.0, 245.0),
+        distortion=distortion,
+    )
 
 
 def pair():

@@ -26,15 +26,31 @@ def rig(**imu: float) -> Rig:
     T = np.eye(4)
     T[:3, 3] = P_CAMERA_IN_IMU
     camera = CameraCalibration(
-        topic="/head/color", part="wall", rate_hz=CAMERA_HZ, mount=Mount(body="head", T_body_sensor=T), width=WIDTH,
-        height=HEIGHT, intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2), depth_topic="/head/depth",
+        topic="/head/color",
+        part="wall",
+        rate_hz=CAMERA_HZ,
+        mount=Mount(body="head", T_body_sensor=T),
+        width=WIDTH,
+        height=HEIGHT,
+        intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2),
+        depth_topic="/head/depth",
         imu_topic="/head/imu",
-    )  # fmt: skip
+    )
     measured = ImuCalibration(
-        topic="/head/imu", part="wall", rate_hz=IMU_HZ, mount=Mount(body="head"), gyroscope_noise_density=2.4e-4,
-        gyroscope_random_walk=5e-6, accelerometer_noise_density=1.5e-3, accelerometer_random_walk=4e-5,
-        gyroscope_bias_sd=0.02, accelerometer_bias_sd=0.1, gyroscope_range=17.0, accelerometer_range=39.0, **imu,
-    )  # fmt: skip
+        topic="/head/imu",
+        part="wall",
+        rate_hz=IMU_HZ,
+        mount=Mount(body="head"),
+        gyroscope_noise_density=2.4e-4,
+        gyroscope_random_walk=5e-6,
+        accelerometer_noise_density=1.5e-3,
+        accelerometer_random_walk=4e-5,
+        gyroscope_bias_sd=0.02,
+        accelerometer_bias_sd=0.1,
+        gyroscope_range=17.0,
+        accelerometer_range=39.0,
+        **imu,
+    )
     return Rig(cameras={"/head/color": camera}, imus={"/head/imu": measured})
 
 

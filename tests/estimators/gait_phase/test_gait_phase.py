@@ -103,9 +103,11 @@ def test_the_right_foot_gets_what_its_mirror_image_gets() -> None:
         "specific_force": walk.imu.columns["specific_force"] @ mirror,
     }
     mirrored = replace(
-        walk, foot="r", rig=Rig(imus={"/foot_r/imu": mirrored_imu}),
+        walk,
+        foot="r",
+        rig=Rig(imus={"/foot_r/imu": mirrored_imu}),
         imu=replace(walk.imu, topic="/foot_r/imu", columns=columns),
-    )  # fmt: skip
+    )
     left, right = estimate(walk), estimate(mirrored)
     np.testing.assert_allclose([e.phase for e in left], [e.phase for e in right], atol=1e-9)
 
@@ -117,9 +119,10 @@ def test_a_mount_in_any_attitude_is_taken_from_the_rig() -> None:
     T = imu.mount.T_body_sensor.copy()
     T[:3, :3] = T[:3, :3] @ R
     turned = replace(
-        walk, rig=Rig(imus={imu.topic: replace(imu, mount=replace(imu.mount, T_body_sensor=T))}),
+        walk,
+        rig=Rig(imus={imu.topic: replace(imu, mount=replace(imu.mount, T_body_sensor=T))}),
         imu=replace(walk.imu, columns={name: v @ R for name, v in walk.imu.columns.items()}),
-    )  # fmt: skip
+    )
     series = to_series(estimate(turned))
     assert phase_scores(series, walk.strides)["rmse_pct"] < 3.0
 
@@ -150,11 +153,13 @@ def samples_at_rest(walk: FootWalk, after_ns: int, duration_s: float) -> list[Im
     force = walk.imu.columns["specific_force"][:20].mean(axis=0)
     return [
         Imu(
-            topic=walk.imu.topic, t_ns=after_ns + (i + 1) * 8_333_333,
-            angular_rate=0.003 * rng.standard_normal(3), specific_force=force + 0.05 * rng.standard_normal(3),
+            topic=walk.imu.topic,
+            t_ns=after_ns + (i + 1) * 8_333_333,
+            angular_rate=0.003 * rng.standard_normal(3),
+            specific_force=force + 0.05 * rng.standard_normal(3),
         )
         for i in range(int(duration_s * 120.0))
-    ]  # fmt: skip
+    ]
 
 
 def test_a_stop_ends_the_phase_within_a_second_and_a_half() -> None:

@@ -23,10 +23,19 @@ def step(k, place, height=0.0, mode="LG", *, before=0.0, turn=0.4):
     left = WIDTH_M / 2 * (1 if k % 2 else -1)
     along, aside = np.array([math.cos(turn), math.sin(turn)]), np.array([-math.sin(turn), math.cos(turn)])
     return StepEstimate(
-        t_ns=0, step=k, foot="rl"[k % 2], slope=0.0, elevation=height - before, slope_sd=0.005, elevation_sd=0.005,
-        normal=np.array([0.0, 0.0, 1.0]), p_sole_in_world=np.array([*(place * along + left * aside), height]),
-        covariance=np.diag([1e-4, 1e-4, 1e-4]), mode=mode, probability=1.0,
-    )  # fmt: skip
+        t_ns=0,
+        step=k,
+        foot="rl"[k % 2],
+        slope=0.0,
+        elevation=height - before,
+        slope_sd=0.005,
+        elevation_sd=0.005,
+        normal=np.array([0.0, 0.0, 1.0]),
+        p_sole_in_world=np.array([*(place * along + left * aside), height]),
+        covariance=np.diag([1e-4, 1e-4, 1e-4]),
+        mode=mode,
+        probability=1.0,
+    )
 
 
 def test_a_step_is_as_long_as_it_goes_ahead_and_not_aside():

@@ -48,12 +48,19 @@ def ground(*bounds, slopes=None):
     slopes = slopes or [0.0] * (len(bounds) + 1)
     return [
         Segment(
-            start=a[0], start_sd=0.005, end=b[0], end_sd=0.005, drop=a[1], drop_sd=0.0,
-            slope=math.radians(slope), slope_sd=0.01, mapped_slope=math.radians(slope),
+            start=a[0],
+            start_sd=0.005,
+            end=b[0],
+            end_sd=0.005,
+            drop=a[1],
+            drop_sd=0.0,
+            slope=math.radians(slope),
+            slope_sd=0.01,
+            mapped_slope=math.radians(slope),
             mode="LG" if abs(slope) < 2.5 else "RA" if slope > 0 else "RD",
         )
         for a, b, slope in zip(places[:-1], places[1:], slopes)
-    ]  # fmt: skip
+    ]
 
 
 def foot_at(s):
@@ -190,9 +197,14 @@ def sloping(degrees, *, end):
     inside = (far.s > 1.5) & (far.s < end)
     profile = Profile(s=far.s, height=far.height, plane=np.where(inside, 7, -1), changes=(*far.changes, knee))
     plane = Plane(
-        id=7, centre=np.zeros(3), normal=np.array([-math.sin(slope), 0.0, math.cos(slope)]), area_m2=0.5,
-        spread=0.01 * np.eye(2), votes=30.0, covariance=1e-6 * np.eye(3),
-    )  # fmt: skip
+        id=7,
+        centre=np.zeros(3),
+        normal=np.array([-math.sin(slope), 0.0, math.cos(slope)]),
+        area_m2=0.5,
+        spread=0.01 * np.eye(2),
+        votes=30.0,
+        covariance=1e-6 * np.eye(3),
+    )
     ramp = Ramp(id=7, plane=7, slope=abs(slope), slope_sd=0.001, heading=0.0)
     estimate = TerrainEstimate(t_ns=0, planes={7: plane}, terrains=(ramp,), p_camera_in_world=np.zeros(3))
     return segments_along(profile, estimate, np.array([1.0, 0.0]), P)

@@ -72,9 +72,17 @@ def test_hidden_steps_are_like_those_observed_where_their_number_is_whole():
 
 def segment(start, end, *, drop=0.0, slope=0.0, mapped=None, sd=0.01, edge_sd=0.02, mode="LG"):
     return Segment(
-        start=start, start_sd=edge_sd, end=end, end_sd=edge_sd, drop=drop, drop_sd=0.0, slope=slope, slope_sd=sd,
-        mapped_slope=slope if mapped is None else mapped, mode=mode,
-    )  # fmt: skip
+        start=start,
+        start_sd=edge_sd,
+        end=end,
+        end_sd=edge_sd,
+        drop=drop,
+        drop_sd=0.0,
+        slope=slope,
+        slope_sd=sd,
+        mapped_slope=slope if mapped is None else mapped,
+        mode=mode,
+    )
 
 
 GROUND = [
@@ -110,8 +118,9 @@ def test_heels_lie_on_the_ground_under_the_middle_of_their_sole():
     half = 0.5 * (0.21 - 0.045)
     assert segments.half_sole(P) == pytest.approx(half)
     known = np.array([0.3, 0.5, 1.1, 1.5])
-    profile = Profile(s=known, height=np.array([height(s) + 0.7 for s in known[:-1]] + [math.nan]),
-                      plane=np.zeros(4, int), changes=())  # fmt: skip
+    profile = Profile(
+        s=known, height=np.array([height(s) + 0.7 for s in known[:-1]] + [math.nan]), plane=np.zeros(4, int), changes=()
+    )
     s = np.array([0.1, 0.95, 1.25, 1.6, 1.95, 2.5])
     slope = [0.05, 0.0, 0.2, 0.2, -0.1, -0.1]
     expected = [height(x + half) - half * math.tan(a) + 0.7 for x, a in zip(s, slope)]
@@ -160,8 +169,15 @@ def test_a_high_riser_of_a_flight_does_not_block(planes, blocks):
 
 def plane(gradient, sd=0.004, id_=1):
     normal = np.array([-gradient[0], -gradient[1], 1.0])
-    return Plane(id=id_, centre=np.zeros(3), normal=normal / np.linalg.norm(normal), area_m2=1.0, spread=np.eye(2),
-                 votes=9.0, covariance=np.diag([0.0, sd**2, sd**2]))  # fmt: skip
+    return Plane(
+        id=id_,
+        centre=np.zeros(3),
+        normal=normal / np.linalg.norm(normal),
+        area_m2=1.0,
+        spread=np.eye(2),
+        votes=9.0,
+        covariance=np.diag([0.0, sd**2, sd**2]),
+    )
 
 
 def test_the_slope_of_a_segment_is_that_of_the_plane_most_seen_on_it():
@@ -263,16 +279,33 @@ def test_the_last_flight_is_the_longest_that_is_well_known():
 
 def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
     segment = Segment(
-        start=1.0, start_sd=0.01, end=2.0, end_sd=0.01, drop=-0.17, drop_sd=0.02, slope=0.1, slope_sd=0.01,
-        mapped_slope=0.1, mode="LG",
-    )  # fmt: skip
+        start=1.0,
+        start_sd=0.01,
+        end=2.0,
+        end_sd=0.01,
+        drop=-0.17,
+        drop_sd=0.02,
+        slope=0.1,
+        slope_sd=0.01,
+        mapped_slope=0.1,
+        mode="LG",
+    )
 
     def stairs(steps, *, up=1.0, off=0.0):
         return Stairs(
-            id=1, planes=(), steps=steps, riser=0.1 + 0.02 * steps, tread=0.3, heading=0.0 if up > 0 else math.pi,
-            start=0.0, base=0.0, covariance=np.diag([0.002**2, 0.004**2, 0, 0, 0]),
-            edges=up * 1.0 + off + 0.3 * np.arange(steps), risers=np.zeros(steps), across=np.zeros(2),
-        )  # fmt: skip
+            id=1,
+            planes=(),
+            steps=steps,
+            riser=0.1 + 0.02 * steps,
+            tread=0.3,
+            heading=0.0 if up > 0 else math.pi,
+            start=0.0,
+            base=0.0,
+            covariance=np.diag([0.002**2, 0.004**2, 0, 0, 0]),
+            edges=up * 1.0 + off + 0.3 * np.arange(steps),
+            risers=np.zeros(steps),
+            across=np.zeros(2),
+        )
 
     def sizes(mode, *flights):
         estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
@@ -294,8 +327,14 @@ def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
 def test_the_step_filter_is_a_kalman_filter_that_distrusts_outliers():
     steps = StepFilter(0.6, 0.15, 0.1, 0.01, 0.02)
     x, P_ = np.array([0.6, 0.0]), np.diag([0.15**2, 0.1**2])
-    for kind, value, sd, sure in ((1, 0.7, 0.0, 1.0), (-1, 0.65, 0.03, 0.5), (1, 0.7, 0.0, 1.0), (-1, 2.0, 0.0, 1.0),
-                                  (0, 0.1, 0.0, 1.0), (1, 5.0, 0.0, 0.0)):  # fmt: skip
+    for kind, value, sd, sure in (
+        (1, 0.7, 0.0, 1.0),
+        (-1, 0.65, 0.03, 0.5),
+        (1, 0.7, 0.0, 1.0),
+        (-1, 2.0, 0.0, 1.0),
+        (0, 0.1, 0.0, 1.0),
+        (1, 5.0, 0.0, 0.0),
+    ):
         steps.update(kind, value, sd, sure)
         P_ = P_ + np.diag([0.01**2, 0.0])
         if sure:
@@ -398,8 +437,20 @@ def level(z):
     return it
 
 
-STAIRS = Stairs(id=1, planes=(), steps=3, riser=0.15, tread=0.3, heading=0.0, start=0.0, base=0.0,
-                covariance=np.zeros((5, 5)), edges=np.zeros(3), risers=np.zeros(3), across=np.zeros(2))  # fmt: skip
+STAIRS = Stairs(
+    id=1,
+    planes=(),
+    steps=3,
+    riser=0.15,
+    tread=0.3,
+    heading=0.0,
+    start=0.0,
+    base=0.0,
+    covariance=np.zeros((5, 5)),
+    edges=np.zeros(3),
+    risers=np.zeros(3),
+    across=np.zeros(2),
+)
 FLAT = Level(id=0, plane=0)
 RAMP = Ramp(id=1, plane=1, slope=0.2, slope_sd=0.01, heading=0.0)
 

@@ -19,11 +19,17 @@ PERIOD_NS = 100_000_000
 RIG = Rig(
     cameras={
         "/head/color": CameraCalibration(
-            topic="/head/color", part="", rate_hz=10.0, mount=Mount(body="head"), width=WIDTH, height=HEIGHT,
-            intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2), depth_topic="/head/depth",
+            topic="/head/color",
+            part="",
+            rate_hz=10.0,
+            mount=Mount(body="head"),
+            width=WIDTH,
+            height=HEIGHT,
+            intrinsics=(FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2),
+            depth_topic="/head/depth",
         )
     }
-)  # fmt: skip
+)
 _U, _V = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
 RAYS = np.stack([(_U - (WIDTH - 1) / 2) / FOCAL, (_V - (HEIGHT - 1) / 2) / FOCAL, np.ones_like(_U)], -1).reshape(-1, 3)
 """(H W, 3) optical axes: a step of 1 along one is 1 m of depth."""
@@ -127,9 +133,13 @@ def attitude(heading: float, pitch: float = PITCH) -> Rotation:
 
 
 def image(
-    boxes: Sequence[Box], eye: np.ndarray, R: Rotation, rng: np.random.Generator | None, noise_per_m: float = 0.003,
+    boxes: Sequence[Box],
+    eye: np.ndarray,
+    R: Rotation,
+    rng: np.random.Generator | None,
+    noise_per_m: float = 0.003,
     more: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(H, W) m, 0 = none, with noise that grows as the depth's square."""
     rays = R.apply(RAYS)
     depth = cast(boxes, eye, rays)
@@ -144,9 +154,13 @@ def image(
 def pose(t_ns: int, eye: np.ndarray, R: Rotation) -> Odometry:
     """The optical frame's pose."""
     return Odometry(
-        topic="/odometry", t_ns=t_ns, p_frame_in_world=np.asarray(eye, float),
-        q_world_frame=R.as_quat(scalar_first=True), v_frame_in_world=np.zeros(3), angular_rate=np.zeros(3),
-    )  # fmt: skip
+        topic="/odometry",
+        t_ns=t_ns,
+        p_frame_in_world=np.asarray(eye, float),
+        q_world_frame=R.as_quat(scalar_first=True),
+        v_frame_in_world=np.zeros(3),
+        angular_rate=np.zeros(3),
+    )
 
 
 def depth(t_ns: int, pixels: np.ndarray) -> Depth:
@@ -155,11 +169,21 @@ def depth(t_ns: int, pixels: np.ndarray) -> Depth:
 
 
 def approach(
-    boxes: Sequence[Box], *, start: float, end: float, heading: float = 0.0, to: tuple[float, float] = (0.0, 0.0),
-    ground: float = 0.0, frames: int = 12, seed: int = 0, eye_m: float = EYE_M, pitch: float = PITCH,
-    terrain_map: TerrainMap | None = None, first_ns: int = 0,
+    boxes: Sequence[Box],
+    *,
+    start: float,
+    end: float,
+    heading: float = 0.0,
+    to: tuple[float, float] = (0.0, 0.0),
+    ground: float = 0.0,
+    frames: int = 12,
+    seed: int = 0,
+    eye_m: float = EYE_M,
+    pitch: float = PITCH,
+    terrain_map: TerrainMap | None = None,
+    first_ns: int = 0,
     more: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-) -> tuple[TerrainMap, TerrainEstimate]:  # fmt: skip
+) -> tuple[TerrainMap, TerrainEstimate]:
     """Walks from `start` to `end` metres before a place along a heading; the map and its last estimate."""
     terrain_map = terrain_map or TerrainMap(RIG)
     rng = np.random.default_rng(seed)

@@ -25,9 +25,14 @@ def a_flight(place, heading, guess):
     for k in range(STEPS + 1):
         centre = np.array([*(place + (k - 0.5) * TREAD * up), k * RISER])
         planes[k] = Plane(
-            id=k, centre=centre, normal=np.array([0.0, 0.0, 1.0]), area_m2=0.3, spread=np.diag([0.01, 0.1]), votes=9.0,
+            id=k,
+            centre=centre,
+            normal=np.array([0.0, 0.0, 1.0]),
+            area_m2=0.3,
+            spread=np.diag([0.01, 0.1]),
+            votes=9.0,
             covariance=np.diag([1e-5, 1e-4, 1e-4]),
-        )  # fmt: skip
+        )
         if k < STEPS:
             points = place + k * TREAD * up + along[:, None] * aside
             row.append(Riser(lower=k, upper=k + 1, down=down, points=points, in_voxels=True, height=RISER))

@@ -84,8 +84,15 @@ def test_base_and_riser_are_a_weighted_line_through_the_heights():
 def plane(id_, s, z):
     """A level tread of 0.8 m by 0.8 m about a place along the flight; known to 4 mm."""
     centre = np.array([*(s * along(HEADING + TURN) + 0.1 * LEFT), z])
-    return Plane(id=id_, centre=centre, normal=np.array([0.0, 0.0, 1.0]), area_m2=0.6, spread=np.eye(2) * 0.8**2 / 12.0,
-                 votes=9.0, covariance=np.diag([0.004**2, 1e-6, 1e-6]))  # fmt: skip
+    return Plane(
+        id=id_,
+        centre=centre,
+        normal=np.array([0.0, 0.0, 1.0]),
+        area_m2=0.6,
+        spread=np.eye(2) * 0.8**2 / 12.0,
+        votes=9.0,
+        covariance=np.diag([0.004**2, 1e-6, 1e-6]),
+    )
 
 
 def riser(points, k, in_voxels=True):
@@ -115,8 +122,9 @@ def test_a_flight_has_the_sizes_of_its_edges_and_planes():
     assert sd[4] == pytest.approx(0.004 * math.sqrt(0.7), rel=0.05)
     assert it.covariance[0, 4] == pytest.approx(-0.3 * 0.004**2, rel=0.1)
     np.testing.assert_allclose(it.covariance, it.covariance.T, rtol=1e-9, atol=1e-18)
-    expected = least_squares(points, [25, 18, 30], float(np.mean([(r.points @ LEFT).mean() for r in row])),
-                             np.full(3, P.edge_sd_m))[1]  # fmt: skip
+    expected = least_squares(
+        points, [25, 18, 30], float(np.mean([(r.points @ LEFT).mean() for r in row])), np.full(3, P.edge_sd_m)
+    )[1]
     assert sd[1] == pytest.approx(math.sqrt(expected[1, 1]), rel=0.3)
     unsure = stairs.fit_stairs([replace(r, in_voxels=False) for r in row], planes, 7, P)
     assert np.sqrt(unsure.covariance[1, 1]) > 1.5 * sd[1] or P.edge_sd_m > 1.5 * P.voxel_size_m
@@ -132,8 +140,14 @@ def test_a_flight_of_one_riser_has_an_unknown_tread():
 
 def test_the_direction_of_a_flight_counts_edges_by_the_cube_of_their_length():
     def straight(angle, length, n):
-        return Riser(lower=0, upper=1, down=along(angle), in_voxels=True, height=0.1,
-                     points=np.outer(np.linspace(-0.5, 0.5, n) * length, along(angle + math.pi / 2)))  # fmt: skip
+        return Riser(
+            lower=0,
+            upper=1,
+            down=along(angle),
+            in_voxels=True,
+            height=0.1,
+            points=np.outer(np.linspace(-0.5, 0.5, n) * length, along(angle + math.pi / 2)),
+        )
 
     edges = [straight(0.1, 1.0, 30), straight(0.2, 0.5, 9), straight(math.pi + 0.05, 0.8, 9)]
     total = 1.0 * along(0.1) + 0.5**3 * along(0.2) + 0.8**3 * along(0.05)
@@ -147,8 +161,12 @@ def test_risers_a_tread_apart_are_one_flight():
     rows = stairs.find_flights([row[2], far, row[0], turned, row[1]], P)
     assert sorted(sorted(r.lower for r in each) for each in rows) == [[0, 1, 2], [3], [9]]
     assert next(each for each in rows if len(each) == 3) == row
-    for tread, joined in ((0.99 * P.min_tread_m, False), (1.01 * P.min_tread_m, True), (0.99 * P.max_tread_m, True),
-                          (1.01 * P.max_tread_m, False)):  # fmt: skip
+    for tread, joined in (
+        (0.99 * P.min_tread_m, False),
+        (1.01 * P.min_tread_m, True),
+        (0.99 * P.max_tread_m, True),
+        (1.01 * P.max_tread_m, False),
+    ):
         other = replace(row[0], lower=1, upper=2, points=row[0].points + tread * UP)
         assert (len(stairs.find_flights([row[0], other], P)) == 1) == joined
     for angle, joined in ((0.98 * stairs._PARALLEL_RAD, True), (1.02 * stairs._PARALLEL_RAD, False)):

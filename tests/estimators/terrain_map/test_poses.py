@@ -13,9 +13,13 @@ from stridetwin.streams.samples import Odometry
 
 P = TerrainMapParameters()
 FIRST = Odometry(
-    topic="/poses", t_ns=10**9, p_frame_in_world=np.array([1.0, 2.0, 3.0]), v_frame_in_world=np.array([0.5, -0.3, 0.1]),
-    q_world_frame=np.array([math.cos(0.4), 0.0, 0.0, math.sin(0.4)]), angular_rate=np.array([0.2, 1.5, -0.4]),
-)  # fmt: skip
+    topic="/poses",
+    t_ns=10**9,
+    p_frame_in_world=np.array([1.0, 2.0, 3.0]),
+    v_frame_in_world=np.array([0.5, -0.3, 0.1]),
+    q_world_frame=np.array([math.cos(0.4), 0.0, 0.0, math.sin(0.4)]),
+    angular_rate=np.array([0.2, 1.5, -0.4]),
+)
 
 
 def after(seconds, moved=(0.0, 0.0, 0.0), **changed):
@@ -61,11 +65,13 @@ def test_a_repeated_or_late_or_infinite_pose_is_ignored():
 @pytest.mark.parametrize(
     ("seconds", "moved", "jumps"),
     [
-        (0.01, 0.99 * _MIN_JUMP_M, False), (0.01, 1.01 * _MIN_JUMP_M, True),
-        (0.99 * P.max_gap_s, 0.0, False), (1.01 * P.max_gap_s, 0.0, True),
+        (0.01, 0.99 * _MIN_JUMP_M, False),
+        (0.01, 1.01 * _MIN_JUMP_M, True),
+        (0.99 * P.max_gap_s, 0.0, False),
+        (1.01 * P.max_gap_s, 0.0, True),
         (0.9 * P.max_gap_s, 0.95 * P.max_speed_mps * 0.9 * P.max_gap_s, False),
     ],
-)  # fmt: skip
+)
 def test_a_jump_is_far_and_faster_than_anyone_walks(seconds, moved, jumps):
     poses = Poses(P)
     poses.add(FIRST)

@@ -34,9 +34,10 @@ def climbed(name):
     steps = CASES[name]
     terrain_map, estimate = approach(flight(**steps), start=2.6, end=1.1, heading=heading(name))
     known = [
-        k for k in range(steps["steps"] - 1)
+        k
+        for k in range(steps["steps"] - 1)
         if (k + 1) * steps["tread"] < SEEN_M and (k + 1) * steps["riser"] < EYE_M - 0.6
-    ]  # fmt: skip
+    ]
     return steps, terrain_map, estimate, known
 
 

@@ -19,9 +19,15 @@ from stridetwin.streams.samples import Imu
 STAIRS = flight(0.16, 0.30, 5)
 EYE = np.array([-1.2, 0.0, EYE_M])
 IMU = ImuCalibration(
-    topic="/head/imu", part="", rate_hz=200.0, mount=Mount(body="head"), gyroscope_noise_density=2e-4,
-    gyroscope_random_walk=1e-6, accelerometer_noise_density=1e-3, accelerometer_random_walk=1e-5,
-)  # fmt: skip
+    topic="/head/imu",
+    part="",
+    rate_hz=200.0,
+    mount=Mount(body="head"),
+    gyroscope_noise_density=2e-4,
+    gyroscope_random_walk=1e-6,
+    accelerometer_noise_density=1e-3,
+    accelerometer_random_walk=1e-5,
+)
 WITH_IMU = replace(RIG, imus={"/head/imu": IMU})
 
 

@@ -22,9 +22,14 @@ def rectangle(degrees, along_m, across_m=2.0, turn=0.0):
     gradient = math.tan(slope) * turned[:, 0]
     normal = np.array([*-gradient, 1.0])
     return Plane(
-        id=0, centre=np.zeros(3), normal=normal / np.linalg.norm(normal), area_m2=along_m * across_m, votes=30.0,
-        spread=turned @ np.diag([along_m**2, across_m**2]) @ turned.T / 12.0, covariance=np.diag([9e-6, 2e-5, 2e-5]),
-    )  # fmt: skip
+        id=0,
+        centre=np.zeros(3),
+        normal=normal / np.linalg.norm(normal),
+        area_m2=along_m * across_m,
+        votes=30.0,
+        spread=turned @ np.diag([along_m**2, across_m**2]) @ turned.T / 12.0,
+        covariance=np.diag([9e-6, 2e-5, 2e-5]),
+    )
 
 
 @given(st.floats(0.0, 25.0), st.floats(0.05, 3.0), st.floats(0.05, 3.0), st.floats(-math.pi, math.pi))

@@ -22,10 +22,13 @@ class GravityFoot:
     """Low-pass of the specific force of one foot; causal, of constant memory."""
 
     declaration: ClassVar[Declaration] = Declaration(
-        name="gravity_foot", kind=PATH, per_foot=True,
-        methods=("low_pass",), needs="/foot_l/imu or /foot_r/imu",
+        name="gravity_foot",
+        kind=PATH,
+        per_foot=True,
+        methods=("low_pass",),
+        needs="/foot_l/imu or /foot_r/imu",
         summary="Gravity: the attitude of a foot that stands.",
-    )  # fmt: skip
+    )
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
         self._imu = rig.imu(_topic(options or Options()))

@@ -57,9 +57,14 @@ class FlatGround:
         if not isinstance(sample, Depth) or self._p is None:
             return None
         plane = Plane(
-            id=0, centre=self._p - [0.0, 0.0, EYES_M], normal=np.array([0.0, 0.0, 1.0]), area_m2=4 * REACH_M**2,
-            spread=REACH_M**2 / 3 * np.eye(2), votes=1.0, covariance=1e-4 * np.eye(3),
-        )  # fmt: skip
+            id=0,
+            centre=self._p - [0.0, 0.0, EYES_M],
+            normal=np.array([0.0, 0.0, 1.0]),
+            area_m2=4 * REACH_M**2,
+            spread=REACH_M**2 / 3 * np.eye(2),
+            votes=1.0,
+            covariance=1e-4 * np.eye(3),
+        )
         self.estimate = TerrainEstimate(
             t_ns=sample.t_ns, planes={0: plane}, terrains=(Level(id=0, plane=0),), p_camera_in_world=self._p
         )
@@ -121,12 +126,23 @@ class SteadySteps:
             return None
         ahead = STEP_M * np.array([np.cos(self._heading), np.sin(self._heading), 0.0])
         step = StepPrediction(
-            step=self._step + 1, foot=self._foot, mode="LG",
+            step=self._step + 1,
+            foot=self._foot,
+            mode="LG",
             probabilities={mode: float(mode == "LG") for mode in WORDS},
-            t_ns=sample.t_ns + int(STEP_S * 1e9), t_sd_s=0.2, p_foot_in_world=self._p + ahead - [0.0, 0.0, EYES_M],
+            t_ns=sample.t_ns + int(STEP_S * 1e9),
+            t_sd_s=0.2,
+            p_foot_in_world=self._p + ahead - [0.0, 0.0, EYES_M],
             covariance=0.01 * np.eye(2),
-        )  # fmt: skip
+        )
         return ModeEstimate(
-            t_ns=sample.t_ns, step=self._step, steps=(step,), change=None, heading=self._heading,
-            p_body_in_world=self._p, step_length=STEP_M, step_length_sd=0.1, step_time=STEP_S,
-        )  # fmt: skip
+            t_ns=sample.t_ns,
+            step=self._step,
+            steps=(step,),
+            change=None,
+            heading=self._heading,
+            p_body_in_world=self._p,
+            step_length=STEP_M,
+            step_length_sd=0.1,
+            step_time=STEP_S,
+        )

@@ -51,9 +51,11 @@ def test_scenarios_people_and_values_come_as_often_as_asked():
     for walk in walks:
         if walk.base == "stair_up_down":
             up, down = (walk.scenario["terrain"][i]["stairs"] for i in (1, 3))
-            assert up["riser_mm"] == down["riser_mm"] == walk.values[
-                "terrain[1].stairs.riser_mm, terrain[3].stairs.riser_mm"
-            ]  # fmt: skip
+            assert (
+                up["riser_mm"]
+                == down["riser_mm"]
+                == walk.values["terrain[1].stairs.riser_mm, terrain[3].stairs.riser_mm"]
+            )
             assert not any("ramp" in name for name in walk.values)
 
 
@@ -150,10 +152,20 @@ def test_listed_values_are_those_of_the_walk(tmp_path):
         assert ("gait.speed_mps" in walk.values) == (walk.base != "short_3")
         assert walk.values["light"] == walk.scenario["light"]
     rows = [
-        {"walk": w.name, "status": "accepted", "scenario": w.base, "values": w.values, "person": "p", "body": {},
-         "terrain": "t", "duration_s": 1.0, "bytes": 1, "reasons": []}
+        {
+            "walk": w.name,
+            "status": "accepted",
+            "scenario": w.base,
+            "values": w.values,
+            "person": "p",
+            "body": {},
+            "terrain": "t",
+            "duration_s": 1.0,
+            "bytes": 1,
+            "reasons": [],
+        }
         for w in walks
-    ]  # fmt: skip
+    ]
     lines = card_text(manifest(campaign, rows, {}, {})).splitlines()
     (common,) = [line for line in lines if line.startswith("| gait.speed_mps |")]
     assert common == "| gait.speed_mps | uniform 0.7 to 0.8 |  |  |"

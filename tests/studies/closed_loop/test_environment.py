@@ -17,9 +17,7 @@ from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.streams.errors import ConfigError
 from stridetwin.studies.closed_loop import environment
 
-WALK = TwinConfig(
-    name="short", route=Route(segments=(Level(length_m=1.0),)), physics="dynamic", exo=Exo(mode=1),
-)  # fmt: skip
+WALK = TwinConfig(name="short", route=Route(segments=(Level(length_m=1.0),)), physics="dynamic", exo=Exo(mode=1))
 SENSORS = ("encoder", "insole")
 OWN = Path(__file__).parents[3] / "examples" / "own_exo"
 

@@ -25,9 +25,10 @@ from stridetwin.studies.closed_loop.recognition import CameraRecognition, Recogn
 JOINTS = ("hip_l", "hip_r", "knee_l", "knee_r")
 MOST = np.array([20.0, 20.0, 15.0, 15.0])
 STAIR = TwinConfig(
-    name="stair", gait=Gait(speed_mps=0.8, stand_s=0.5),
+    name="stair",
+    gait=Gait(speed_mps=0.8, stand_s=0.5),
     route=Route(segments=(Level(length_m=0.8), Stairs(risers=3, riser_m=0.12, tread_m=0.32), Level(length_m=0.8))),
-)  # fmt: skip
+)
 
 
 def insole(side: str, newtons: float, t_ns: int = 0) -> Insole:

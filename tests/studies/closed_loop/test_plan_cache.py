@@ -16,9 +16,13 @@ from stridetwin.studies.closed_loop import plan_cache
 from stridetwin.studies.closed_loop.environment import environment
 
 WALK = TwinConfig(
-    name="short", route=Route(segments=(Level(length_m=0.5),)), physics="dynamic", exo=Exo(mode=1),
-    sensors=("encoder",), shock=False,
-)  # fmt: skip
+    name="short",
+    route=Route(segments=(Level(length_m=0.5),)),
+    physics="dynamic",
+    exo=Exo(mode=1),
+    sensors=("encoder",),
+    shock=False,
+)
 
 
 @pytest.fixture

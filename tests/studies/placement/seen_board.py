@@ -18,9 +18,16 @@ EXPOSURE_S = 0.002
 
 def camera(model="radtan", distortion=(0.0, 0.0, 0.0, 0.0), T=OPTICAL, body="foot_l"):
     return CameraCalibration(
-        topic="/foot_l/camera", part="c", rate_hz=60, mount=Mount(body=body, T_body_sensor=T), width=800, height=600,
-        intrinsics=(540.0, 540.0, 399.5, 299.5), distortion_model=model, distortion=distortion,
-    )  # fmt: skip
+        topic="/foot_l/camera",
+        part="c",
+        rate_hz=60,
+        mount=Mount(body=body, T_body_sensor=T),
+        width=800,
+        height=600,
+        intrinsics=(540.0, 540.0, 399.5, 299.5),
+        distortion_model=model,
+        distortion=distortion,
+    )
 
 
 def walk(p_board, v_board=None, ball=(0.0, 0.0, -9.0)):

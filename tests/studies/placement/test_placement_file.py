@@ -63,7 +63,7 @@ def test_every_placement_of_the_catalogue_is_valid_at_all_its_ends(name, tmp_pat
         ({"seeds": [1, 1]}, "every seed once"),
         ({"output": "/tmp"}, "'output'.*keys placement"),
     ],
-)  # fmt: skip
+)
 def test_an_error_names_file_field_value_and_what_is_valid(tmp_path, changes, message):
     path = written(tmp_path, **changes)
     with pytest.raises(StrideTwinError, match=message) as error:

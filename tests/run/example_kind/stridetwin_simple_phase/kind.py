@@ -131,8 +131,9 @@ class SimplePhases(OutputKind[FootPhases, EvaluatedPhases]):
 
     def report(self, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> ReportParts:
         """The phases over time."""
-        plot = Plot(title="Gait phase by time", x=(0.0, recording.duration), y=(0.0, 1.0), x_label="time, s",
-                    y_label="phase")  # fmt: skip
+        plot = Plot(
+            title="Gait phase by time", x=(0.0, recording.duration), y=(0.0, 1.0), x_label="time, s", y_label="phase"
+        )
         for evaluation, color in zip(evaluations, PALETTE):
             plot.line(evaluation.t_s, evaluation.true, INK, label="truth")
             plot.line(evaluation.t_s, evaluation.estimated, color, label=evaluation.name)
