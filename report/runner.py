@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.outputs.base import FileOptions, KindEvaluations, Scores, scores_by_output
+from stridetwin.run.compile_ahead import compile_ahead
 from stridetwin.run.recording import Selection, run_recording
 from stridetwin.scenarios.files import stage_files
 from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
-from stridetwin.scenarios.record import Progress, make_twin, record
+from stridetwin.scenarios.record import Progress, make_twin, record, walk_metadata
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 from stridetwin.streams.files import to_json
@@ -75,7 +76,8 @@ def run_scenario(
         scenario = with_sensors_for(scenario, estimators)
     twin = make_twin(scenario, seed)
     with stage_files(folder) as out:
-        record(twin, out / "recording.mcap", progress)
+        with compile_ahead(twin.rig, walk_metadata(twin, twin.rig), estimators):
+            record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
         selection = Selection(only=estimators, backend=backend)

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from stridetwin.estimators import registry
+from stridetwin.run.compile_ahead import feed_synthetic_samples
 from stridetwin.run.latency import Latency
 from stridetwin.run.live_chain import Chain, InputCheck, Request
-from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
+from stridetwin.run.warm_up import synthetic_rig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.live.messages import LiveRecorder
@@ -208,9 +209,7 @@ class _Live:
         except StrideTwinError:
             return
         self._say(f"{wanted.estimator} is being compiled, which takes minutes the first time")
-        for sample in synthetic_samples(trial.takes):
-            for _ in trial.update(sample):
-                pass
+        feed_synthetic_samples(trial)
         self._compiled = True
 
     def _arrive(self, arrival: Arrival) -> None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -11,6 +15,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.live import messages
+from stridetwin.streams.recording.reader import Recording, RecordingWriter
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole, Range, Sample
 
@@ -84,6 +89,38 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
         decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
         if (sample := decoder.sample(message)) is not None:
             yield sample
+
+
+def write_synthetic_recording(
+    path: Path,
+    takes: Mapping[str, type[Sample]],
+    metadata: Mapping[str, str] | None = None,
+    more: Iterable[Sample] = (),
+) -> Recording:
+    """Writes the samples of `synthetic_samples` as a recording.
+
+    Args:
+        path: Output file, `.mcap`.
+        takes: The kind of sample by topic.
+        metadata: Of the recording.
+        more: Samples of other topics.
+    """
+    samples = list(synthetic_samples(takes))
+    with RecordingWriter(path, _with_image_rates(synthetic_rig(), samples), metadata) as writer:
+        for sample in chain(samples, more):
+            writer.write(sample)
+    return Recording(path)
+
+
+def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
+    """The rig with the rates at which the synthetic images come, because a recording is checked against its rig."""
+    seconds = samples[-1].t_ns * 1e-9
+    counts = Counter(sample.topic for sample in samples)
+    cameras = {
+        topic: replace(camera, rate_hz=max(counts[topic], counts[camera.depth_topic], 1) / seconds)
+        for topic, camera in rig.cameras.items()
+    }
+    return replace(rig, cameras=cameras)
 
 
 def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:

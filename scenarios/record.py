@@ -14,6 +14,7 @@ from stridetwin.sim.faults.faults import FaultPlan, check_times
 from stridetwin.sim.wearer.anthropometry import anthropometry
 from stridetwin.streams.errors import explain_import_error
 from stridetwin.streams.recording.reader import RecordingWriter
+from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Sample
 from stridetwin.streams.terrain_truth import terrain_metadata
 
@@ -53,16 +54,7 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
     """
     config = twin.config
     plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
-    metadata = {
-        "scenario": config.name,
-        "seed": str(twin.seed),
-        "physics": config.physics,
-        "person_height_m": f"{config.person.height_m:g}",
-        "person_mass_kg": f"{config.person.mass_kg:g}",
-        "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
-        **terrain_metadata(twin.terrain.layout),
-        **exo_geometry.geometry_metadata(twin.size, plan.rig, twin.seed, config.faults),
-    }
+    metadata = walk_metadata(twin, plan.rig)
     if twin.fell_at is None:
         check_times(config.name, config.faults, twin.duration_s)
     else:
@@ -72,6 +64,26 @@ def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: Non
     with RecordingWriter(path, plan.rig, metadata) as writer:
         for arrival in plan.arrivals(_with_progress(twin, progress)):
             writer.write(arrival.item, arrival.log_ns)
+
+
+def walk_metadata(twin: Twin, rig: Rig) -> dict[str, str]:
+    """What a recording says of the walk beside its samples: scenario, person, terrain and geometry of the exoskeleton.
+
+    Args:
+        twin: The twin before or after its walk.
+        rig: Calibration as the recording has it, with the faults of the scenario.
+    """
+    config = twin.config
+    return {
+        "scenario": config.name,
+        "seed": str(twin.seed),
+        "physics": config.physics,
+        "person_height_m": f"{config.person.height_m:g}",
+        "person_mass_kg": f"{config.person.mass_kg:g}",
+        "shoe_length_m": f"{anthropometry(config.person).shoe_length_m:g}",
+        **terrain_metadata(twin.terrain.layout),
+        **exo_geometry.geometry_metadata(twin.size, rig, twin.seed, config.faults),
+    }
 
 
 def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:

@@ -67,6 +67,7 @@ if _WITH_INTERNALS:
     INNER_KERNEL |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
 
 F = TypeVar("F", bound=Callable[..., Any])
+_entry_kernels: list[Any] = []
 
 
 def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callable[[F], F]:
@@ -95,9 +96,29 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> C
             index = kernel._cache._cache_file
             index._source_stamp = stamp
             index._version += f" {stamp}"  # is compared first; the rest may name classes that are gone
+        _entry_kernels.append(kernel)
         return cast(F, kernel)
 
     return compiled
+
+
+def is_uncompiled(package: str) -> bool:
+    """Whether a package has functions that Python calls, and Numba's cache has machine code of none of them.
+
+    Machine code of an earlier state of the sources counts as well: it is compiled anew by whoever calls it first.
+
+    Args:
+        package: Name of an imported package or module, such as `stridetwin.estimators.dvio`.
+    """
+    kernels = [k for k in _entry_kernels if f"{k.py_func.__module__}.".startswith(f"{package}.")]
+    return bool(kernels) and not any(map(_has_cached_code, kernels))
+
+
+def _has_cached_code(kernel: Any) -> bool:
+    """Whether Numba's cache has an index file of a kernel; `stats.cache_path` is public, the file's name is not."""
+    function = kernel.py_func
+    pattern = f"{function.__module__.rsplit('.')[-1]}.{function.__qualname__}-*.nbi"
+    return any(Path(kernel.stats.cache_path).glob(pattern))
 
 
 def digest_of_sources(*sources: str | Path) -> int:

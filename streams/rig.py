@@ -159,6 +159,12 @@ class Rig:
     boards: Mapping[str, Board] = field(default_factory=dict)
     others: Mapping[str, OtherSensor] = field(default_factory=dict)
 
+    @property
+    def topics(self) -> set[str]:
+        """Topics of all sensors, the depth images of cameras among them."""
+        depth = {camera.depth_topic for camera in self.cameras.values()} - {""}
+        return {*self.imus, *self.cameras, *self.others} | depth
+
     def imu(self, topic: str) -> ImuCalibration:
         """Calibration of one IMU.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
 from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError, install_hint
-from stridetwin.streams.recording.reader import Recording, RecordingWriter
+from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Footprint, Odometry, Sample
 from stridetwin.streams.trajectory import Trajectory
@@ -112,8 +111,8 @@ def find_walk(estimator_class: type[Estimator], options: Options | None, recordi
         rig, metadata = _nominal_rig(cameras, mount)
         try:
             streams = estimator_class.streams(rig, replace(options, metadata=metadata, source=_NAME))
-            _require_topics(streams, _topics_of(rig))
-            counts.append(len(_topics_of(rig).intersection(stream.topic for stream in streams if stream.live)))
+            _require_topics(streams, rig.topics)
+            counts.append(len(rig.topics.intersection(stream.topic for stream in streams if stream.live)))
         except (
             Exception
         ) as error:  # an estimator may raise anything for a rig without its sensors, which a check reports
@@ -242,12 +241,6 @@ def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str
     return rig, exo_geometry.geometry_metadata(fit_wearer(config.person), rig, _SEED)
 
 
-def _topics_of(rig: Rig) -> set[str]:
-    """Topics of all sensors of a rig."""
-    depth = {camera.depth_topic for camera in rig.cameras.values()} - {""}
-    return {*rig.imus, *rig.cameras, *rig.others} | depth
-
-
 def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
     """File of the twin's walk; recorded once per process."""
     path = _session_folder() / f"{'_'.join([mount, *cameras])}.mcap"
@@ -262,19 +255,17 @@ def _synthetic_walk(estimator_class: type[Estimator], options: Options) -> Walk:
     Raises:
         StrideTwinError: The synthetic samples lack a sensor that the estimator requires.
     """
-    from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
+    from stridetwin.run.warm_up import synthetic_rig, write_synthetic_recording
 
     rig = synthetic_rig()
     with _needing_twin():
         streams = estimator_class.streams(rig, options)
-    samples = list(synthetic_samples({s.topic: s.kind for s in streams if s.topic != POSES and s.live}))
+    takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
-    with RecordingWriter(path, _with_image_rates(rig, samples)) as writer:
-        poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
-        for sample in chain(samples, poses):
-            writer.write(sample)
+    poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
+    recording = write_synthetic_recording(path, takes, more=poses)
     with _needing_twin():
-        return _select_streams(estimator_class, options, Recording(path))
+        return _select_streams(estimator_class, options, recording)
 
 
 @contextmanager
@@ -284,17 +275,6 @@ def _needing_twin() -> Iterator[None]:
         yield
     except StrideTwinError as error:
         raise StrideTwinError(f"{error}; without MuJoCo there are few sensors: {install_hint('twin')}") from error
-
-
-def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
-    """The rig with the rates at which the synthetic images come, because a recording is checked against its rig."""
-    seconds = samples[-1].t_ns * 1e-9
-    counts = Counter(sample.topic for sample in samples)
-    cameras = {
-        topic: replace(camera, rate_hz=max(counts[topic], counts[camera.depth_topic], 1) / seconds)
-        for topic, camera in rig.cameras.items()
-    }
-    return replace(rig, cameras=cameras)
 
 
 def _poses_at_rest(topic: str) -> Iterator[Sample]:

@@ -14,7 +14,7 @@ import pytest
 
 from stridetwin import estimators, sim
 from stridetwin.streams import compiled
-from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known
+from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known, is_uncompiled
 from stridetwin.streams.part_compiler import PartLibrary, _all_below
 
 INNER = "from numba import njit\n\n\n@njit\ndef doubled(x):\n    return 2 * x\n"
@@ -69,6 +69,18 @@ def test_a_class_that_is_gone_is_no_error(tmp_path, monkeypatch):
     new = loaded(tmp_path, "pairs")
     monkeypatch.setitem(sys.modules, "pairs", new)
     assert entry_kernel(tmp_path)(new.total)(new.Two(1, 2)) == 3
+
+
+def test_a_package_is_uncompiled_until_a_function_of_it_is_cached(tmp_path, monkeypatch):
+    (tmp_path / "package_outer.py").write_text(OUTER)
+    (tmp_path / "inner.py").write_text(INNER)
+    monkeypatch.setitem(sys.modules, "inner", loaded(tmp_path, "inner"))
+    assert not is_uncompiled("package_outer")  # it has no such function yet
+    function = entry_kernel(tmp_path)(loaded(tmp_path, "package_outer").outer)
+    assert is_uncompiled("package_outer")
+    assert not is_uncompiled("package")  # another name
+    assert function(3) == 7
+    assert not is_uncompiled("package_outer")
 
 
 def decorated(node: ast.AST, *words: str) -> bool:
