@@ -2,7 +2,7 @@
 # make test   every test
 # make check  style, types and layers
 # make docs   the documentation as a site, in site/
-# make wheel  the wheel, built and installed elsewhere, and the tutorial done with it
+# make wheel  wheel and source distribution, built and used in environments elsewhere, and the tutorial done there
 # make setup  system packages and the pinned environment (the others call it; the demo installs what it needs alone)
 
 PYTHON ?= python3.11
@@ -33,7 +33,8 @@ docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 wheel: $(READY)
-	$(BIN)/python tools/tutorial.py --wheel
+	$(BIN)/python -m tools.bare_environments
+	$(BIN)/python -m tools.tutorial --wheel
 
 setup: $(READY)
 

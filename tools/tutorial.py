@@ -1,6 +1,6 @@
 """Runs docs/tutorial.md literally in a folder of its own, and reports the results.
 
-    python tools/tutorial.py [--wheel] [--folder DIR]
+    python -m tools.tutorial [--wheel] [--folder DIR]
 
 The folder also holds packages named `sim` and `estimators`, as a user's may: they must do no harm. With `--wheel` the
 package is built and installed as for users, in its own environment, and each command is a process; dependencies come
@@ -16,7 +16,6 @@ import io
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -24,6 +23,8 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from tools.distribution import build
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "tutorial.md"
@@ -123,6 +124,7 @@ def strangers(folder: Path) -> None:
         "reference",
         "report",
         "studies",
+        "testing",
         "cli",
     ):
         (folder / name).mkdir()
@@ -131,19 +133,8 @@ def strangers(folder: Path) -> None:
 
 def of_the_wheel(folder: Path) -> dict[str, str]:
     """An environment with the wheel that is built from the source distribution, as `pip install` makes it."""
-    source, home = folder / "source", folder / "venv"
-    source.mkdir(parents=True)
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE", "stridetwin"):  # links become folders
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            shutil.copy(ROOT / name, source / name)
-    build = "import sys, setuptools.build_meta as backend; backend.build_sdist(sys.argv[1])"
-    subprocess.run([sys.executable, "-c", build, folder], cwd=source, stdout=subprocess.DEVNULL, check=True)
-    (sdist,) = folder.glob("*.tar.gz")
-    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*pip, "--wheel-dir", folder, sdist], check=True)
-    (wheel,) = folder.glob("*.whl")
+    home = folder / "venv"
+    _, wheel = build(folder / "build")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
     (packages,) = home.glob("lib/python*/site-packages")
     into = [sys.executable, "-m", "pip", "--python", home / "bin" / "python", "install", "--quiet", "--no-deps"]
