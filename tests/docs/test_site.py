@@ -123,12 +123,24 @@ def test_nothing_is_loaded_from_elsewhere(built):
         assert not re.search(r"@import|url\(['\"]?(https?:)?//", sheet.read_text(encoding="utf-8"))
 
 
+def test_every_package_has_its_place_in_the_reference():
+    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs" / "api").glob("*.md"))
+    packages = {link.name for link in (ROOT / "stridetwin").iterdir() if link.is_symlink()}
+    with_modules = {name for name in packages if any((ROOT / name).glob("*.py"))}
+    without_python_interface = {"assets", "cli"}
+    assert set(re.findall(r"^::: stridetwin\.(\w+)", pages, re.M)) == with_modules - without_python_interface
+
+
 def test_the_reference_lists_the_public_classes(built):
     for page, names in {
         "streams": ["Imu", "Rig", "Recording.samples", "StrideTwinError"],
         "estimators": ["FootIns.update", "FootToFoot", "ContactTerrain", "Dvio", "TerrainMap", "LocomotionMode"],
         "twin": ["Twin", "TwinConfig", "Stairs", "LiveTwin"],
-        "scenarios": ["environment", "Campaign", "compare_scores", "stridetwin_scenario"],
+        "scenarios": ["read_scenario", "Campaign"],
+        "gate": ["compare_scores", "stridetwin_scenario"],
+        "studies": ["environment", "Study", "run_placement"],
+        "outputs": ["OutputKind", "Instance", "evaluate"],
+        "run": ["run_recording", "run_live"],
     }.items():
         ids = set(re.findall(r'id="(stridetwin\.[\w.]+)"', (built / "api" / f"{page}.html").read_text("utf-8")))
         for name in names:
