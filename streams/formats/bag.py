@@ -88,7 +88,12 @@ POSES = frozenset(
 
 
 def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
-    """Stamp (ns), position (m) and quaternion (w, x, y, z) of one message."""
+    """Reads one message of a type in `POSES`, as they give the ground truth in bags.
+
+    Returns:
+        Stamp in ns (0 if the header has none), position (x, y, z) in m and quaternion (w, x, y, z) of the message's
+        frame in its parent frame.
+    """
     if hasattr(message, "transform"):
         p, q = message.transform.translation, message.transform.rotation
     else:
@@ -100,7 +105,14 @@ def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class Channel:
-    """A stream of a bag: its topic, and the type, encoding and text of its message definition."""
+    """A stream of a bag.
+
+    Attributes:
+        topic: Name of the stream.
+        typename: ROS 2 name of its message type, such as `sensor_msgs/msg/Imu`.
+        encoding: Language of `definition`: `ros2msg` or `ros2idl`.
+        definition: Definition of the message type; "" if the bag has none.
+    """
 
     topic: str
     typename: str
@@ -109,7 +121,7 @@ class Channel:
 
 
 class Bag(Protocol):
-    """An open bag.
+    """An open bag of ROS messages; `McapBag` and `RosBag` in `bag_files` are the two kinds.
 
     Attributes:
         channels: Its streams.
@@ -128,7 +140,13 @@ _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
 
 
 class _Stream:
-    """Messages of one topic: for images the first payload and the keys of all, otherwise every payload.
+    """The messages of one topic while a bag is read.
+
+    Of images, only the first payload is kept, to detect their kind, and the key by which each can be read again; of
+    other types, every payload.
+
+    Attributes:
+        times: Stamp of each message in ns, from its header or else the log time.
 
     Raises:
         ValueError: The message definition cannot be parsed.
@@ -156,10 +174,18 @@ class _Stream:
 
 
 def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
-    """Reads the streams of a bag.
+    """Reads the streams of a bag: small ones into memory, images as streams that are read on request.
+
+    Args:
+        bag: The open bag.
+        kind: Name of its format, one of `FILE_FORMATS`.
+        notes: Collects problems.
+
+    Returns:
+        Streams by the bag's topics, with our topic of each (`bag_names`), and the calibrations of its cameras.
 
     Raises:
-        StrideTwinError: The bag cannot be read, unless lenient.
+        StrideTwinError: The bag cannot be read, or a topic cannot be decoded, unless lenient.
     """
     streams, unread = _open_streams(bag, notes)
     for topic, log_time, payload, key in bag.messages(set(streams)):
@@ -216,13 +242,19 @@ def _open_streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str,
 
 
 def _to_messages(stream: _Stream) -> Messages:
+    """The collected payloads of a topic as `Messages`: one buffer with the offset, length and stamp of each."""
     lengths = np.array([len(p) for p in stream.payloads], np.int64)
     starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
 def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
-    """Metres per unit of depth by the name of a sensor, such as `/device_0/sensor_0`."""
+    """Reads the depth units that RealSense's own files contain.
+
+    Returns:
+        Metres per unit by the name of a sensor, such as `/device_0/sensor_0`; 0.001 in place of a value that is not
+        between 0 and 1.
+    """
     units = {}
     for topic, stream in streams.items():
         if stream.payloads and (matched := _DEPTH_UNITS.fullmatch(topic)):
@@ -235,6 +267,7 @@ def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
 
 
 def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
+    """A stream of images that are read from the bag again on request; depth is scaled by `units_m`, metres per unit."""
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
@@ -248,7 +281,13 @@ def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: fl
 
 
 def _read_extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
-    """Handles messages that are not samples themselves: calibrations, mounts, and poses."""
+    """Reads messages that are not samples themselves.
+
+    CameraInfo and /tf_static go into `calibration`; poses become a block of odometry in `blocks`.
+
+    Raises:
+        ValueError: A message lacks fields of its type.
+    """
     c = stream.channel
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:

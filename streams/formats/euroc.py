@@ -53,7 +53,7 @@ _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant"
 
 
 def euroc_root(path: Path) -> Path | None:
-    """The folder with `imu0` or `cam0`: `path` itself or its subfolder `mav0`."""
+    """The folder that has `imu0` or `cam0`: the subfolder `mav0` or `path` itself; None if neither has one."""
     for root in (path / "mav0", path):
         if any((root / name).is_dir() for name in ("imu0", "cam0")):
             return root
@@ -102,6 +102,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
 
 
 def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
+    """Reads `data.csv` of an IMU: angular rate in rad/s and specific force in m/s²."""
     file = folder / "data.csv"
     header, rows = read_text_rows(file, ",")
     columns = _find_columns(file, header, IMU_COLUMNS, IMU_UNITS, notes)
@@ -112,6 +113,7 @@ def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
 
 
 def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
+    """Reads `data.csv` of a ground truth, with or without velocities, as odometry of the body's frame."""
     header, rows = read_text_rows(file, ",")
     names = [_split_unit(word)[0] for word in header]
     has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _count_columns(rows) > len(POSE_COLUMNS) + 3)
@@ -131,7 +133,21 @@ def _read_marker(folder: Path) -> Array | None:
 def _find_columns(
     file: Path, header: list[str], wanted: Sequence[str], units: Sequence[str], notes: Notes
 ) -> list[tuple[str, int]]:
-    """Indices of the given columns, by the header's names, or in the published order without a header."""
+    """Finds columns by the names in the header, or (reported) in the published order if there is no header.
+
+    Args:
+        file: Named by errors.
+        header: Cells of the header, each a name and a unit in brackets; empty without a header.
+        wanted: Names of the columns.
+        units: Expected unit of each; further columns of `wanted` are not checked.
+        notes: Collects the warning.
+
+    Returns:
+        Name and index of each wanted column.
+
+    Raises:
+        ConfigError: A column is missing or occurs twice, or has another unit.
+    """
     where = f"{file.parent.name}/{file.name}"
     names, header_units = zip(*(_split_unit(word) for word in header)) if header else ((), ())
     if not header:
@@ -150,6 +166,7 @@ def _find_columns(
 
 
 def _split_unit(word: str) -> tuple[str, str]:
+    """Name and unit of a header's cell such as `a_RS_S_x [m s^-2]`; the unit is "" without one."""
     match = re.fullmatch(r"(\w+)\s*(?:\[(.*)\])?", word)
     return (match[1], (match[2] or "").strip()) if match else (word, "")
 
@@ -183,6 +200,8 @@ class _Sensor(BaseModel):
 
 
 class _ImuSensor(_Sensor, ImuNoise):
+    """A `sensor.yaml` of an IMU: pose, rate and noise densities."""
+
     rate_hz: Positive
 
     def calibration(self, topic: str) -> ImuCalibration:
@@ -192,6 +211,8 @@ class _ImuSensor(_Sensor, ImuNoise):
 
 
 class _CameraSensor(_Sensor):
+    """A `sensor.yaml` of a camera: pose, pinhole intrinsics, image size and distortion."""
+
     camera_model: Literal["pinhole"] = "pinhole"
     intrinsics: tuple[Positive, Positive, Number, Number]
     resolution: tuple[Count, Count]
@@ -215,7 +236,11 @@ class _CameraSensor(_Sensor):
 
 
 def _read_sensor(folder: Path, kind: type[S]) -> S | None:
-    """The calibration of a sensor; None without its file."""
+    """The contents of `sensor.yaml` in a sensor's folder as `kind`; None without the file.
+
+    Raises:
+        StrideTwinError: The file is no YAML, or a value is invalid.
+    """
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
@@ -228,10 +253,11 @@ BASELINE_M = (0.001, 1.0)
 
 
 def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
-    """The calibration of a right camera beside a left one, its axes parallel, +x away.
+    """The calibration of a virtual right camera: `baseline_m` along +x of the left one, with parallel axes.
 
     Raises:
-        ConfigError: An invalid baseline, or a left camera with distortion, so that the rows would not match.
+        ConfigError: The baseline is outside `BASELINE_M`, or the left camera has distortion, so that the rows of the
+            pair would not match.
     """
     low, high = BASELINE_M
     if not low <= baseline_m <= high:
@@ -248,11 +274,15 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
 
 
 def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
-    """The right image.
+    """Renders the image of a virtual right camera from the left image and its depth, for rectified stereo.
+
+    Each pixel moves left by its disparity fu·b/z, the nearest surface wins, and the left image is sampled bilinearly at
+    the place that each pixel of the right image comes from.
 
     Args:
         left: (H, W) or (H, W, 3) uint8.
-        depth: (H, W) m, registered to it; 0 = none, filled from the farther neighbour in the row.
+        depth: (H, W) m, registered to the left image; pixels without depth (0) take the disparity of the farther
+            neighbour in the row.
         focal_px: fu.
         baseline_m: Distance of the two cameras.
 
@@ -280,7 +310,14 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
 
 
 def _background(disparity: Array) -> NDArray[np.int64]:
-    """(H, W) source column of each pixel: itself, or in a hole (NaN) the farther of the row's two neighbours."""
+    """Finds where each pixel takes its disparity from: itself, or in a hole the farther of the row's two neighbours.
+
+    Args:
+        disparity: (H, W) pixels; NaN is a hole.
+
+    Returns:
+        (H, W) columns; a pixel of a row without any disparity keeps its own column.
+    """
     known = np.isfinite(disparity)
     at = np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(known, at, -1), axis=1)
@@ -338,6 +375,7 @@ def write_euroc(
 
 
 def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
+    """Writes `data.csv` and `sensor.yaml` of the IMU, whose frame is the body's; returns the number of rows."""
     block = recording.block(imu.topic)
     header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(IMU_COLUMNS, IMU_UNITS))]
     _write_csv(folder, header, block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
@@ -358,7 +396,14 @@ def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
 def _write_stereo(
     recording: Recording, left: CameraCalibration, right: CameraCalibration, imu: ImuCalibration, root: Path
 ) -> dict[str, int]:
-    """Both cameras of a pair with a virtual right one: the images that have depth."""
+    """Writes `cam0` and the rendered `cam1`, both only of the images that have depth at the same stamp.
+
+    Returns:
+        Number of images by folder.
+
+    Raises:
+        ConfigError: The left camera has no depth.
+    """
     if left.depth_topic not in recording.topics:
         raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
     times = np.intersect1d(recording.image_times(left.topic), recording.image_times(left.depth_topic))
@@ -380,6 +425,10 @@ def _write_stereo(
 
 
 def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+    """Writes a camera's folder: the images as PNG, `data.csv` and `sensor.yaml`; returns the number of images.
+
+    The pose T_BS is that of the optical frame in the frame of `imu`.
+    """
     data = folder / "data"
     data.mkdir(parents=True)
     rows = ["#timestamp [ns],filename"]
@@ -404,6 +453,7 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
 
 
 def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
+    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows."""
     c = recording.block(topic).columns
     t_ns = recording.block(topic).t_ns
     biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]
@@ -432,6 +482,7 @@ def _with_both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibrat
 
 
 def _format_transform(T: Array) -> str:
+    """A transform (4, 4) as the lines of YAML that OpenCV's matrices have in this layout."""
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{', '.join(repr(float(v)) for v in T.ravel())}]"
 
 

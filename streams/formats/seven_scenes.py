@@ -30,7 +30,7 @@ _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the publish
 
 
 def frames_folder(path: Path) -> Path | None:
-    """The folder with the frames: `path`, or its first `seq-..`."""
+    """The folder with the frames: `path`, or its first `seq-..` that has frames; None without any."""
     for folder in (path, *sorted(path.glob("seq-*"))):
         if folder.is_dir() and any(_FRAME.fullmatch(p.name) for p in folder.iterdir()):
             return folder
@@ -44,6 +44,9 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
         path: The folder.
         notes: Collects problems.
         per_metre: Units of the depth images per metre.
+
+    Returns:
+        Colour, depth and true poses of the camera, as far as there are files, with stamps at an assumed 30 Hz.
 
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
@@ -69,6 +72,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
 
 
 def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -> None:
+    """Warns of numbers that are missing between the first and the last frame, for each kind of file."""
     frames = sorted({f for files in frame_files.values() for f in files})
     for what, files in frame_files.items():
         missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
@@ -77,10 +81,12 @@ def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -
 
 
 def _to_stamp(frame: int) -> int:
+    """Stamp of a frame in ns at the assumed rate of 30 Hz."""
     return round(frame * 1e9 / RATE_HZ)
 
 
 def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
+    """Reads the pose files, by frame number, as odometry of the camera in the world."""
     stamps: list[int] = []
     poses: list[Array] = []
     for frame, file in sorted(files.items()):
@@ -97,6 +103,11 @@ def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
 
 
 def _read_pose(file: Path) -> Array:
+    """Reads T_world_camera (4, 4) of one pose file.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no rigid transform.
+    """
     T = read_matrix(file, None, 4)
     R = T[:3, :3]
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-2) and np.linalg.det(R) > 0 and np.allclose(T[3], (0, 0, 0, 1))):
@@ -105,6 +116,7 @@ def _read_pose(file: Path) -> Array:
 
 
 def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
+    """The camera's calibration, from `camera-intrinsics.txt` or, for images of 640 x 480, as published; else empty."""
     depth_size = first_image_size(images[DEPTH]) if DEPTH in images else None
     color_size = first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size

@@ -38,7 +38,11 @@ class Row(NamedTuple):
 
 
 def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
-    """The words of the last comment (`#`) above the data, and the rows; without a separator words end at blanks.
+    """Reads the rows of a text file, and the cells of the last comment (`#`) above them, which is their header.
+
+    Args:
+        path: The file.
+        separator: Between cells; None is any white space.
 
     Raises:
         StrideTwinError: The file cannot be read.
@@ -57,7 +61,7 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
 def read_numbers(
     path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
 ) -> tuple[Stamps, Array]:
-    """Stamps (N,) ns from the first word of each row, and the columns (N, K).
+    """Reads a stamp and some numbers of each row.
 
     Args:
         path: What errors call the file.
@@ -65,6 +69,9 @@ def read_numbers(
         columns: Name and index of each column.
         stamp: Converts a word to nanoseconds; ValueError for an invalid one.
         notes: Collects invalid rows, which are omitted when lenient.
+
+    Returns:
+        Stamps (N,) ns from the first cell of each row, and the columns (N, K).
 
     Raises:
         ConfigError: A word is not a number, or there is no row, unless lenient.
@@ -127,10 +134,10 @@ def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -
 
 
 def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float, float, float]:
-    """The intrinsics (fu, fv, pu, pv), pixels, of a camera matrix.
+    """Reads the intrinsics (fu, fv, pu, pv) in pixels from a file with a camera matrix.
 
     Raises:
-        StrideTwinError: The file cannot be read, or is no such matrix.
+        StrideTwinError: The file cannot be read, or is no camera matrix.
     """
     valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
     K = read_matrix(path, separator, 3, valid)

@@ -51,6 +51,9 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         notes: Collects problems.
         per_metre: Units of the depth images per metre.
 
+    Returns:
+        Images, inertial streams and true poses of the colour camera, as far as their files exist, and its calibration.
+
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
@@ -72,7 +75,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
 
 
 def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
-    """Accelerometer and IMU, if their files exist."""
+    """Reads the accelerometer, and an IMU from `imu.txt` or from `gyroscope.txt` with the accelerometer's forces."""
     blocks: dict[str, Block[Any]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
@@ -100,7 +103,7 @@ def _read_columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Sta
 
 
 def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
-    """Warns of a distance that no such camera measures, the effect of a wrong scale."""
+    """Warns if the median depth of the first image is one that no such camera measures, the effect of a wrong scale."""
     try:
         first = images.load(DEPTH, 0)
     except (StrideTwinError, IndexError):
@@ -114,6 +117,11 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
 
 
 def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
+    """The camera's calibration in `calibration.txt`, in pixels; empty without the file.
+
+    Raises:
+        ConfigError: The file has other contents than fx fy cx cy.
+    """
     file = path / "calibration.txt"
     topic = COLOR if COLOR in images else DEPTH
     if not file.is_file() or topic not in images or (size := first_image_size(images[topic])) is None:
@@ -173,7 +181,11 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
 
 
 def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
-    """Ground truth of a camera's optical frame: recorded, or from that of its IMU and their mounts."""
+    """The true path of a camera's optical frame: recorded, or computed from that of its IMU and both mounts.
+
+    Returns:
+        Poses of the optical frame in the world; None if neither is recorded.
+    """
     truth_topic = f"/truth{camera.topic}/odometry"
     T_frame_cam: Array = np.eye(4)
     if truth_topic not in recording.topics:
@@ -203,6 +215,7 @@ def _with_both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> R
 
 
 def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:
+    """Writes the images of a topic into `folder/name` and their list beside it; returns their number."""
     (folder / name).mkdir()
     rows = ["# timestamp filename"]
     for sample in recording.samples([topic]):
