@@ -50,17 +50,20 @@ MOST_PIXELS = 1920 * 1200
 
 
 def rank_of(kind: type[Sample]) -> int:
-    """Rank among samples of one instant: IMUs, which close an interval, then other small samples, then images."""
+    """Rank of a kind of sample at one instant: 0 for IMUs, which close an interval, 2 for images, 1 for others."""
     return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
 class Encoder:
-    """Converts samples to ROS 2 messages.
+    """Converts samples to ROS 2 messages, as `Sender` sends them.
 
     Args:
         rig: Its noise and ranges are part of the messages, as in recordings.
         depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None sends lossless images.
+
+    Raises:
+        ConfigError: An unknown depth encoding.
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
@@ -70,7 +73,11 @@ class Encoder:
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
     def message(self, sample: Sample) -> Message:
-        """The ROS 2 message of a sample: an image by its encoding, any other sample by its topic's template."""
+        """Converts a sample to its ROS 2 message.
+
+        A colour image becomes a CompressedImage (JPEG), or without a quality an Image with its pixels; depth becomes an
+        Image; any other sample fills the numbers of a message of its topic that is built once.
+        """
         if isinstance(sample, Image):
             typename = RAW if self._quality is None else COMPRESSED
             payload = raw_image_message(sample) if self._quality is None else image_message(sample, self._quality)
@@ -81,6 +88,7 @@ class Encoder:
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
 
     def _encode_small(self, sample: Sample) -> tuple[str, bytes]:
+        """The ROS 2 type and the CDR bytes of a sample that is no image."""
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
@@ -134,6 +142,11 @@ class Decoder:
         return mapping.kind(topic=self.topic, t_ns=t_ns, **values, **mapping.constants(layout))
 
     def _parse_layout(self, payload: bytes) -> tuple[MessageLayout, SampleMapping]:
+        """Finds where the numbers of a message are, and the kind of sample that they are.
+
+        Raises:
+            ValueError: The bytes are no message of the type, or the kind differs from that of earlier messages.
+        """
         layout = layout_of(payload, self.typename, typestore())
         mapping = find_mapping(self.typename, np.frombuffer(payload, layout.dtype))
         if self._previous is not None and mapping.kind is not self._previous[1].kind:
@@ -142,6 +155,11 @@ class Decoder:
         return layout, mapping
 
     def _decode_image(self, message: Message) -> Image | Depth:
+        """Decodes an image or depth after a check of its declared size.
+
+        Raises:
+            ValueError: The bytes are no image of the type, or the image has more than `MOST_PIXELS`.
+        """
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == COMPRESSED:
@@ -195,7 +213,10 @@ class LiveRecorder:
             partial_path(self.path).unlink()
 
     def set_rig(self, rig: Rig, metadata: Mapping[str, str]) -> None:
-        """Sets rig and metadata of the senders: before their first message, and when further senders connect."""
+        """Writes rig and metadata of the senders into the file, if they differ from those written before.
+
+        Call it before the first message, and again when further senders connect.
+        """
         known = rig_to_yaml(rig), dict(metadata)
         if known == self._previous:
             return
@@ -220,7 +241,7 @@ class LiveRecorder:
 
 
 def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
-    """Messages of some topics in time order, at equal stamps IMUs first and images last.
+    """Yields the messages of some topics in time order, at equal stamps IMUs first and images last.
 
     Args:
         recording: The messages of an MCAP file are returned unchanged; for other sources images are lossless, and depth

@@ -41,8 +41,8 @@ class Sender:
 
     Args:
         rig: Calibration of the sensors.
-        address: Host and port.
-        metadata: See `Hello`.
+        address: Host and port of the receiver.
+        metadata: Texts for the receiver's recording, such as the geometry of an exoskeleton.
         epoch_ns: System time at stamp 0; 0 for stamps that are system time (`time.time_ns()`), None if unknown.
         encoder: Conversion of samples to messages; by default as in recordings.
         lossless: `send` waits while a queue is full.
@@ -51,6 +51,9 @@ class Sender:
     Attributes:
         sent: Messages sent, by topic.
         dropped: Messages dropped, by topic.
+
+    Raises:
+        WireError: Rig and metadata are too large.
     """
 
     def __init__(
@@ -102,10 +105,10 @@ class Sender:
             self._raise_failure()
 
     def send(self, item: Sample | Message) -> None:
-        """Sends a sample, or an existing message unchanged.
+        """Queues a sample for sending, or an existing message, which is sent unchanged.
 
         Raises:
-            WireError: The receiver has refused us, or was never reachable; or the message is invalid.
+            WireError: The receiver has refused this sender, or was never reachable; or the message is invalid.
         """
         message = item if isinstance(item, Message) else self._encoder.message(item)
         check_message(message)
@@ -124,10 +127,12 @@ class Sender:
             self._changed.notify_all()
 
     def _raise_failure(self) -> None:
+        """Raises the error of the sending thread, if it has failed."""
         if self._failure:
             raise WireError(self._failure)
 
     def _run(self) -> None:
+        """The sending thread: delivers hello, messages and end until the end is answered or sending fails."""
         try:
             link = Link(connect=self._address)
             try:
@@ -143,7 +148,11 @@ class Sender:
             self._fail(str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}")
 
     def _has_receiver(self) -> bool:
-        """Waits until a receiver is present; returns false if there is none in time or it refuses."""
+        """Waits until a receiver is present.
+
+        Returns:
+            False if none appears within `patience_s`, or sending has failed.
+        """
         with self._changed:
             since = time.monotonic()
             while not self._receiver and not self._failure:
@@ -154,7 +163,11 @@ class Sender:
             return not self._failure
 
     def _deliver(self, link: Link) -> bool:
-        """Sends the hello, the next message or the end; returns whether it was the end."""
+        """Sends the next item: the hello to a new receiver, then the oldest queued message, at last the end.
+
+        Returns:
+            Whether the end was sent and answered.
+        """
         with self._changed:
             is_greeted = self._is_greeted
             waiting = [topic for topic, queue in self._queues.items() if queue]
@@ -177,6 +190,7 @@ class Sender:
         return False
 
     def _greet(self, link: Link) -> None:
+        """Sends the hello with the number of the next sample of each topic; it is repeated until it is answered."""
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
             if self._receiver != self._greeted_receiver:  # another one than before
@@ -187,7 +201,14 @@ class Sender:
             self._is_greeted = False
 
     def _count_losses(self, answer: bytes | None) -> bool:
-        """Counts the samples that the receiver has not received as dropped; returns whether it has answered."""
+        """Moves messages that the receiver lacks from `sent` to `dropped`.
+
+        Args:
+            answer: The receiver's counts by topic as JSON; None if the connection was lost.
+
+        Returns:
+            Whether the receiver has answered.
+        """
         if answer is None:
             return False
         received = parse_json(Counts, answer, "answer")
@@ -199,6 +220,7 @@ class Sender:
         return True
 
     def _on_receiver(self, key: str, is_present: bool) -> None:
+        """Notes that a receiver has appeared or disappeared; a new one is greeted."""
         name = key.rpartition("/")[2]
         with self._changed:
             if is_present or self._receiver == name:
@@ -206,9 +228,11 @@ class Sender:
                 self._changed.notify_all()
 
     def _on_refusal(self, reason: str) -> None:
+        """Stops sending because the receiver refuses it."""
         self._fail(f"{self._address_text} refuses: {reason}")
 
     def _fail(self, reason: str) -> None:
+        """Stops sending; the first reason is kept for the error that `send` raises."""
         with self._changed:
             self._failure = self._failure or reason
             self._changed.notify_all()

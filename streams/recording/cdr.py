@@ -62,18 +62,32 @@ class MessageLayout:
         return ((0, self.head), *((at, struct.pack(word, value)) for at, value in self.lengths))
 
     def fits(self, messages: NDArray[np.void]) -> bool:
-        """Whether all of `messages`, (N,) raw items of this item size, have this layout."""
+        """Whether all of `messages`, (N,) raw items of this item size, have this layout: equal lengths everywhere."""
         data = messages.view(np.uint8).reshape(len(messages), -1)
         return all(bool(np.all(data[:, at : at + 4] == np.frombuffer(word, np.uint8))) for at, word in self.marks)
 
     def fits_message(self, payload: bytes) -> bool:
-        """Whether one message has this layout; much faster than `fits`."""
+        """Whether one message has this layout; much faster than `fits` for one."""
         same_size = len(payload) == self.dtype.itemsize
         return same_size and all(payload.startswith(word, at) for at, word in self.marks)
 
 
 class _LayoutParser:
-    """One pass over a serialised message that records the offset of everything."""
+    """Records the offsets of numbers, lengths and strings in one pass over a serialised message.
+
+    Args:
+        payload: CDR bytes.
+        store: Definitions of the types.
+
+    Attributes:
+        at: Offset of the next byte.
+        fields: NumPy type and offset of each number, array or vector, by its dotted path.
+        lengths: Offset and value of every length.
+        strings: Every string by its dotted path.
+
+    Raises:
+        ValueError: The bytes do not begin with plain CDR encapsulation.
+    """
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
         if len(payload) < ENCAPSULATION or payload[0] != 0 or payload[1] not in (0, 1):
@@ -107,7 +121,13 @@ class _LayoutParser:
         return text
 
     def numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
-        """Records the offset and the NumPy type of `shape` numbers of the ROS type `base`, and skips them."""
+        """Records the offset and the NumPy type of numbers, and skips them.
+
+        Args:
+            path: Dotted path of the field.
+            base: ROS type of each number, such as `float64`.
+            shape: Shape of the array; empty for one number.
+        """
         form = np.dtype(self.order + _CODES[base])
         count = int(np.prod(shape))
         if count:
@@ -116,7 +136,7 @@ class _LayoutParser:
         self.at += count * form.itemsize
 
     def message(self, path: str, typename: str) -> None:
-        """Walks through a message; one of float64s alone becomes a single vector."""
+        """Records everything in a message; one of float64s alone, such as a vector or quaternion, becomes one field."""
         members = self.store.fielddefs[typename][1]
         if path and all(d[0] == Nodetype.BASE and d[1][0] == "float64" for _, d in members):
             self.numbers(path, "float64", (len(members),))
@@ -125,7 +145,12 @@ class _LayoutParser:
             self.member(f"{path}.{name}" if path else name, description)
 
     def member(self, path: str, description: Any) -> None:
-        """Walks through a field of a message, by rosbags' description of its type."""
+        """Records a field of a message: a number, string, message, or an array or sequence of these.
+
+        Args:
+            path: Dotted path of the field.
+            description: rosbags' description of its type.
+        """
         node, detail = description
         if node == Nodetype.NAME:
             self.message(path, detail)
@@ -148,6 +173,11 @@ class _LayoutParser:
 
 def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
     """Finds the layout of one serialised message in one pass over its bytes.
+
+    Args:
+        payload: CDR bytes.
+        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
+        store: Definitions of the types.
 
     Raises:
         ValueError: The bytes are not a message of this type.

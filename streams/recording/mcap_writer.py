@@ -39,7 +39,7 @@ _RECORD_HEAD = np.dtype(
 
 
 def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
-    """N message records with copies of `payload`.
+    """Builds N message records that are copies of one serialised message, to be filled with numbers column by column.
 
     Args:
         channel: Channel they belong to.
@@ -67,7 +67,14 @@ def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDAr
 
 
 class _OpenChunk:
-    """A chunk that still accepts messages."""
+    """A chunk that still accepts messages.
+
+    Attributes:
+        parts: Records, in order.
+        size: Bytes of all records.
+        entries: Log time and offset of each message, by channel.
+        times: Log time of the earliest and of the latest message, ns.
+    """
 
     def __init__(self) -> None:
         self.parts: list[memoryview] = []
@@ -76,7 +83,13 @@ class _OpenChunk:
         self.times = (0, 0)
 
     def add(self, channel: int, times: NDArray[np.uint64], data: memoryview) -> None:
-        """Appends equal-sized message records of one channel."""
+        """Appends equal-sized message records of one channel.
+
+        Args:
+            channel: The channel.
+            times: (N,) log times, ns, in order.
+            data: The N records.
+        """
         first, last = int(times[0]), int(times[-1])
         if self.entries:
             first, last = min(first, self.times[0]), max(last, self.times[1])
@@ -184,7 +197,7 @@ class McapWriter:
         self._file.flush()
 
     def finish(self) -> None:
-        """Writes the open chunks, the summary and the footer, closes the file and gives it its name."""
+        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name."""
         self._finish_chunks()
         self._append(_encode(records.DataEnd(self._crc)))
         start = self._file.tell()
@@ -221,7 +234,7 @@ class McapWriter:
         os.replace(partial_path(self._path), self._path)
 
     def abandon(self) -> None:
-        """Writes the open chunks and closes the hidden file without a summary."""
+        """Gives the file up: writes open chunks and closes the hidden file, which stays readable without a summary."""
         self._finish_chunks()
         self._file.close()
 
@@ -230,6 +243,7 @@ class McapWriter:
             self._finish_chunk(lane)
 
     def _finish_chunk(self, lane: int) -> None:
+        """Compresses the open chunk of a lane, and appends it with the index of its messages."""
         done = self._lanes.pop(lane)
         data = b"".join(done.parts)
         first, last = done.times
@@ -275,11 +289,13 @@ class McapWriter:
         self._times = min(earliest, first), max(latest, last)
 
     def _append(self, data: bytes) -> None:
+        """Appends bytes to the data section, and to its CRC."""
         self._crc = zlib.crc32(data, self._crc)
         self._file.write(data)
 
 
 def _encode(record: records.McapRecord) -> bytes:
+    """The bytes of a record of the `mcap` library."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

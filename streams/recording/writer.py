@@ -49,6 +49,10 @@ class RecordingWriter:
         metadata: Stored inside as text (seed, versions, ...).
         depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
+
+    Raises:
+        ConfigError: An unknown depth encoding.
+        RecordingError: The file cannot be written.
     """
 
     def __init__(
@@ -145,6 +149,11 @@ class RecordingWriter:
         return t_ns
 
     def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
+        """Appends a block as message records made from its topic's template.
+
+        Raises:
+            RecordingError: The block's constants differ from those of earlier blocks of the topic.
+        """
         mapping = SAMPLE_MAPPINGS[block.kind]
         if block.topic not in self._templates:
             payload, layout = mapping.template(block.topic, self._rig, block.constants)
@@ -158,6 +167,7 @@ class RecordingWriter:
         self._file.messages(rows)
 
     def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
+        """Queues an image for encoding, and before it the camera's intrinsics if they are due."""
         if (camera := self._infos.camera_if_due(sample.topic, sample.t_ns)) is not None:
             info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
@@ -169,7 +179,7 @@ class RecordingWriter:
         self._append_encoded(_IMAGES_IN_FLIGHT)
 
     def _shared_image_data(self, sample: Image) -> NDArray[np.uint8] | None:
-        """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
+        """The encoded pixels of a read-only array, which many images of a topic share; None for a writeable one."""
         if sample.pixels.flags.writeable:
             return None
         pixels, data = self._shared.get(sample.topic, (None, None))
@@ -179,11 +189,12 @@ class RecordingWriter:
         return data
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
+        """Encodes a message in the pool; `_append_encoded` appends it later, in the order of submission."""
         self._file.channel(topic, typename)  # numbered in the order of arrival
         self._queue.append((topic, typename, self._pool.submit(encode), log_ns))
 
     def _append_encoded(self, max_left: int) -> None:
-        """Appends encoded images in order, until `leave` are left in the queue."""
+        """Appends encoded images in order, until `max_left` are left in the queue."""
         while len(self._queue) > max_left:
             topic, typename, encoded, log_ns = self._queue.popleft()
             self._file.message(topic, typename, encoded.result(), log_ns, lane=IMAGE_LANE)
