@@ -49,7 +49,14 @@ class Executor:
     def run(
         self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
     ) -> Iterator[tuple[Job[Task], Result | Failure]]:
-        """Jobs with their results, in the order in which the groups end.
+        """Runs the groups of jobs in this process.
+
+        Args:
+            work: How rows are made.
+            groups: Jobs; those of a group run together.
+
+        Yields:
+            Each job with its result, in the order in which the groups end.
 
         Raises:
             StrideTwinError: An error that affects all jobs, such as a full disk, or workers that die one after another.
@@ -122,7 +129,7 @@ class _Pool(Executor):
 def _run_alone(
     work: Work[Task, Result], versions: Mapping[str, str], group: Sequence[Job[Task]]
 ) -> Sequence[Result | Failure] | None:
-    """The results of a group in a process of its own; None if it died."""
+    """Runs a group in a process of its own; returns its results, or None if that process died."""
     try:
         with open_pool(1) as pool:
             return pool.submit(run_group, work, versions, [job.task for job in group]).result()
@@ -131,7 +138,7 @@ def _run_alone(
 
 
 def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
-    """The names of consecutive groups whose worker died, with one more.
+    """Adds a group whose worker died to the names of those before it in a row.
 
     Raises:
         StrideTwinError: It is the third one.

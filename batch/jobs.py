@@ -36,9 +36,12 @@ class Job(Generic[Task]):
 
 @dataclass(frozen=True)
 class Failure:
-    """What a job without a row has instead: the reason.
+    """What a job without a row has instead.
 
     It concerns this job alone, is not stored, and a later run tries the job again.
+
+    Attributes:
+        reason: Why the job has failed.
     """
 
     reason: str
@@ -68,10 +71,10 @@ def content_key(*content: Any) -> str:
 
 
 def run_group(work: Work[Task, Result], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[Result | Failure]:
-    """Results of the tasks of one group, on a worker.
+    """Runs the tasks of one group on a worker, and returns a result for each, in order.
 
     Raises:
-        StrideTwinError: The worker has other versions than those expected.
+        StrideTwinError: The worker has other versions of the code than those expected.
     """
     versions = work.versions()
     if versions != expected:

@@ -40,8 +40,8 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
     """Versions that determine a module's results: the project, a digest of its sources, and numerical libraries.
 
     Args:
-        module: Its name.
-        estimators: See `digest`.
+        module: Name of the module.
+        estimators: False leaves the estimators out of the digest, as they do not affect a recorded walk.
     """
     return {
         "stridetwin": metadata.version("stridetwin"),
@@ -58,11 +58,14 @@ def class_version(of: type) -> str:
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
-    """Digest of the sources behind a module's results.
+    """Digest of the sources that determine a module's results, with the versions of numerical libraries.
 
     Args:
-        module: Its name.
+        module: Name of the module.
         estimators: False excludes the estimators, which do not affect a recorded walk.
+
+    Returns:
+        16 hexadecimal digits.
     """
     files = _data_files() | {
         name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)

@@ -102,6 +102,7 @@ def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -
 
 
 def _markdown_table(lines: Sequence[Line]) -> list[str]:
+    """The rows of a Markdown table of scores against their baselines, with regressions in bold."""
     rows = [_markdown_row(HEAD), _markdown_row(["---"] * 3 + ["---:"] * 5 + ["---"])]
     for line in lines:
         row_cells = [_escape(cell) for cell in to_cells(line)]
@@ -111,6 +112,7 @@ def _markdown_table(lines: Sequence[Line]) -> list[str]:
 
 
 def _markdown_row(row_cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row_cells) + " |"
 
 
@@ -148,6 +150,7 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
 
 
 def _add_case(suite: Any, estimator: str, name: str) -> Any:
+    """Adds a test case to a JUnit suite, and returns its element."""
     classname = _valid_xml(f"stridetwin.{estimator}")
     return ElementTree.SubElement(suite, "testcase", classname=classname, name=_valid_xml(name), time="0")
 

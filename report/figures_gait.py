@@ -62,13 +62,23 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
 
 
 def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
-    """(101,) values at 0-100 % of the stride."""
+    """Interpolates values over the gait cycle: (101,) values at 0, 1, ... 100 % of the stride.
+
+    Args:
+        stride: The stride.
+        t_ns: (N,) stamps that increase.
+        values: (N,) values at the stamps.
+    """
     at = stride.start_ns + _CYCLE / 100.0 * (stride.end_ns - stride.start_ns)
     return np.interp(at, t_ns, values)
 
 
 def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
-    """Hip, knee and ankle over the gait cycle, with the norm band at that speed."""
+    """Draws hip, knee and ankle angles in degrees over the gait cycle, with the norm band of people at that speed.
+
+    Returns:
+        A figure per joint; none without true joint angles or level strides.
+    """
     if "/truth/joints" not in recording.topics or not strides:
         return []
     block = recording.block("/truth/joints")
@@ -103,14 +113,24 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
 
 
 def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[NDArray[np.int64], Array]]) -> None:
-    """Every stride of a foot as one curve over the cycle, from (times, values) by foot."""
+    """Draws every stride of a foot as one curve over the gait cycle.
+
+    Args:
+        plot: Where they are drawn.
+        strides: Strides of both feet.
+        curves: Stamps (N,) ns and values (N,) by foot.
+    """
     for foot, (t_ns, values) in curves.items():
         over_cycles = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
         plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
-    """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
+    """Draws the path of the centre of pressure under each foot, in the frame of the footprint that it belongs to.
+
+    The frame has its origin at the heel, x along the foot's axis and y to the left. Points outside the sole are left
+    out, and a pause of more than 30 ms breaks a path.
+    """
     plot = Plot(
         title="Centre of pressure",
         x_label="ahead of the heel, m",
@@ -138,6 +158,6 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
 
 
 def _in_footprint(points_in_world: Array, footprint: Footprint) -> Array:
-    """(N, 2) m ahead of the heel and left of the axis of a footprint."""
+    """Transforms points (N, 3) in the world to (N, 2) m: ahead of the heel, and left of the axis of a footprint."""
     rotation = Rotation.from_quat(footprint.q_world_foot, scalar_first=True)
     return np.asarray(rotation.apply(points_in_world - footprint.p_foot_in_world, inverse=True))[:, :2]

@@ -96,6 +96,14 @@ def run_live(request: LiveRequest, say: Say, emit: Say) -> Outcome:
 
 
 class _Live:
+    """One live run: receives, reorders and checks samples, and gives them to the estimator and the recorder.
+
+    Args:
+        request: What to run and to record.
+        say: Receives status messages.
+        emit: Receives each estimate as a row of its file.
+    """
+
     def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
         self._request, self._say, self._emit = request, say, emit
         declaration = registry.estimator(request.chain.estimator).declaration if request.chain else None
@@ -116,6 +124,11 @@ class _Live:
         self._refusals_reported = 0
 
     def run(self) -> Outcome:
+        """Compiles the estimator, listens until the senders have ended, and writes the files.
+
+        Raises:
+            StrideTwinError: The address or a file is unavailable, or nothing was estimated.
+        """
         with ExitStack() as stack:
             self._compile()
             if self._request.rig is not None:
@@ -148,6 +161,7 @@ class _Live:
             )
 
     def _follow(self, receiver: Receiver) -> None:
+        """Handles hellos and samples until the senders have ended or the user interrupts, then buffered samples."""
         try:
             while not receiver.ended:
                 due_s = self._reorder.due_s(time.perf_counter_ns())
@@ -164,6 +178,11 @@ class _Live:
         self._warn(receiver)
 
     def _finish(self) -> dict[Path, int]:
+        """Writes the estimator's files; returns the number of rows by file.
+
+        Raises:
+            StrideTwinError: No sample arrived, or none that the estimator reads.
+        """
         if self._span is None:
             raise StrideTwinError("no samples arrived")
         if self._request.chain is not None and self._chain is None:
@@ -173,6 +192,7 @@ class _Live:
         return self._chain.finish() if self._chain is not None else {}
 
     def _on_hello(self, hello: Hello) -> None:
+        """Merges a sender's rig and metadata into those known, warns where two senders differ, and tries to start."""
         self._rig, differing = _merge_rigs(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
@@ -199,7 +219,10 @@ class _Live:
         self._say(f"{wanted.estimator} reads {', '.join(self._chain.takes)}")
 
     def _compile(self) -> None:
-        """Feeds synthetic samples to a trial chain once; an exoskeleton estimator without geometry has no chain yet."""
+        """Compiles the estimator once on synthetic samples, so that the first real ones do not wait.
+
+        It is put off until its inputs are known, such as the geometry of an exoskeleton in a sender's metadata.
+        """
         wanted = self._request.chain
         if wanted is None or self._compiled:
             return
@@ -214,6 +237,7 @@ class _Live:
         self._compiled = True
 
     def _arrive(self, arrival: Arrival) -> None:
+        """Records a sample that has arrived, and queues it by its stamp if the estimator reads it and it fits."""
         topic = arrival.sample.topic
         self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
         if arrival.travel_ns is not None:
@@ -231,6 +255,7 @@ class _Live:
                 self._warn_once(topic, what, case)
 
     def _process(self, arrivals: Iterable[Arrival]) -> None:
+        """Gives samples to the estimator in order, measures the latency of each, and emits its rows."""
         for arrival in arrivals:
             assert self._chain is not None
             topic, before = arrival.sample.topic, time.perf_counter_ns()
