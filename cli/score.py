@@ -67,7 +67,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     code, comparison = int(bool(failed)), None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
-        data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
+        data["comparison"] = {"how": comparison.description, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
         code = 1 if comparison.regressions else code
         for path, form in ((arguments.junit, to_junit), (arguments.markdown, to_markdown)):
@@ -169,7 +169,7 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
 def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
     """The lines on the comparison: how it was made, the scores that differ (regressions first), and the verdict."""
     rows = [to_cells(line) for line in find_changes(comparison)]
-    head = f"against the baseline: {comparison.words}"
+    head = f"against the baseline: {comparison.description}"
     return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
 
 

@@ -87,7 +87,7 @@ def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -
     count = len(comparison.regressions)
     result = f"**{count} worse**" if count else "**nothing worse**"
     result += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
-    out = ["### Estimators against the baseline", "", f"{result} ({comparison.words})", ""]
+    out = ["### Estimators against the baseline", "", f"{result} ({comparison.description})", ""]
     changes = find_changes(comparison)
     same = [line for line in comparison.lines if line.verdict == SAME]
     if failed:
@@ -140,7 +140,7 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
                 worse = ElementTree.SubElement(
                     case, "failure", type=line.verdict, message=_valid_xml(to_sentence(line))
                 )
-                worse.text = _valid_xml(f"{details}\n{comparison.words}")
+                worse.text = _valid_xml(f"{details}\n{comparison.description}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
             elif details:

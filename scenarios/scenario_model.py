@@ -188,7 +188,7 @@ class _OwnExo(FileModel):
             user_exo = read_own_exo(self.model, self.rig)
         except StrideTwinError as error:
             raise other_file_error(error) from None
-        return _check_powered_joints(Exo(own=user_exo, drive=self.drive))
+        return _check_powered_joints(Exo(user_exo=user_exo, drive=self.drive))
 
 
 def _check_powered_joints(exo: Exo) -> Exo:

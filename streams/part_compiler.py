@@ -123,10 +123,10 @@ class EntryCompiler(CompilerBase):
 
 
 def _pipelines(state: Any, lowering: type[NativeLowering]) -> list[Any]:
-    made = DefaultPassBuilder.define_nopython_pipeline(state)
-    made.passes = [(lowering if p is NativeLowering else p, why) for p, why in made.passes]
-    made.finalize()
-    return [made]
+    pass_builder = DefaultPassBuilder.define_nopython_pipeline(state)
+    pass_builder.passes = [(lowering if p is NativeLowering else p, why) for p, why in pass_builder.passes]
+    pass_builder.finalize()
+    return [pass_builder]
 
 
 def entry_compiler(llvm_level: int) -> type[EntryCompiler]:
