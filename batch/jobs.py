@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from stridetwin.streams.errors import StrideTwinError
 
 Task = TypeVar("Task")
-Result = TypeVar("Result")
+ResultT = TypeVar("ResultT")
 Row = dict[str, Any]
 
 
@@ -48,7 +48,7 @@ class Failure:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Work(Generic[Task, Result]):
+class Work(Generic[Task, ResultT]):
     """The function that makes rows from tasks on a worker, and the versions of its code; can be pickled.
 
     Attributes:
@@ -56,11 +56,13 @@ class Work(Generic[Task, Result]):
         versions: Versions of the code that determine a row; every worker must have the same.
     """
 
-    run: Callable[[Sequence[Task]], Iterable[Result | Failure]]
+    run: Callable[[Sequence[Task]], Iterable[ResultT | Failure]]
     versions: Callable[[], Mapping[str, str]]
 
 
-def one_by_one(function: Callable[[Task], Result | Failure]) -> Callable[[Sequence[Task]], Iterable[Result | Failure]]:
+def one_by_one(
+    function: Callable[[Task], ResultT | Failure],
+) -> Callable[[Sequence[Task]], Iterable[ResultT | Failure]]:
     """Makes `Work.run` from a function of one task; it pickles if the function does."""
     return partial(map, function)
 
@@ -70,7 +72,7 @@ def content_key(*content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def run_group(work: Work[Task, Result], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[Result | Failure]:
+def run_group(work: Work[Task, ResultT], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[ResultT | Failure]:
     """Runs the tasks of one group on a worker, and returns a result for each, in order.
 
     Raises:

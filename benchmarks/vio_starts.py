@@ -31,7 +31,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.zhao2023.odometry_walks import (
-    METHODS,
+    ODOMETRY_METHODS,
     OdometryRun,
     make_odometer,
     mean,
@@ -72,7 +72,7 @@ def samples_from(recording: Recording, from_s: float, *, depth: bool = True) -> 
 
 
 def run_of(method: str, recording: Recording, from_s: float) -> OdometryRun:
-    """One of `METHODS`, or `WITHOUT_DEPTH`, on a recording from a time on."""
+    """One of `ODOMETRY_METHODS`, or `WITHOUT_DEPTH`, on a recording from a time on."""
     if method != WITHOUT_DEPTH:
         return run_odometry(make_odometer(method, recording.rig, "head"), samples_from(recording, from_s))
     rig = recording.rig
@@ -152,7 +152,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=[15500, 2], metavar=("FIRST", "COUNT"))
     parser.add_argument("--starts", nargs="+", choices=list(STARTS), default=list(STARTS))
     parser.add_argument(
-        "--methods", nargs="+", choices=(*METHODS, WITHOUT_DEPTH), default=["proposed", WITHOUT_DEPTH, "vins_mono"]
+        "--methods",
+        nargs="+",
+        choices=(*ODOMETRY_METHODS, WITHOUT_DEPTH),
+        default=["proposed", WITHOUT_DEPTH, "vins_mono"],
     )
     return answer(parser, measure, show)
 

@@ -20,7 +20,7 @@ from stridetwin.streams.live.sender import Sender
 from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.rig import Rig
 
-TRUTH = "/truth/"
+TRUTH_PREFIX = "/truth/"
 FIGURES = {
     "received": "received",
     "late": "late",
@@ -43,7 +43,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     """Runs `send`: plays a recording to `live` in real time or at another speed; counts what was sent and dropped."""
     address = parse_address(arguments.to, "--to")
     recording = open_source(arguments)
-    topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH)]
+    topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH_PREFIX)]
     if missing := [t for t in topics if t not in recording.topics]:
         raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; it has {', '.join(sorted(recording.topics))}")
     if not topics:

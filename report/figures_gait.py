@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import FEET
+from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.outputs.path.figures import COLORS
 from stridetwin.pages.plot import MUTED, Plot, faint
 from stridetwin.reference.norms import level_norm, speed_group
@@ -90,7 +90,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
         plot = Plot(title=f"{title} over the gait cycle", x=(0, 100), x_label="gait cycle, %", y_label=f"{title}, °")
         for within, opacity in ((2, 0.1), (1, 0.2)):
             plot.band(x, mean - within * sd, mean + within * sd, faint(MUTED, opacity), label=f"people, ±{within} SD")
-        curves = {f: (block.t_ns, angles[f"{joint}_{f}"]) for f in FEET if f"{joint}_{f}" in angles}
+        curves = {f: (block.t_ns, angles[f"{joint}_{f}"]) for f in FOOT_NAMES if f"{joint}_{f}" in angles}
         _draw_strides(plot, strides, curves)
         figures.append(plot.html())
     return figures
@@ -99,7 +99,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
 def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
     """Vertical load of one foot over the gait cycle, in body weights; empty without its truth."""
     loads = {}
-    for foot in FEET:
+    for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
             block = recording.block(topic)
@@ -122,7 +122,7 @@ def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[
     """
     for foot, (t_ns, values) in curves.items():
         over_cycles = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
-        plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
+        plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FOOT_NAMES[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
@@ -138,7 +138,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
         x=(-0.04, 0.30),
         y=(-0.11, 0.11),
     )
-    for foot in FEET:
+    for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/cop"
         prints = [p for p in footprints if p.foot == foot]
         if topic not in recording.topics or not prints:
@@ -153,7 +153,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
             paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
         if paths:
-            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FEET[foot]} foot")
+            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FOOT_NAMES[foot]} foot")
     return plot.html() if plot.drawn else ""
 
 

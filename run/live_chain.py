@@ -13,7 +13,7 @@ from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
-Row = tuple[str, str | None]
+EstimatorRow = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
 _KIND = "of another kind than the estimator reads: such samples are left out"
 _SIZE = "of another size than in the rig: such images are left out"
@@ -68,7 +68,7 @@ class Chain:
             self.takes = {s.topic: s.kind for s in streams}
         self._output = kind.live_output(estimator_class.declaration, request.output)
 
-    def update(self, sample: Sample) -> Iterator[Row]:
+    def update(self, sample: Sample) -> Iterator[EstimatorRow]:
         """Processes a sample that `takes` allows.
 
         Yields:

@@ -82,11 +82,11 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     Args:
         takes: The kind of sample by topic; IMU and camera topics are those of `synthetic_rig`.
     """
-    encoder, decoders = messages.Encoder(synthetic_rig()), dict[str, messages.Decoder]()
+    encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
     for synthetic in _samples(takes):
         # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
         message = encoder.message(synthetic)
-        decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
+        decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
         if (sample := decoder.sample(message)) is not None:
             yield sample
 

@@ -29,7 +29,13 @@ from stridetwin.streams.fields import Count, NotNegative, Number, Positive, Rigi
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
-from stridetwin.streams.formats.text_rows import Row, parse_nanoseconds, read_numbers, read_text_rows, write_text_rows
+from stridetwin.streams.formats.text_rows import (
+    TextRow,
+    parse_nanoseconds,
+    read_numbers,
+    read_text_rows,
+    write_text_rows,
+)
 from stridetwin.streams.kalibr import ImuNoise, write_rig
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -46,7 +52,7 @@ POSE_COLUMNS = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y"
 POSE_UNITS = ("m",) * 3 + ("",) * 4 + ("m s^-1",) * 3
 VELOCITY_COLUMNS = ("v_RS_R_x", "v_RS_R_y", "v_RS_R_z")
 GROUND_TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")
-TRUTH = "/truth/head/imu/odometry"
+TRUTH_TOPIC = "/truth/head/imu/odometry"
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
@@ -93,7 +99,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
                 cameras[topic] = camera.calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
     if truth is not None:
-        blocks[TRUTH] = _read_truth(root / truth / "data.csv", notes)
+        blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
     first = next(iter(imus), "")
     rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first) for t, c in cameras.items()})
     known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
@@ -121,7 +127,7 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     columns = _find_columns(file, header, wanted, POSE_UNITS, notes)
     t_ns, table = read_numbers(file, rows, columns, parse_nanoseconds, notes)
     velocity = table[:, 7:10] if has_velocity else None
-    return to_odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
+    return to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
 
 
 def _read_marker(folder: Path) -> Array | None:
@@ -171,7 +177,7 @@ def _split_unit(word: str) -> tuple[str, str]:
     return (match[1], (match[2] or "").strip()) if match else (word, "")
 
 
-def _count_columns(rows: list[Row]) -> int:
+def _count_columns(rows: list[TextRow]) -> int:
     return len(rows[0].cells) if rows else 0
 
 

@@ -28,7 +28,7 @@ from stridetwin.streams.fields import Count, Number, Positive
 from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import image_stream, select_existing
-from stridetwin.streams.formats.text_rows import Row, read_camera_matrix, read_numbers, read_text_rows
+from stridetwin.streams.formats.text_rows import TextRow, read_camera_matrix, read_numbers, read_text_rows
 from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
@@ -88,7 +88,7 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     return Source(kind="strayscanner", blocks=blocks, images=images, rig=_read_stray_rig(path, images, IMU in blocks))
 
 
-def _read_table(file: Path) -> tuple[list[str], list[Row]]:
+def _read_table(file: Path) -> tuple[list[str], list[TextRow]]:
     """The cells of the first row of a CSV file, its header, and the rows below; both empty for an empty file."""
     _, rows = read_text_rows(file, ",")
     return (rows[0].cells, rows[1:]) if rows else ([], [])

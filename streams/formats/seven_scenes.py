@@ -24,7 +24,7 @@ from stridetwin.streams.samples import Array, Block
 
 RATE_HZ = 30.0
 PER_METRE = 1000.0
-COLOR, DEPTH, TRUTH = "/head/color", "/head/depth", "/truth/head/color/odometry"
+COLOR, DEPTH, TRUTH_TOPIC = "/head/color", "/head/depth", "/truth/head/color/odometry"
 _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
@@ -67,7 +67,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     }
     blocks: dict[str, Block[Any]] = {}
     if frame_files["pose"]:
-        blocks[TRUTH] = _read_poses(frame_files["pose"], notes)
+        blocks[TRUTH_TOPIC] = _read_poses(frame_files["pose"], notes)
     return Source(kind="7scenes", blocks=blocks, images=images, rig=_read_rig(path, folder, images), unread={})
 
 
@@ -99,7 +99,7 @@ def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
-    return to_odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
+    return to_odometry(TRUTH_TOPIC, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
 
 
 def _read_pose(file: Path) -> Array:

@@ -18,7 +18,7 @@ from stridetwin.streams.samples import Array, Stamps
 LONGEST_STAMP = 19
 
 
-class Row(NamedTuple):
+class TextRow(NamedTuple):
     """One line.
 
     Attributes:
@@ -37,7 +37,7 @@ class Row(NamedTuple):
         return [*map(str.strip, self.text.split(self.separator))]
 
 
-def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
+def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[TextRow]]:
     """Reads the rows of a text file, and the cells of the last comment (`#`) above them, which is their header.
 
     Args:
@@ -48,18 +48,18 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[R
         StrideTwinError: The file cannot be read.
     """
     header: list[str] = []
-    rows: list[Row] = []
+    rows: list[TextRow] = []
     for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
         content, mark, comment = line.partition("#")
         if content := content.strip():
-            rows.append(Row(number, content, separator))
+            rows.append(TextRow(number, content, separator))
         elif mark and not rows:
-            header = Row(number, comment.strip(), separator).cells
+            header = TextRow(number, comment.strip(), separator).cells
     return header, rows
 
 
 def read_numbers(
-    path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
+    path: Path, rows: list[TextRow], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
 ) -> tuple[Stamps, Array]:
     """Reads a stamp and some numbers of each row.
 
@@ -158,7 +158,7 @@ def parse_nanoseconds(word: str) -> int:
     return value
 
 
-def _invalid_number_error(path: Path, row: Row, columns: Sequence[tuple[str, int]]) -> ConfigError:
+def _invalid_number_error(path: Path, row: TextRow, columns: Sequence[tuple[str, int]]) -> ConfigError:
     """The error about the first of these columns that is not a finite number."""
     cells = dict(enumerate(row.cells))
     name, at = next((name, at) for name, at in columns if not _is_finite(cells.get(at, "")))

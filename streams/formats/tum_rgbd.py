@@ -32,7 +32,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
 COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelerometer", "/head/imu"
-TRUTH = "/truth/head/color/odometry"
+TRUTH_TOPIC = "/truth/head/color/odometry"
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PLAUSIBLE_M = (0.25, 15.0)
@@ -70,7 +70,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     if file.is_file():
         _, rows = read_text_rows(file, None)
         t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
-        blocks[TRUTH] = to_odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
+        blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
     return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
 
 

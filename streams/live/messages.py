@@ -54,7 +54,7 @@ def rank_of(kind: type[Sample]) -> int:
     return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
-class Encoder:
+class MessageEncoder:
     """Converts samples to ROS 2 messages, as `Sender` sends them.
 
     Args:
@@ -99,7 +99,7 @@ class Encoder:
         return mapping.typename, bytes(payload)
 
 
-class Decoder:
+class MessageDecoder:
     """Converts the ROS 2 messages of one topic to samples.
 
     Args:
@@ -250,7 +250,7 @@ def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message
     """
     if not recording.is_mcap:
         rig = recording.rig if recording.has_rig else Rig()
-        encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
+        encoder = MessageEncoder(rig, depth_encoding="32FC1", jpeg_quality=None)
         yield from _sort_by_rank(map(encoder.message, recording.samples(topics)), recording)
         return
     yield from recording.raw_messages(topics, rank_of)

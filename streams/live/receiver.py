@@ -18,8 +18,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.live.messages import Decoder, Message, rank_of
-from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, parse_json, read_message
+from stridetwin.streams.live.messages import Message, MessageDecoder, rank_of
+from stridetwin.streams.live.wire import Counts, Hello, WireError, ZenohLink, parse_json, read_message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
 
@@ -102,7 +102,7 @@ class Receiver:
 
     def __init__(self, address: tuple[str, int]) -> None:
         self.address = address if address[1] else (address[0], _find_free_port(address[0]))
-        self._link = Link(listen=self.address)
+        self._link = ZenohLink(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
         self.traffic: dict[str, Traffic] = {}
         self.refused: list[str] = []
@@ -112,7 +112,7 @@ class Receiver:
         self._changed = threading.Condition()
         self._senders: dict[str, _Sender] = {}
         self._owner: dict[str, str] = {}
-        self._decoders: dict[str, Decoder] = {}
+        self._decoders: dict[str, MessageDecoder] = {}
         self._last_ns: dict[str, int] = {}
         self._has_ended = self._is_closed = False
 
@@ -268,7 +268,7 @@ class Receiver:
             raise WireError("too many topics")
         return self.traffic.setdefault(topic, Traffic())
 
-    def _decoder(self, name: str, message: Message) -> Decoder:
+    def _decoder(self, name: str, message: Message) -> MessageDecoder:
         """The decoder of a message's topic; a topic belongs to its first sender as long as that is connected.
 
         Args:
@@ -287,7 +287,7 @@ class Receiver:
             known = self._decoders.get(topic)
             if known is None:
                 self._traffic_of(topic)
-                self._decoders[topic] = known = Decoder(topic, message.typename)
+                self._decoders[topic] = known = MessageDecoder(topic, message.typename)
         if known.typename != message.typename:
             raise WireError(f"{topic}: invalid type {message.typename[:60]}: expected {known.typename} as before")
         return known

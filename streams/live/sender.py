@@ -12,14 +12,14 @@ from typing import Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Encoder, Message
+from stridetwin.streams.live.messages import Message, MessageEncoder
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
     Counts,
     Hello,
-    Link,
     WireError,
+    ZenohLink,
     check_message,
     parse_json,
 )
@@ -63,7 +63,7 @@ class Sender:
         *,
         metadata: Mapping[str, str] | None = None,
         epoch_ns: int | None = None,
-        encoder: Encoder | None = None,
+        encoder: MessageEncoder | None = None,
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
@@ -72,7 +72,7 @@ class Sender:
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
         if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
             raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
-        self._encoder = encoder or Encoder(rig)
+        self._encoder = encoder or MessageEncoder(rig)
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self._queues: dict[str, deque[tuple[int, int, Message]]] = {}  # order among all, number in the topic
@@ -134,7 +134,7 @@ class Sender:
     def _run(self) -> None:
         """The sending thread: delivers hello, messages and end until the end is answered or sending fails."""
         try:
-            link = Link(connect=self._address)
+            link = ZenohLink(connect=self._address)
             try:
                 link.subscribe(f"{link.name}/refused", lambda _, sample: self._on_refusal(sample.payload.to_string()))
                 link.watch_presence("receiver/*", self._on_receiver)
@@ -162,7 +162,7 @@ class Sender:
                 self._changed.wait(min(_POLL_S, self._patience_s))
             return not self._failure
 
-    def _deliver(self, link: Link) -> bool:
+    def _deliver(self, link: ZenohLink) -> bool:
         """Sends the next item: the hello to a new receiver, then the oldest queued message, at last the end.
 
         Returns:
@@ -189,7 +189,7 @@ class Sender:
             return self._count_losses(link.query(f"{link.name}/end", json.dumps(self._numbers)))
         return False
 
-    def _greet(self, link: Link) -> None:
+    def _greet(self, link: ZenohLink) -> None:
         """Sends the hello with the number of the next sample of each topic; it is repeated until it is answered."""
         with self._changed:
             self._is_greeted = True  # until the receiver disappears

@@ -169,7 +169,7 @@ def read_message(sample: zenoh.Sample) -> tuple[Message, int]:
     return message, number
 
 
-class Link:
+class ZenohLink:
     """A Zenoh session whose only connections are those of one address.
 
     Callbacks run in the thread that reads the connection: in order, and while one waits, the other end waits, too.

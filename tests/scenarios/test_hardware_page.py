@@ -18,7 +18,7 @@ from live_bridge import alive, free_port, outcome
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.kalibr import read_rig, rig_from_yaml, write_rig
 from stridetwin.streams.live import wire
-from stridetwin.streams.live.messages import Encoder
+from stridetwin.streams.live.messages import MessageEncoder
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import Imu
@@ -201,7 +201,7 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
     (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.S)
     plain = rig_from_yaml(text, "page")
     write_rig(plain, tmp_path / "rig.yaml")
-    encoder = Encoder(plain)
+    encoder = MessageEncoder(plain)
     samples = [
         Imu(
             topic="/foot_l/imu",

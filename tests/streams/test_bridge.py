@@ -17,10 +17,10 @@ from test_wire import claimed_size, compressed, same
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, to_messages
+from stridetwin.streams.live.messages import LiveRecorder, Message, MessageEncoder, to_messages
 from stridetwin.streams.live.receiver import MOST_SENDERS, Arrival, Receiver, Reorder
 from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
-from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError
+from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, WireError, ZenohLink
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image, Imu
 
@@ -96,7 +96,7 @@ def test_a_slow_receiver_counts_what_it_has_missed(monkeypatch):
     monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 3)
     rng = np.random.default_rng(0)
     with Receiver(LOCAL) as receiver:
-        with Sender(small_rig(), receiver.address, encoder=Encoder(small_rig(), jpeg_quality=None)) as sender:
+        with Sender(small_rig(), receiver.address, encoder=MessageEncoder(small_rig(), jpeg_quality=None)) as sender:
             for i in range(60):  # 2 MB each: the connection's own buffers hold a few
                 pixels = rng.integers(0, 256, (800, 900, 3), np.uint8)
                 sender.send(Image(topic="/head/color", t_ns=i + 1, pixels=pixels))
@@ -314,7 +314,7 @@ def test_only_the_given_address_is_listened_at_and_connected_to():
 @contextmanager
 def linked(address):
     """A peer that speaks Zenoh and is no sender of ours."""
-    link = Link(connect=address)
+    link = ZenohLink(connect=address)
     present = threading.Event()
     link.watch_presence("receiver/*", lambda *_: present.set())
     assert present.wait(10)
@@ -339,7 +339,7 @@ def refusal(link, receiver, *messages, hello=None):
 
 
 def test_topics_belong_to_one_sender_and_one_type():
-    message = Encoder(small_rig()).message(imu(0))
+    message = MessageEncoder(small_rig()).message(imu(0))
     with Receiver(LOCAL) as receiver:
         with Sender(small_rig(), receiver.address) as first:
             first.send(imu(0))
@@ -401,7 +401,7 @@ def test_stamps_that_do_not_increase_and_numbers_that_are_none_are_left_out_and_
 
 
 def arrival(sample, since_ms=0):
-    message = Encoder(small_rig()).message(sample)
+    message = MessageEncoder(small_rig()).message(sample)
     return Arrival(sample=sample, message=message, since_ns=since_ms * 1_000_000, travel_ns=None)
 
 
