@@ -164,13 +164,13 @@ class _Live:
         """Handles hellos and samples until the senders have ended or the user interrupts, then buffered samples."""
         try:
             while not receiver.ended:
-                due_s = self._reorder.due_s(time.perf_counter_ns())
-                for item in receiver.take(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
+                due_s = self._reorder.compute_wait_s(time.perf_counter_ns())
+                for item in receiver.receive(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
                     if isinstance(item, Hello):
                         self._on_hello(item)
                     else:
                         self._arrive(item)
-                self._process(self._reorder.ready(time.perf_counter_ns()))
+                self._process(self._reorder.release_due(time.perf_counter_ns()))
                 self._warn(receiver)
         except KeyboardInterrupt:
             self._say("stopped")

@@ -85,9 +85,9 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
     for synthetic in _samples(takes):
         # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
-        message = encoder.message(synthetic)
+        message = encoder.encode(synthetic)
         decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
-        if (sample := decoder.sample(message)) is not None:
+        if (sample := decoder.decode(message)) is not None:
             yield sample
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stridetwin.scenarios.camera_clock import CameraClock, camera_clock, moving_board
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
-from stridetwin.streams.plausible import force_at_rest, implausible_imu
+from stridetwin.streams.plausible import find_implausible_values, force_at_rest
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
@@ -258,7 +258,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        findings += [Finding(topic=topic, what=str(one)) for one in implausible_imu(block)]
+        findings += [Finding(topic=topic, what=str(one)) for one in find_implausible_values(block)]
     return row, [f for f in findings if not _is_known(recording, f)]
 
 

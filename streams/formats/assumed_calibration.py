@@ -77,7 +77,7 @@ def body_of(topic: str) -> str:
     return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
 
 
-def first_image_size(images: ImageStream) -> tuple[int, int] | None:
+def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
     """(width, height) of the first image, None if it cannot be read."""
     try:
         first = images.load("", 0)
@@ -107,7 +107,7 @@ def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
 
 def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
     """The known calibration of a camera after a check of the image size, or an assumed one without distortion."""
-    size = first_image_size(images)
+    size = read_first_image_size(images)
     if topic not in rig.cameras:
         return _assume_camera(topic, images, size or (640, 480), notes)
     camera = rig.cameras[topic]
@@ -122,10 +122,10 @@ def _assume_camera(topic: str, images: ImageStream, size: tuple[int, int], notes
     width, height = size
     focal = _FOCAL_PER_WIDTH * width
     notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
-    return pinhole(topic, size, (focal, focal, (width - 1) / 2, (height - 1) / 2), mean_rate(images.t_ns))
+    return make_pinhole(topic, size, (focal, focal, (width - 1) / 2, (height - 1) / 2), mean_rate(images.t_ns))
 
 
-def pinhole(
+def make_pinhole(
     topic: str, size: tuple[int, int], intrinsics: tuple[float, float, float, float], rate_hz: float, depth: str = ""
 ) -> CameraCalibration:
     """A camera without distortion at the origin of the body that its topic implies.
@@ -175,7 +175,7 @@ def _add_depth(
     if registered_camera is not None:  # a camera whose colour was not recorded
         cameras[registered_camera.topic] = _camera_or_default(rig, registered_camera.topic, images[topic], notes)
         return
-    size = first_image_size(images[topic])
+    size = read_first_image_size(images[topic])
     depth_camera = rig.cameras.get(topic)
     for name, camera in cameras.items():
         same = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)

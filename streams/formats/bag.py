@@ -20,7 +20,7 @@ from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
-from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, header_stamp
+from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
 
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
@@ -34,7 +34,7 @@ _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
 
 
-def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
+def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     """Our topic for each of a bag's topics that has one.
 
     Args:
@@ -129,10 +129,10 @@ class Bag(Protocol):
 
     channels: list[Channel]
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
 
-    def payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: Any) -> bytes:
         """CDR bytes of one message, read again."""
 
 
@@ -169,7 +169,7 @@ class _Stream:
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
         has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER
-        self.times.append((header_stamp(payload) if has_stamp else 0) or log_time)
+        self.times.append((read_header_stamp(payload) if has_stamp else 0) or log_time)
         self.keys.append(key)
 
 
@@ -182,13 +182,13 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
         notes: Collects problems.
 
     Returns:
-        Streams by the bag's topics, with our topic of each (`bag_names`), and the calibrations of its cameras.
+        Streams by the bag's topics, with our topic of each (`assign_bag_topics`), and the calibrations of its cameras.
 
     Raises:
         StrideTwinError: The bag cannot be read, or a topic cannot be decoded, unless lenient.
     """
     streams, unread = _open_streams(bag, notes)
-    for topic, log_time, payload, key in bag.messages(set(streams)):
+    for topic, log_time, payload, key in bag.read_messages(set(streams)):
         streams[topic].add(log_time, payload, key)
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
@@ -215,9 +215,9 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
         kind=kind,
         blocks=blocks,
         images=images,
-        rig=calibration.rig(blocks, images, frames),
+        rig=calibration.build_rig(blocks, images, frames),
         unread=unread,
-        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
+        names=assign_bag_topics({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
         assumed=calibration.assumed,
     )
 
@@ -272,7 +272,7 @@ def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: fl
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        image = reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
+        image = reader.image(bag.read_payload(source, keys[i]), int(times[i]), topic)
         if isinstance(image, Depth) and units_m != _MILLIMETRE:
             return replace(image, depth=image.depth * np.float32(units_m / _MILLIMETRE))
         return image

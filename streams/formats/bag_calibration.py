@@ -148,7 +148,7 @@ class BagCalibration:
                 T[:3, 3] = p.x, p.y, p.z
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
 
-    def rig(
+    def build_rig(
         self, blocks: Mapping[str, Block[Any]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
     ) -> Rig:
         """Builds a rig of the cameras that have a CameraInfo.

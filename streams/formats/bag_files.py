@@ -67,7 +67,7 @@ class McapBag:
                         self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
@@ -87,12 +87,12 @@ class McapBag:
                         at = offset + 9 + _LOOSE.size, len(body) - _LOOSE.size
                         yield topic, log_time, body[_LOOSE.size :], (i, -1, *at)
 
-    def payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: Any) -> bytes:
         """The CDR bytes of one message, read again from its file.
 
         Args:
             topic: Not needed here: the key names the file.
-            key: As `messages` gave it: number of the file, offset of the chunk (-1 outside one), start and length.
+            key: As `read_messages` gave it: number of the file, offset of the chunk (-1 outside one), start and length.
         """
         i, chunk, start, length = key
         if chunk < 0:
@@ -278,7 +278,7 @@ class RosBag:
         types = {c.topic: c.typename for c in self.channels}
         self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
         counts: dict[tuple[int, int], int] = {}
@@ -299,13 +299,12 @@ class RosBag:
             nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
             yield connection.topic, time, payload, (connection, time, nth)
 
-    def payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: Any) -> bytes:
         """The CDR bytes of one message, read again from the bag.
 
         Args:
             topic: Named by the error.
-            key: As `messages` gave it: connection, log time in ns, and number among the messages of that connection and
-                time.
+            key: As `read_messages` gave it: connection, log time in ns, and number among its messages of that time.
 
         Raises:
             StrideTwinError: The bag has no such message any more.

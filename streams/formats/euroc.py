@@ -58,7 +58,7 @@ S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
 
 
-def euroc_root(path: Path) -> Path | None:
+def find_euroc_root(path: Path) -> Path | None:
     """The folder that has `imu0` or `cam0`: the subfolder `mav0` or `path` itself; None if neither has one."""
     for root in (path / "mav0", path):
         if any((root / name).is_dir() for name in ("imu0", "cam0")):
@@ -76,7 +76,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
-    root = euroc_root(path)
+    root = find_euroc_root(path)
     if root is None:
         raise ConfigError(path, "", "no imu0 and no cam0", "a folder in the ASL layout")
     blocks: dict[str, Block[Any]] = {}
@@ -89,14 +89,14 @@ def read_euroc(path: Path, notes: Notes) -> Source:
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
             if (imu := _read_sensor(folder, _ImuSensor)) is not None:
-                imus[topic] = imu.calibration(topic)
+                imus[topic] = imu.to_calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
             stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
             if not len(stream.t_ns):
                 continue
             images[topic] = stream
             if (camera := _read_sensor(folder, _CameraSensor)) is not None:
-                cameras[topic] = camera.calibration(topic)
+                cameras[topic] = camera.to_calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
     if truth is not None:
         blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
@@ -210,7 +210,7 @@ class _ImuSensor(_Sensor, ImuNoise):
 
     rate_hz: Positive
 
-    def calibration(self, topic: str) -> ImuCalibration:
+    def to_calibration(self, topic: str) -> ImuCalibration:
         """The calibration of the IMU of a topic."""
         noise = {name: getattr(self, name) for name in ImuNoise.model_fields}
         return ImuCalibration(topic=topic, part=self.comment, rate_hz=self.rate_hz, mount=self.mount, **noise)
@@ -226,7 +226,7 @@ class _CameraSensor(_Sensor):
     distortion_model: Annotated[str, enum_field(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
-    def calibration(self, topic: str) -> CameraCalibration:
+    def to_calibration(self, topic: str) -> CameraCalibration:
         """The calibration of the camera of a topic."""
         return CameraCalibration(
             topic=topic,
@@ -258,7 +258,7 @@ def _read_sensor(folder: Path, kind: type[S]) -> S | None:
 BASELINE_M = (0.001, 1.0)
 
 
-def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
+def make_right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
     """The calibration of a virtual right camera: `baseline_m` along +x of the left one, with parallel axes.
 
     Raises:
@@ -279,7 +279,7 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
     return replace(left, topic=topic, part=part, mount=mount, distortion_model="radtan", depth_topic="")
 
 
-def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
+def render_right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
     """Renders the image of a virtual right camera from the left image and its depth, for rectified stereo.
 
     Each pixel moves left by its disparity fu·b/z, the nearest surface wins, and the left image is sampled bilinearly at
@@ -297,7 +297,7 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
     """
     with np.errstate(divide="ignore"):
         measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
-    disparity = np.nan_to_num(np.take_along_axis(measured, _background(measured), axis=1))
+    disparity = np.nan_to_num(np.take_along_axis(measured, _find_background(measured), axis=1))
     width = disparity.shape[1]
     rows: Any
     columns: Any
@@ -308,14 +308,14 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
         inside = (target >= 0) & (target < width)
         np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
     seen[~np.isfinite(seen)] = np.nan
-    from_column = _background(seen)
+    from_column = _find_background(seen)
     x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
     return cv2.remap(
         left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
 
 
-def _background(disparity: Array) -> NDArray[np.int64]:
+def _find_background(disparity: Array) -> NDArray[np.int64]:
     """Finds where each pixel takes its disparity from: itself, or in a hole the farther of the row's two neighbours.
 
     Args:
@@ -366,7 +366,7 @@ def write_euroc(
     cameras = [camera]
     right = f"{camera.topic}{RIGHT_SUFFIX}"
     if stereo_baseline_m is not None:
-        cameras.append(right_camera(camera, stereo_baseline_m, right))
+        cameras.append(make_right_camera(camera, stereo_baseline_m, right))
         counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
     else:
         cameras += [recording.rig.cameras[right]] if right in recording.topics else []
@@ -423,7 +423,7 @@ def _write_stereo(
             if camera is right:
                 (depth,) = recording.images(left.depth_topic, t_ns=[t])
                 assert isinstance(depth, Depth)
-                pixels = right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
+                pixels = render_right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
                 image = Image(topic=right.topic, t_ns=t, pixels=pixels)
             yield image
 

@@ -136,7 +136,7 @@ def read_image_list(
             notes.invalid(error)
     if not listed:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return image_stream(select_existing(file.name, folder, listed, notes), per_metre)
+    return open_image_stream(select_existing(file.name, folder, listed, notes), per_metre)
 
 
 def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], notes: Notes) -> list[tuple[int, Path]]:
@@ -157,7 +157,7 @@ def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], no
     return existing_files
 
 
-def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
+def open_image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
     """A stream of image files, which are read one by one on request.
 
     Args:

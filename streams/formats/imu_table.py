@@ -21,7 +21,7 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
 from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_folder_parts, read_text_table
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.plausible import implausible_imu
+from stridetwin.streams.plausible import find_implausible_values
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
@@ -121,7 +121,7 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
-    for implausible in implausible_imu(block):
+    for implausible in find_implausible_values(block):
         raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
     return block
 

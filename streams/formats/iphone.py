@@ -25,9 +25,9 @@ from stridetwin.streams.bounded import LARGEST_TEXT, read_bytes, read_text
 from stridetwin.streams.bounded_images import check_pixels
 from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.fields import Count, Number, Positive
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import to_odometry
-from stridetwin.streams.formats.image_files import image_stream, select_existing
+from stridetwin.streams.formats.image_files import open_image_stream, select_existing
 from stridetwin.streams.formats.text_rows import TextRow, read_camera_matrix, read_numbers, read_text_rows
 from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
@@ -77,10 +77,10 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     images: dict[str, ImageStream] = {}
     if (path / VIDEO).is_file():
         frames = _Frames(path / VIDEO, t_ns)
-        images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.image)
+        images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.load_image)
     listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), table[:, 0].tolist())]
     if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
-        images[DEPTH] = image_stream(depth_files, per_metre)
+        images[DEPTH] = open_image_stream(depth_files, per_metre)
     poses = _to_path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
     blocks: dict[str, Block[Any]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
@@ -129,7 +129,7 @@ def _read_stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Ri
     """The calibration of a StrayScanner folder: its camera matrix, for the image size of the video."""
     fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
     # without the video, the centre of the image is all that gives its size
-    size = (first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
+    size = (read_first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
     return _to_rig(images, (fu, fv, pu, pv), size, imu)
 
 
@@ -141,7 +141,7 @@ class _Frames:
         self._frames: Iterator[Any] = iter(())
         self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
 
-    def image(self, topic: str, number: int) -> Image:
+    def load_image(self, topic: str, number: int) -> Image:
         """One frame.
 
         Raises:
@@ -243,7 +243,7 @@ def read_record3d(path: Path, notes: Notes) -> Source:
         listed = [(t, path / "rgbd" / f"{i}.{suffix}") for i, t in enumerate(t_ns.tolist())]
         if image_files := select_existing("rgbd", path / "rgbd", listed, notes):
             images[topic] = (
-                image_stream(image_files)
+                open_image_stream(image_files)
                 if topic == COLOR
                 else _to_depth_stream(image_files, (metadata.dh, metadata.dw))
             )
@@ -330,11 +330,11 @@ def _to_rig(
     """
     cameras: dict[str, CameraCalibration] = {}
     for topic, stream in images.items():
-        stream_size = first_image_size(stream) or size
+        stream_size = read_first_image_size(stream) or size
         su, sv = stream_size[0] / size[0], stream_size[1] / size[1]
         fu, fv, pu, pv = intrinsics
         scaled = (su * fu, sv * fv, su * (pu + 0.5) - 0.5, sv * (pv + 0.5) - 0.5)
-        camera = pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
+        camera = make_pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
         if imu:
             T = np.eye(4)
             T[:3, :3] = R_DEVICE_OPTICAL

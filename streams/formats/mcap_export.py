@@ -101,7 +101,7 @@ def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str
     shutil.copyfile(source, folder / file)
     counts = {c.topic: 0 for c in bag.channels}
     first, last = 2**63 - 1, 0
-    for topic, t_ns, _, _ in bag.messages(set(counts)):
+    for topic, t_ns, _, _ in bag.read_messages(set(counts)):
         counts[topic] += 1
         first, last = min(first, t_ns), max(last, t_ns)
     span = {"duration": {"nanoseconds": max(0, last - first)}, "message_count": sum(counts.values())}
@@ -145,7 +145,7 @@ def _write_sqlite(bag: McapBag, folder: Path, name: str) -> dict[str, int]:
             connections = {
                 c.topic: writer.add_connection(c.topic, c.typename, typestore=typestore()) for c in bag.channels
             }
-            for topic, t_ns, payload, _ in bag.messages(set(counts)):
+            for topic, t_ns, payload, _ in bag.read_messages(set(counts)):
                 writer.write(connections[topic], t_ns, payload)
                 counts[topic] += 1
         for file in inner.iterdir():

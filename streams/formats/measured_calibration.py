@@ -41,7 +41,7 @@ def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     rest_window = _find_rest(rate, force, max(round(REST_S * rate_hz), 8))
     gyro, accel, bias = 0.0, 0.0, 0.0
     if rest_window is not None:
-        gyro, accel = (_noise_density(x[rest_window], resolution(x), rate_hz) for x in (rate, force))
+        gyro, accel = (_estimate_noise_density(x[rest_window], measure_resolution(x), rate_hz) for x in (rate, force))
         mean = float(np.linalg.norm(rate[rest_window].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
@@ -71,7 +71,7 @@ def _find_rest(rate: Array, force: Array, n: int) -> slice | None:
     return window if quiet else None
 
 
-def _noise_density(x: Array, count: float, rate_hz: float) -> float:
+def _estimate_noise_density(x: Array, count: float, rate_hz: float) -> float:
     """Density of the white noise of samples (N, 3), in their unit per √Hz.
 
     It is sd(x[k+1] - x[k]) / √2 / √rate; quantisation by steps of `count` sets the least noise, count / √12.
@@ -80,7 +80,7 @@ def _noise_density(x: Array, count: float, rate_hz: float) -> float:
     return float(max(white, count / np.sqrt(12.0)) / np.sqrt(rate_hz))
 
 
-def resolution(x: Array) -> float:
+def measure_resolution(x: Array) -> float:
     """The quantisation step of samples (N, 3): the least difference within a channel, the largest of the three."""
     steps = [np.diff(np.unique(channel)) for channel in x.T]
     return float(max((step.min() for step in steps if len(step)), default=0.0))

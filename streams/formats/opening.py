@@ -23,7 +23,7 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import IMAGE_RATES_HZ, implausible_imu, implausible_rates
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
 from stridetwin.streams.recording.imported import ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
@@ -40,9 +40,9 @@ _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered 
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
 """First bytes of a file of each kind."""
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
-    "euroc": lambda path: euroc.euroc_root(path) is not None,
+    "euroc": lambda path: euroc.find_euroc_root(path) is not None,
     "tum": tum_rgbd.is_tum_rgbd,
-    "7scenes": lambda path: seven_scenes.frames_folder(path) is not None,
+    "7scenes": lambda path: seven_scenes.find_frames_folder(path) is not None,
     "strayscanner": iphone.is_stray_scanner,
     "record3d": iphone.is_record3d,
     "table": is_imu_folder,
@@ -371,11 +371,11 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
             sound = block[is_increasing(block.t_ns) & block.finite]
-            for implausible in implausible_imu(sound) if len(sound) >= _FEWEST else ():
+            for implausible in find_implausible_values(sound) if len(sound) >= _FEWEST else ():
                 notes.problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
-        for implausible in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
             notes.problem(Problem(topic, int(rising[0]), str(implausible)))
 
 

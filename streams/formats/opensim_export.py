@@ -60,7 +60,7 @@ class Model:
     torque: Mapping[str, str]
 
 
-def _bilateral_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+def _mirror_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
     """Coordinates of the trunk and of both sides' limbs, with the sides' suffixes on joint and coordinate."""
     both = {f"{joint}_{s}": (f"{coordinate}_{s}", sign) for joint, (coordinate, sign) in limbs.items() for s in _SIDES}
     return _TRUNK | both
@@ -68,13 +68,13 @@ def _bilateral_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, 
 
 MODELS = {
     "rajagopal": Model(
-        coordinates=_bilateral_coordinates(_LEG | _ARM),
+        coordinates=_mirror_coordinates(_LEG | _ARM),
         p_hips_in_pelvis=(-0.056276, -0.07849, 0.0),
         force={s: f"ground_force_{s}_" for s in _SIDES},
         torque={s: f"ground_torque_{s}_" for s in _SIDES},
     ),
     "gait2392": Model(
-        coordinates=_bilateral_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
+        coordinates=_mirror_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
         p_hips_in_pelvis=(-0.0707, -0.0661, 0.0),
         force={"r": "ground_force_", "l": "1_ground_force_"},
         torque={"r": "ground_torque_", "l": "1_ground_torque_"},
@@ -137,11 +137,11 @@ def _write_loads(recording: Recording, model: Model, sides: list[str], path: Pat
     for side in sides:
         names += [f"{model.force[side]}{what}{axis}" for what in ("v", "p") for axis in "xyz"]
         names += [f"{model.torque[side]}{axis}" for axis in "xyz"]
-        columns += [part @ _R_OPENSIM_WORLD.T for part in _loads_at_pressure_centre(recording, side, t_ns)]
+        columns += [part @ _R_OPENSIM_WORLD.T for part in _compute_loads(recording, side, t_ns)]
     return _write_mot(path, "ground_reactions", names, t_ns, np.column_stack(columns), in_degrees=False)
 
 
-def _loads_at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
+def _compute_loads(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
     """The loads of a foot at its centre of pressure, at the given stamps (N,) ns.
 
     With the true force F and torque T at the foot's origin p and the centre of pressure c, the free torque is T + (p -

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import to_odometry
-from stridetwin.streams.formats.image_files import image_stream
+from stridetwin.streams.formats.image_files import open_image_stream
 from stridetwin.streams.formats.text_rows import read_camera_matrix, read_matrix
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -29,7 +29,7 @@ _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
 
-def frames_folder(path: Path) -> Path | None:
+def find_frames_folder(path: Path) -> Path | None:
     """The folder with the frames: `path`, or its first `seq-..` that has frames; None without any."""
     for folder in (path, *sorted(path.glob("seq-*"))):
         if folder.is_dir() and any(_FRAME.fullmatch(p.name) for p in folder.iterdir()):
@@ -51,7 +51,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
-    folder = frames_folder(path)
+    folder = find_frames_folder(path)
     if folder is None:
         raise ConfigError(path, "", "no frame-*.depth.png", "a folder in the 7-Scenes layout")
     frame_files: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
@@ -61,7 +61,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _warn_about_missing(frame_files, notes)
     images = {
-        topic: image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
+        topic: open_image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
         for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre))
         if files
     }
@@ -117,8 +117,8 @@ def _read_pose(file: Path) -> Array:
 
 def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     """The camera's calibration, from `camera-intrinsics.txt` or, for images of 640 x 480, as published; else empty."""
-    depth_size = first_image_size(images[DEPTH]) if DEPTH in images else None
-    color_size = first_image_size(images[COLOR]) if COLOR in images else None
+    depth_size = read_first_image_size(images[DEPTH]) if DEPTH in images else None
+    color_size = read_first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size
     file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
     if size is None:
@@ -130,4 +130,4 @@ def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     else:
         return Rig()
     topic = COLOR if size == color_size else DEPTH
-    return Rig(cameras={topic: pinhole(topic, size, intrinsics, RATE_HZ, DEPTH if DEPTH in images else "")})
+    return Rig(cameras={topic: make_pinhole(topic, size, intrinsics, RATE_HZ, DEPTH if DEPTH in images else "")})

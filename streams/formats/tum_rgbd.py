@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import join_at_gyro_stamps, to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_depth, write_image
 from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows, write_text_rows
@@ -124,7 +124,7 @@ def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
     """
     file = path / "calibration.txt"
     topic = COLOR if COLOR in images else DEPTH
-    if not file.is_file() or topic not in images or (size := first_image_size(images[topic])) is None:
+    if not file.is_file() or topic not in images or (size := read_first_image_size(images[topic])) is None:
         return Rig()
     _, rows = read_text_rows(file, None)
     cells = [w for row in rows for w in row.cells]
@@ -136,7 +136,7 @@ def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
     if not sound:
         raise ConfigError(file, "calibration", " ".join(cells[:8]), "fx fy cx cy, focal lengths above 0")
     rate, depth = mean_rate(images[topic].t_ns), DEPTH if DEPTH in images else ""
-    return Rig(cameras={topic: pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
+    return Rig(cameras={topic: make_pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
 
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
@@ -171,7 +171,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
         both = np.column_stack((rate, force))
         write_text_rows(folder / "imu.txt", "# timestamp wx wy wz ax ay az", " ", stamps, both)
         counts |= {"accelerometer.txt": len(block), "imu.txt": len(block)}
-    path = camera_path(recording, camera)
+    path = find_camera_path(recording, camera)
     if path is not None:
         write_tum(path, folder / "groundtruth.txt")
         counts["groundtruth.txt"] = len(path)
@@ -180,7 +180,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     return counts
 
 
-def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
+def find_camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
     """The true path of a camera's optical frame: recorded, or computed from that of its IMU and both mounts.
 
     Returns:

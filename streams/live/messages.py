@@ -26,10 +26,10 @@ from stridetwin.streams.recording.ros_images import (
     IMAGES,
     RAW,
     CameraInfos,
-    camera_info_message,
-    depth_message,
-    image_message,
-    raw_image_message,
+    encode_camera_info,
+    encode_depth,
+    encode_image,
+    encode_raw_image,
     read_image_message,
 )
 from stridetwin.streams.recording.ros_samples import (
@@ -72,7 +72,7 @@ class MessageEncoder:
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
-    def message(self, sample: Sample) -> Message:
+    def encode(self, sample: Sample) -> Message:
         """Converts a sample to its ROS 2 message.
 
         A colour image becomes a CompressedImage (JPEG), or without a quality an Image with its pixels; depth becomes an
@@ -80,9 +80,9 @@ class MessageEncoder:
         """
         if isinstance(sample, Image):
             typename = RAW if self._quality is None else COMPRESSED
-            payload = raw_image_message(sample) if self._quality is None else image_message(sample, self._quality)
+            payload = encode_raw_image(sample) if self._quality is None else encode_image(sample, self._quality)
         elif isinstance(sample, Depth):
-            typename, payload = RAW, depth_message(sample, self._depth_encoding)
+            typename, payload = RAW, encode_depth(sample, self._depth_encoding)
         else:
             typename, payload = self._encode_small(sample)
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
@@ -92,7 +92,7 @@ class MessageEncoder:
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
-            self._templates[sample.topic] = mapping, *mapping.template(sample.topic, self._rig, block.constants)
+            self._templates[sample.topic] = mapping, *mapping.build_template(sample.topic, self._rig, block.constants)
         mapping, template, layout = self._templates[sample.topic]
         payload = bytearray(template)
         fill_rows(np.frombuffer(payload, layout.dtype), mapping, block)
@@ -117,7 +117,7 @@ class MessageDecoder:
         self.topic, self.typename = topic, typename
         self._previous: tuple[MessageLayout, SampleMapping] | None = None
 
-    def sample(self, message: Message) -> Sample | None:
+    def decode(self, message: Message) -> Sample | None:
         """The sample in a message of the topic; None if one of its numbers is not finite.
 
         Raises:
@@ -198,7 +198,7 @@ class LiveRecorder:
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
         self._file = McapWriter(path)
-        self._file.metadata(VERSION_RECORD, VERSION_VALUES)
+        self._file.append_metadata(VERSION_RECORD, VERSION_VALUES)
 
     def __enter__(self) -> Self:
         return self
@@ -221,8 +221,8 @@ class LiveRecorder:
         if known == self._previous:
             return
         self._previous = known
-        self._file.attachment(RIG_NAME, "application/yaml", known[0].encode())
-        self._file.metadata(METADATA_NAME, known[1])
+        self._file.append_attachment(RIG_NAME, "application/yaml", known[0].encode())
+        self._file.append_metadata(METADATA_NAME, known[1])
         self._infos.rig = rig
 
     def write(self, message: Message, t_ns: int) -> None:
@@ -233,10 +233,10 @@ class LiveRecorder:
             t_ns: Stamp of its sample.
         """
         lane = IMAGE_LANE if message.typename in IMAGES else 0
-        if (camera := self._infos.camera_if_due(message.topic, t_ns)) is not None:
-            info = camera_info_message(camera, message.topic, t_ns)
-            self._file.message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
-        self._file.message(message.topic, message.typename, message.payload, t_ns, lane)
+        if (camera := self._infos.find_due_camera(message.topic, t_ns)) is not None:
+            info = encode_camera_info(camera, message.topic, t_ns)
+            self._file.append_message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
+        self._file.append_message(message.topic, message.typename, message.payload, t_ns, lane)
         self.count += 1
 
 
@@ -251,7 +251,7 @@ def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message
     if not recording.is_mcap:
         rig = recording.rig if recording.has_rig else Rig()
         encoder = MessageEncoder(rig, depth_encoding="32FC1", jpeg_quality=None)
-        yield from _sort_by_rank(map(encoder.message, recording.samples(topics)), recording)
+        yield from _sort_by_rank(map(encoder.encode, recording.samples(topics)), recording)
         return
     yield from recording.raw_messages(topics, rank_of)
 

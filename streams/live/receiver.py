@@ -85,7 +85,7 @@ class _Sender:
 
 
 class Receiver:
-    """Listens for senders, checks what they send, and queues it for `take`; a context manager.
+    """Listens for senders, checks what they send, and queues it for `receive`; a context manager.
 
     Args:
         address: Host and port to listen at; port 0 takes a free one.
@@ -133,7 +133,7 @@ class Receiver:
             self._changed.notify_all()
         self._link.close()
 
-    def take(self, timeout_s: float) -> list[Arrival | Hello]:
+    def receive(self, timeout_s: float) -> list[Arrival | Hello]:
         """Takes all queued samples and hellos, in the order of arrival.
 
         Args:
@@ -220,7 +220,7 @@ class Receiver:
             return  # not greeted, or refused
         try:
             message, number = read_message(item)
-            sample = self._decoder(name, message).sample(message)
+            sample = self._find_decoder(name, message).decode(message)
             if sample is not None and not 0 <= sample.t_ns < LATEST_NS:
                 raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
             with self._changed:
@@ -268,7 +268,7 @@ class Receiver:
             raise WireError("too many topics")
         return self.traffic.setdefault(topic, Traffic())
 
-    def _decoder(self, name: str, message: Message) -> MessageDecoder:
+    def _find_decoder(self, name: str, message: Message) -> MessageDecoder:
         """The decoder of a message's topic; a topic belongs to its first sender as long as that is connected.
 
         Args:
@@ -369,7 +369,7 @@ class Reorder:
         self._count += 1
         heapq.heappush(self._heap, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
 
-    def ready(self, now_ns: int) -> Iterator[Arrival]:
+    def release_due(self, now_ns: int) -> Iterator[Arrival]:
         """Yields the samples that are released, in the order of their stamps.
 
         Args:
@@ -387,7 +387,7 @@ class Reorder:
         while self._heap:
             yield self._pop()
 
-    def due_s(self, now_ns: int) -> float | None:
+    def compute_wait_s(self, now_ns: int) -> float | None:
         """Seconds until the oldest sample is released; None if the buffer is empty."""
         return max(0.0, (self._heap[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._heap else None
 

@@ -110,7 +110,7 @@ class Sender:
         Raises:
             WireError: The receiver has refused this sender, or was never reachable; or the message is invalid.
         """
-        message = item if isinstance(item, Message) else self._encoder.message(item)
+        message = item if isinstance(item, Message) else self._encoder.encode(item)
         check_message(message)
         topic, most = message.topic, IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
         with self._changed:

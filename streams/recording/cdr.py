@@ -103,7 +103,7 @@ class _LayoutParser:
         """Moves to the next multiple of `size` bytes after the encapsulation header."""
         self.at += -(self.at - ENCAPSULATION) % size
 
-    def length(self) -> int:
+    def read_length(self) -> int:
         """Reads the length of a string or sequence, u32, and records its offset."""
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
@@ -113,14 +113,14 @@ class _LayoutParser:
         self.at += 4
         return int(value)
 
-    def string(self) -> str:
+    def read_string(self) -> str:
         """Reads a string: its length with the terminating NUL, then UTF-8."""
-        n = self.length()
+        n = self.read_length()
         text = self.payload[self.at : self.at + n].rstrip(b"\0").decode()
         self.at += n
         return text
 
-    def numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
+    def record_numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
         """Records the offset and the NumPy type of numbers, and skips them.
 
         Args:
@@ -135,16 +135,16 @@ class _LayoutParser:
         self.fields[path] = ((form, shape) if shape else form, self.at)
         self.at += count * form.itemsize
 
-    def message(self, path: str, typename: str) -> None:
+    def record_message(self, path: str, typename: str) -> None:
         """Records everything in a message; one of float64s alone, such as a vector or quaternion, becomes one field."""
         members = self.store.fielddefs[typename][1]
         if path and all(d[0] == Nodetype.BASE and d[1][0] == "float64" for _, d in members):
-            self.numbers(path, "float64", (len(members),))
+            self.record_numbers(path, "float64", (len(members),))
             return
         for name, description in members:
-            self.member(f"{path}.{name}" if path else name, description)
+            self.record_member(f"{path}.{name}" if path else name, description)
 
-    def member(self, path: str, description: Any) -> None:
+    def record_member(self, path: str, description: Any) -> None:
         """Records a field of a message: a number, string, message, or an array or sequence of these.
 
         Args:
@@ -153,22 +153,22 @@ class _LayoutParser:
         """
         node, detail = description
         if node == Nodetype.NAME:
-            self.message(path, detail)
+            self.record_message(path, detail)
         elif node == Nodetype.BASE:
             if detail[0] == "string":
-                self.strings[path] = self.string()
+                self.strings[path] = self.read_string()
             else:
-                self.numbers(path, detail[0], ())
+                self.record_numbers(path, detail[0], ())
         else:
             inner, size = detail
-            count = size if node == Nodetype.ARRAY else self.length()
+            count = size if node == Nodetype.ARRAY else self.read_length()
             if inner[0] == Nodetype.NAME:
                 for i in range(count):
-                    self.message(f"{path}.{i}", inner[1])
+                    self.record_message(f"{path}.{i}", inner[1])
             elif inner[1][0] == "string":
-                self.strings[path] = [self.string() for _ in range(count)]
+                self.strings[path] = [self.read_string() for _ in range(count)]
             else:
-                self.numbers(path, inner[1][0], (count,))
+                self.record_numbers(path, inner[1][0], (count,))
 
 
 def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
@@ -184,7 +184,7 @@ def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
     """
     parser = _LayoutParser(payload, store)
     try:
-        parser.message("", typename)
+        parser.record_message("", typename)
     except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: an undefined type
         raise ValueError(f"not a {typename}: {error}") from error
     if not parser.at <= len(payload) < parser.at + 4:

@@ -38,7 +38,7 @@ _RECORD_HEAD = np.dtype(
 )
 
 
-def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
+def build_message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
     """Builds N message records that are copies of one serialised message, to be filled with numbers column by column.
 
     Args:
@@ -133,7 +133,7 @@ class McapWriter:
         self._append(MAGIC)
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
-    def channel(self, topic: str, typename: str) -> int:
+    def register_channel(self, topic: str, typename: str) -> int:
         """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
         if topic not in self._channels:
             schema = next((s for s in self._schemas if s.name == typename), None)
@@ -146,14 +146,16 @@ class McapWriter:
             self._append(_encode(channel))
         return self._channels[topic].id
 
-    def message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
+    def append_message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
         """Appends one message to a lane."""
         layout = np.dtype(f"V{len(payload)}")
-        rows, _ = message_rows(self.channel(topic, typename), payload, layout, np.array([t_ns], np.int64))
-        self.messages(rows, lane)
+        rows, _ = build_message_rows(
+            self.register_channel(topic, typename), payload, layout, np.array([t_ns], np.int64)
+        )
+        self.append_messages(rows, lane)
 
-    def messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
-        """Appends records made by `message_rows` to a lane, and splits them over chunks as they fill up."""
+    def append_messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
+        """Appends records made by `build_message_rows` to a lane, and splits them over chunks as they fill up."""
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]
@@ -172,7 +174,7 @@ class McapWriter:
             if chunk.size >= CHUNK_BYTES - size:
                 self._finish_chunk(lane)
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
+    def append_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
         body = _encode(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
@@ -189,7 +191,7 @@ class McapWriter:
         self._append(body)
         self._file.flush()
 
-    def metadata(self, name: str, values: dict[str, str]) -> None:
+    def append_metadata(self, name: str, values: dict[str, str]) -> None:
         """Appends a metadata record."""
         body = _encode(records.Metadata(name=name, metadata=values))
         self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))

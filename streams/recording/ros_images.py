@@ -39,7 +39,7 @@ def _header(topic: str, t_ns: int) -> dict[str, Any]:
     return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
 
 
-def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
+def encode_pixels(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
     """An image's pixels as a JPEG of the given quality, or (None) as a lossless PNG."""
     pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
@@ -49,20 +49,20 @@ def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uin
     return np.asarray(data, np.uint8).ravel()
 
 
-def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
+def encode_image(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
     """The CDR bytes of a CompressedImage.
 
     Args:
         sample: The image.
         quality: 0 to 100 for JPEG; None for a lossless PNG.
-        data: The encoded pixels (`image_data`), if they are known already.
+        data: The encoded pixels (`encode_pixels`), if they are known already.
     """
-    data = image_data(sample.pixels, quality) if data is None else data
+    data = encode_pixels(sample.pixels, quality) if data is None else data
     form = "png" if quality is None else "jpeg"
     return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data})
 
 
-def depth_message(sample: Depth, encoding: str) -> bytes:
+def encode_depth(sample: Depth, encoding: str) -> bytes:
     """The CDR bytes of an Image with depth.
 
     Args:
@@ -78,7 +78,7 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
     return _encode_raw_message(sample, pixels, encoding)
 
 
-def raw_image_message(sample: Image) -> bytes:
+def encode_raw_image(sample: Image) -> bytes:
     """The CDR bytes of an Image with every pixel of a colour or grey image as it is."""
     return _encode_raw_message(
         sample, np.ascontiguousarray(sample.pixels), "mono8" if sample.pixels.ndim == 2 else "rgb8"
@@ -98,7 +98,7 @@ def _encode_raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: s
     return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
 
 
-def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
+def encode_camera_info(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
     """The CDR bytes of a CameraInfo with a camera's intrinsics, under ROS's names, for the image topic `topic`."""
     fu, fv, pu, pv = camera.intrinsics
     is_radtan = camera.distortion_model == "radtan"
@@ -125,7 +125,7 @@ class CameraInfos:
         self.rig = rig
         self._next_ns: dict[str, int] = {}
 
-    def camera_if_due(self, topic: str, t_ns: int) -> CameraCalibration | None:
+    def find_due_camera(self, topic: str, t_ns: int) -> CameraCalibration | None:
         """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None."""
         of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
         camera = of_depth.get(topic, self.rig.cameras.get(topic))

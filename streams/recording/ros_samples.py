@@ -71,14 +71,14 @@ class SampleMapping:
     frame: str = ""
     constants: Callable[[MessageLayout], dict[str, Any]] = lambda _: {}
 
-    def values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+    def collect_values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
         """The values that are equal in all messages of a topic, by dotted path, such as the frame."""
         frame = {"header.frame_id": self.frame or frame_id(topic)}
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
-    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
+    def build_template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
         """One serialised message of a topic, and the layout of its numbers."""
-        payload = serialise(self.typename, self.values(topic, rig, constants))
+        payload = serialise(self.typename, self.collect_values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
 

@@ -53,7 +53,7 @@ class TopicReader:
         """Stamps of image messages, (N,) ns, from their headers, or log times if those are empty; decodes no image."""
         if self.kind is None:
             self.kind = self.image_kind(messages.payload(0))
-        t = np.array([header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
+        t = np.array([read_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
     def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
@@ -141,7 +141,7 @@ def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
     )
 
 
-def header_stamp(payload: bytes) -> int:
+def read_header_stamp(payload: bytes) -> int:
     """Reads the stamp in the header at the beginning of a CDR message, ns.
 
     Raises:
