@@ -50,6 +50,7 @@ class EntryLibrary(JITCodeLibrary):
 
 
 def _own_module(library: Any) -> Any:
+    """The LLVM module that a caller links: of a part its own code, of another library all that it contains."""
     return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
 
 
@@ -123,6 +124,7 @@ class EntryCompiler(CompilerBase):
 
 
 def _pipelines(state: Any, lowering: type[NativeLowering]) -> list[Any]:
+    """Numba's pipeline with the given lowering in place of its own."""
     pass_builder = DefaultPassBuilder.define_nopython_pipeline(state)
     pass_builder.passes = [(lowering if p is NativeLowering else p, why) for p, why in pass_builder.passes]
     pass_builder.finalize()

@@ -46,7 +46,7 @@ def brick(rng: np.random.Generator) -> Pixels:
 
 
 def stone(rng: np.random.Generator) -> Pixels:
-    """Grey granite blocks of 0.4 m by 0.2 m for side faces."""
+    """Draws grey granite blocks of 0.4 m by 0.2 m, for the side faces of terrain."""
     block_x, block_y, joint = _slabs(columns=5, rows=10, shift=0.5, joint_m=0.010)
     tone = 0.47 + 0.05 * rng.standard_normal((10, 5))[block_y, block_x] + 0.05 * _noise(rng, 0.9)
     tone += _pebbles(rng, count=7000, radius=(1.0, 3.0), contrast=0.15)
