@@ -152,7 +152,7 @@ def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -
 
 
 def _name_of(group: Sequence[Job[Any]]) -> str:
-    """Name of a group in messages: its first job, and the number of the others."""
+    """Name of a group in messages: its first job's, and how many more jobs it has."""
     return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
 
 

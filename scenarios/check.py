@@ -211,7 +211,7 @@ def _check_clocks(
 
 
 def _clock_errors(clock: CameraClock) -> Iterator[str]:
-    """What is wrong with clock and mount of a camera, as text."""
+    """Yields a sentence for each error of a camera's clock or mount that its and the IMU's rotation rates reveal."""
     if clock.mount_off_deg:
         yield (
             f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "

@@ -54,7 +54,7 @@ _BEYOND_NOISE = (
 
 
 def rig_to_yaml(rig: Rig) -> str:
-    """A rig as YAML text."""
+    """The YAML text of a rig: Kalibr's sections of cameras and IMUs, and under a key of our own what else it knows."""
     document: dict[str, Any] = {}
     ours: dict[str, Any] = {}
     for i, camera in enumerate(rig.cameras.values()):

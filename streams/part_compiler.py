@@ -30,7 +30,10 @@ class PartLibrary(JITCodeLibrary):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """With all parts below it, for a library of Numba's own kind, which links only what it calls itself."""
+        """The module of this part and of all parts below it, for a library of Numba's own kind.
+
+        Such a library links only what it calls itself.
+        """
         if self._shared_module is None:
             self._shared_module = self._final_module.clone()
             for library in _all_below(self):

@@ -148,7 +148,7 @@ class Sole:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leg:
-    """One leg.
+    """Chain of an exoskeleton's leg from the back panel to the foot, with the sensors on it.
 
     Attributes:
         rows: D-H table from the back panel, frame 0, to the foot, the last frame.

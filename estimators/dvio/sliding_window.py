@@ -245,7 +245,7 @@ class SlidingWindow:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the newest state is physically possible for a person."""
+        """Whether the newest state is finite, with a speed and biases that a person with a consumer IMU can have."""
         return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:

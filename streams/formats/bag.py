@@ -165,7 +165,13 @@ class _Stream:
         self.keys: list[Any] = []
 
     def add(self, log_time: int, payload: bytes, key: Any) -> None:
-        """Adds a message."""
+        """Keeps what is needed of a message: its stamp, its key, and the payload unless it is a later image.
+
+        Args:
+            log_time: Log time, ns, which is the stamp of a message without header.
+            payload: CDR bytes.
+            key: By which the bag finds the message again.
+        """
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
         has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER

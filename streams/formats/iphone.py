@@ -142,7 +142,7 @@ class _Frames:
         self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
 
     def load_image(self, topic: str, number: int) -> Image:
-        """One frame.
+        """Loads frame `number` of the video as an image of a topic.
 
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.

@@ -19,7 +19,7 @@ LONGEST_STAMP = 19
 
 
 class TextRow(NamedTuple):
-    """One line.
+    """A line of a text table, split into cells on request.
 
     Attributes:
         line: Its number in the file.

@@ -361,7 +361,7 @@ class Reorder:
         self.late: Counter[str] = Counter()
 
     def add(self, arrival: Arrival) -> None:
-        """Adds a sample; stamps increase within a stream."""
+        """Buffers a sample until `release_due` yields it; within a stream, stamps increase."""
         t_ns, topic = arrival.sample.t_ns, arrival.sample.topic
         if t_ns < self._released_ns:
             self.late[topic] += 1

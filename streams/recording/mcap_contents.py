@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps, is_i
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """One message, stored or in transit.
+    """A ROS 2 message, stored in a recording or in transit between two programs.
 
     Attributes:
         t_ns: Its stamp.

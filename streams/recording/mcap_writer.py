@@ -175,7 +175,7 @@ class McapWriter:
                 self._finish_chunk(lane)
 
     def append_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Appends an attachment."""
+        """Appends an attachment, such as the calibration, and lists it in the summary."""
         body = _encode(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
             records.AttachmentIndex(
@@ -192,7 +192,7 @@ class McapWriter:
         self._file.flush()
 
     def append_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Appends a metadata record."""
+        """Appends a metadata record of texts by name, and lists it in the summary."""
         body = _encode(records.Metadata(name=name, metadata=values))
         self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))
         self._append(body)

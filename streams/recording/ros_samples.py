@@ -77,7 +77,11 @@ class SampleMapping:
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
     def build_template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
-        """One serialised message of a topic, and the layout of its numbers."""
+        """Builds a message of a topic with zeros for its numbers, and finds where these are.
+
+        Returns:
+            CDR bytes, and the layout of the numbers.
+        """
         payload = serialise(self.typename, self.collect_values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 

@@ -107,7 +107,7 @@ FORGETFUL = "single_image"
 
 
 def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
-    """One walk, by each method and by other installed estimators.
+    """Simulates the walk of a case and predicts its modes by each method, installed estimators included.
 
     Args:
         case: With one walk.
