@@ -94,7 +94,7 @@ def _distribution_versions(names: Sequence[str]) -> dict[str, str]:
 
 
 def _data_files() -> dict[str, Path]:
-    """All files that count entirely, by name."""
+    """The files of the packages in `_WHOLE`, which count entirely, by package and name."""
     return {
         f"{package}/{file.relative_to(_package_folder(package)).as_posix()}": file
         for package, folder in _WHOLE

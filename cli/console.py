@@ -165,6 +165,7 @@ class _Lines:
         pass
 
     def _write(self, line: str, now_s: float) -> None:
+        """Writes a line at once, and remembers when."""
         self._stream.write(f"{line}\n")
         self._stream.flush()
         self._written_s = now_s

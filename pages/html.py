@@ -96,5 +96,6 @@ def code(text: str) -> Markup:
 
 @cache
 def _environment() -> Environment:
+    """The templates of pages; a value that a template lacks is an error."""
     loader = PackageLoader("stridetwin.pages")
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined)

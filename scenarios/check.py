@@ -172,6 +172,7 @@ def check_table(check: Check) -> list[str]:
 
 
 def _line(cells: Sequence[str]) -> str:
+    """A line of the table that `check` prints."""
     return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>12}" for c in cells[2:])
 
 

@@ -435,6 +435,7 @@ def _percent(values: Iterable[bool]) -> float | None:
 
 
 def _quantile(values: Sequence[float], percent: float) -> float | None:
+    """Percentile of the values, linear between neighbours; None without any."""
     return float(np.percentile(values, percent)) if len(values) else None
 
 

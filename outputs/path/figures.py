@@ -95,6 +95,7 @@ def error_over_time(results: Sequence[Result]) -> Markup:
 
 
 def _part_name(results: Sequence[Result]) -> str:
+    """Name of the part of the body that paths are of, such as `left foot`, for titles."""
     part = part_of(results[0].estimate)
     return f"{FOOT_NAMES[part]} foot" if part in FOOT_NAMES else "camera"
 

@@ -182,6 +182,7 @@ class BagCalibration:
         return self._infos[max(near, key=len)] if near else None
 
     def _add_assumption(self, topic: str, text: str) -> None:
+        """Adds a text to what is assumed of a camera."""
         self.assumed[topic] = f"{self.assumed[topic]}; {text}" if topic in self.assumed else text
 
     def _to_camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:

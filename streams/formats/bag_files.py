@@ -362,6 +362,7 @@ class RosBag:
 
 
 def _close(reader: Any) -> None:
+    """Closes a reader, when its bag is garbage collected."""
     reader.close()
 
 

@@ -178,6 +178,7 @@ def _split_unit(word: str) -> tuple[str, str]:
 
 
 def _count_columns(rows: list[TextRow]) -> int:
+    """Number of cells in the first row."""
     return len(rows[0].cells) if rows else 0
 
 
@@ -475,6 +476,7 @@ def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
 
 
 def _write_csv(folder: Path, header: list[str], t_ns: Stamps, *columns: Array) -> None:
+    """Writes `data.csv` in a new folder: stamps (N,) ns and columns (N, ...) side by side."""
     folder.mkdir(parents=True)
     write_text_rows(folder / "data.csv", f"#{','.join(header)}", ",", t_ns.tolist(), np.column_stack(columns))
 
@@ -493,4 +495,5 @@ def _format_transform(T: Array) -> str:
 
 
 def _quote(text: str) -> str:
+    """A text as a quoted YAML string."""
     return "'" + text.replace("'", "''") + "'"

@@ -187,6 +187,7 @@ def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
 
 
 def _is_file(path: Path) -> bool:
+    """Whether there is a file of this name; false for a name that the system refuses."""
     try:
         return path.is_file()
     except OSError:  # a name too long for the file system

@@ -127,6 +127,7 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
 
 
 def _to_nanoseconds(t: Array) -> Stamps:
+    """Stamps (N,) ns of times (N,) s."""
     return np.rint(t * 1e9).astype(np.int64)
 
 

@@ -242,6 +242,7 @@ def _read_numbers(
 
 
 def _is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
     try:
         float(cell.replace(",", "."))
     except ValueError:

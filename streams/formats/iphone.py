@@ -174,6 +174,7 @@ class _Frames:
         return self._last
 
     def _decode(self) -> Iterator[Any]:
+        """Yields the frames of the video from its start."""
         import av  # takes long to import: only where it is needed
 
         with av.open(str(self._path)) as container:

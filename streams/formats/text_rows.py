@@ -166,6 +166,7 @@ def _invalid_number_error(path: Path, row: TextRow, columns: Sequence[tuple[str,
 
 
 def _is_finite(word: str) -> bool:
+    """Whether a word is a finite number."""
     try:
         return math.isfinite(float(word))
     except ValueError:

@@ -157,6 +157,7 @@ class Receiver:
         return self._has_ended and not self._inbox and not self._count_connected()
 
     def _count_connected(self) -> int:
+        """Number of senders that are connected and not refused."""
         return sum(sender.is_connected for sender in self._senders.values())
 
     def _answer_with(self, handle: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:

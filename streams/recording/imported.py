@@ -176,4 +176,5 @@ class ImportedContents:
 
 
 def _to_topic_info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:
+    """Summary of a topic from the stamps (N,) ns of its samples."""
     return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))

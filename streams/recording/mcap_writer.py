@@ -241,6 +241,7 @@ class McapWriter:
         self._file.close()
 
     def _finish_chunks(self) -> None:
+        """Writes the open chunks of all lanes."""
         for lane in sorted(self._lanes):
             self._finish_chunk(lane)
 

@@ -209,6 +209,11 @@ class Recording:
         return times
 
     def _check_topic(self, topic: str) -> None:
+        """Refuses a topic that the recording lacks.
+
+        Raises:
+            RecordingError: There is none of this name; the message lists the topics.
+        """
         if topic not in self.topics:
             topics = ", ".join(sorted(self.topics)) or "none"
             raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}")

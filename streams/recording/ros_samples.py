@@ -137,6 +137,7 @@ def _to_wxyz(q: Array) -> Array:
 
 
 def _to_float64(values: NDArray[Any]) -> Array:
+    """The values in double precision."""
     return values.astype(np.float64)
 
 

@@ -44,6 +44,7 @@ def collect(results: list[ZooRow]) -> ZooRow:
 
 
 def _scores(rows: Iterable[ZooRow], method: str) -> list[ModeScores]:
+    """Scores of each walk by one method."""
     return [ModeScores.of(row["methods"][method]) for row in rows]
 
 
@@ -161,6 +162,7 @@ def odometry_lines(result: ZooRow) -> list[str]:
 
 
 def _label(name: str) -> str:
+    """Description of a kind of walk for a table, with * for kinds outside the tuning set."""
     if name not in WALK_KINDS:
         return name
     return WALK_KINDS[name].description + ("" if WALK_KINDS[name].tuned else " *")

@@ -288,4 +288,5 @@ def trajectory(path: list[Odometry]) -> Trajectory:
 
 
 def _time(frame_ms: list[float]) -> Mapping[str, float]:
+    """Mean and 95th percentile of times, ms."""
     return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}
