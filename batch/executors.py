@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from stridetwin.batch.jobs import Failure, Job, Result, Task, Work, run_group
+from stridetwin.batch.jobs import Failure, Job, ResultT, Task, Work, run_group
 from stridetwin.batch.processes import open_pool
 from stridetwin.streams.errors import StrideTwinError, explain_import_error
 
@@ -47,9 +47,16 @@ class Executor:
     workers = 1
 
     def run(
-        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
-    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
-        """Jobs with their results, in the order in which the groups end.
+        self, work: Work[Task, ResultT], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], ResultT | Failure]]:
+        """Runs the groups of jobs in this process.
+
+        Args:
+            work: How rows are made.
+            groups: Jobs; those of a group run together.
+
+        Yields:
+            Each job with its result, in the order in which the groups end.
 
         Raises:
             StrideTwinError: An error that affects all jobs, such as a full disk, or workers that die one after another.
@@ -85,8 +92,8 @@ class _Pool(Executor):
         self._pool: Any = None
 
     def run(
-        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
-    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
+        self, work: Work[Task, ResultT], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], ResultT | Failure]]:
         """Runs the groups on several processes; jobs and results come in the order in which the groups end.
 
         Raises:
@@ -94,7 +101,7 @@ class _Pool(Executor):
         """
         versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
         while waiting:
-            running: dict[Future[list[Result | Failure]], Sequence[Job[Task]]] = {}
+            running: dict[Future[list[ResultT | Failure]], Sequence[Job[Task]]] = {}
             try:
                 self._pool = self._pool or self._resources.enter_context(open_pool(self.workers))
                 while waiting or running:
@@ -120,9 +127,9 @@ class _Pool(Executor):
 
 
 def _run_alone(
-    work: Work[Task, Result], versions: Mapping[str, str], group: Sequence[Job[Task]]
-) -> Sequence[Result | Failure] | None:
-    """The results of a group in a process of its own; None if it died."""
+    work: Work[Task, ResultT], versions: Mapping[str, str], group: Sequence[Job[Task]]
+) -> Sequence[ResultT | Failure] | None:
+    """Runs a group in a process of its own; returns its results, or None if that process died."""
     try:
         with open_pool(1) as pool:
             return pool.submit(run_group, work, versions, [job.task for job in group]).result()
@@ -131,7 +138,7 @@ def _run_alone(
 
 
 def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
-    """The names of consecutive groups whose worker died, with one more.
+    """Adds a group whose worker died to the names of those before it in a row.
 
     Raises:
         StrideTwinError: It is the third one.
@@ -145,7 +152,7 @@ def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -
 
 
 def _name_of(group: Sequence[Job[Any]]) -> str:
-    """Name of a group in messages: its first job, and the number of the others."""
+    """Name of a group in messages: its first job's, and how many more jobs it has."""
     return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
 
 
@@ -157,8 +164,8 @@ class _Cluster(Executor):
         self._client: Any = None
 
     def run(
-        self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]
-    ) -> Iterator[tuple[Job[Task], Result | Failure]]:
+        self, work: Work[Task, ResultT], groups: Sequence[Sequence[Job[Task]]]
+    ) -> Iterator[tuple[Job[Task], ResultT | Failure]]:
         """Runs the groups on the scheduler's workers; jobs and results come in the order in which the groups end.
 
         Raises:
@@ -179,7 +186,7 @@ class _Cluster(Executor):
         for future in as_completed(futures, loop=client.loop):
             group = by_key[future.key]
             try:
-                results: Sequence[Result | Failure] = future.result()
+                results: Sequence[ResultT | Failure] = future.result()
                 failed_groups = []
             except KilledWorker:
                 failed_groups, results = _add_failed_group(failed_groups, group), [_DIED] * len(group)

@@ -23,7 +23,7 @@ UNFINISHED = ".unfinished"
 def hold_folder(
     folder: Path, has_rows: Callable[[], bool], refusal: str = "another process uses it: expected another folder"
 ) -> Iterator[Path]:
-    """Creates and locks a folder, and removes the unfinished files of killed runs.
+    """Creates and locks the folder of a batch, and removes the unfinished files of killed runs.
 
     A folder that is new is removed again if the run is refused before it has a row.
 
@@ -58,13 +58,14 @@ def hold_folder(
 
 
 def _remove_unfinished(folder: Path) -> None:
+    """Removes all folders of unfinished files in a folder."""
     for path in folder.glob(f"{UNFINISHED}*"):
         shutil.rmtree(path, ignore_errors=True)
 
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Locks a folder; the lock ends with the process in every case.
+    """Locks a folder against other processes; the lock ends with this process in every case.
 
     Raises:
         BlockingIOError: Another process holds the lock.
@@ -78,7 +79,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def read_request(folder: Path) -> Any:
-    """The request that a folder belongs to; None if it belongs to none, or if the file is damaged."""
+    """Reads the request that a folder belongs to; None if it belongs to none, or if the file is damaged."""
     try:
         return json.loads((folder / REQUEST).read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
@@ -86,7 +87,7 @@ def read_request(folder: Path) -> Any:
 
 
 def write_request(folder: Path, request: Mapping[str, Any]) -> None:
-    """Writes the request that a folder belongs to from now on."""
+    """Writes the request that a folder belongs to from now on, atomically."""
     with atomic_file(folder / REQUEST) as file:
         file.write_text(to_json(request), encoding="utf-8")
 

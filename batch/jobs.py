@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from stridetwin.streams.errors import StrideTwinError
 
 Task = TypeVar("Task")
-Result = TypeVar("Result")
+ResultT = TypeVar("ResultT")
 Row = dict[str, Any]
 
 
@@ -36,16 +36,19 @@ class Job(Generic[Task]):
 
 @dataclass(frozen=True)
 class Failure:
-    """What a job without a row has instead: the reason.
+    """What a job without a row has instead.
 
     It concerns this job alone, is not stored, and a later run tries the job again.
+
+    Attributes:
+        reason: Why the job has failed.
     """
 
     reason: str
 
 
 @dataclass(frozen=True, kw_only=True)
-class Work(Generic[Task, Result]):
+class Work(Generic[Task, ResultT]):
     """The function that makes rows from tasks on a worker, and the versions of its code; can be pickled.
 
     Attributes:
@@ -53,11 +56,13 @@ class Work(Generic[Task, Result]):
         versions: Versions of the code that determine a row; every worker must have the same.
     """
 
-    run: Callable[[Sequence[Task]], Iterable[Result | Failure]]
+    run: Callable[[Sequence[Task]], Iterable[ResultT | Failure]]
     versions: Callable[[], Mapping[str, str]]
 
 
-def one_by_one(function: Callable[[Task], Result | Failure]) -> Callable[[Sequence[Task]], Iterable[Result | Failure]]:
+def one_by_one(
+    function: Callable[[Task], ResultT | Failure],
+) -> Callable[[Sequence[Task]], Iterable[ResultT | Failure]]:
     """Makes `Work.run` from a function of one task; it pickles if the function does."""
     return partial(map, function)
 
@@ -67,11 +72,11 @@ def content_key(*content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def run_group(work: Work[Task, Result], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[Result | Failure]:
-    """Results of the tasks of one group, on a worker.
+def run_group(work: Work[Task, ResultT], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[ResultT | Failure]:
+    """Runs the tasks of one group on a worker, and returns a result for each, in order.
 
     Raises:
-        StrideTwinError: The worker has other versions than those expected.
+        StrideTwinError: The worker has other versions of the code than those expected.
     """
     versions = work.versions()
     if versions != expected:

@@ -15,7 +15,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @contextmanager
 def open_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes; jobs that have not started when it closes are dropped."""
+    """Opens a pool of processes; jobs that have not started when it closes are dropped."""
     with _one_thread_each():
         pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
@@ -37,7 +37,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """Lets a worker end with the process that started it in every case, and print nothing when it is stopped."""
+    """Makes a worker process end with the one that started it in every case, and print nothing when it is stopped."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = parent_process()
     if parent is None:

@@ -92,12 +92,14 @@ class RowLines:
             self._rewrite()
 
     def _rewrite(self) -> None:
+        """Writes the whole file again, atomically."""
         unfinished = self._unfinished / self._file.name
         unfinished.write_text(self._text(list(self._rows)), encoding="utf-8")
         os.replace(unfinished, self._file)
         self._is_whole = True
 
     def _text(self, keys: Sequence[str]) -> str:
+        """The lines of the rows with these keys."""
         rows = ({"key": key, **self._rows[key]} for key in keys)
         return "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows)
 

@@ -88,14 +88,20 @@ class Batch(Generic[Task]):
     def run_with(
         self, options: BatchOptions, work: Work[Task, Any], stage: str, progress: Progress, resume: str
     ) -> list[Any]:
-        """Runs the missing jobs on an executor of their own; see `run`.
+        """Runs the missing jobs on an executor that is opened for them, and announces the time left.
 
         Args:
             options: Workers.
             work: How the rows are made.
             stage: What runs, for progress and forecast.
             progress: Receives the stage and its progress (0-1).
-            resume: How a stopped batch continues, see `Forecast`.
+            resume: How a stopped batch continues, such as `--resume continues`; "" if it does not.
+
+        Returns:
+            The result of each job, in order: its row, or a `Failure`, which is not stored.
+
+        Raises:
+            StrideTwinError: An error that affects all jobs. Rows of finished jobs are stored.
         """
         forecast = Forecast(f"{stage}: {len(self._jobs)} jobs", len(self.missing), resume)
         with open_executor(options.workers, options.scheduler) as executor:
@@ -103,11 +109,12 @@ class Batch(Generic[Task]):
 
     @property
     def _share(self) -> float:
+        """Share of the jobs that have a result, 0-1."""
         return len(self.results) / self._count if self._count else 1.0
 
 
 def _groups_of(jobs: Iterable[Job[Task]]) -> list[list[Job[Task]]]:
-    """The jobs by their groups, in the order of each group's first job."""
+    """Collects the jobs by their groups, in the order of each group's first job."""
     groups: dict[Any, list[Job[Task]]] = {}
     for i, job in enumerate(jobs):
         groups.setdefault(job.group or i, []).append(job)

@@ -40,8 +40,8 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
     """Versions that determine a module's results: the project, a digest of its sources, and numerical libraries.
 
     Args:
-        module: Its name.
-        estimators: See `digest`.
+        module: Name of the module.
+        estimators: False leaves the estimators out of the digest, as they do not affect a recorded walk.
     """
     return {
         "stridetwin": metadata.version("stridetwin"),
@@ -58,11 +58,14 @@ def class_version(of: type) -> str:
 
 
 def digest(module: str, *, estimators: bool = True) -> str:
-    """Digest of the sources behind a module's results.
+    """Digest of the sources that determine a module's results, with the versions of numerical libraries.
 
     Args:
-        module: Its name.
+        module: Name of the module.
         estimators: False excludes the estimators, which do not affect a recorded walk.
+
+    Returns:
+        16 hexadecimal digits.
     """
     files = _data_files() | {
         name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)
@@ -91,7 +94,7 @@ def _distribution_versions(names: Sequence[str]) -> dict[str, str]:
 
 
 def _data_files() -> dict[str, Path]:
-    """All files that count entirely, by name."""
+    """The files of the packages in `_WHOLE`, which count entirely, by package and name."""
     return {
         f"{package}/{file.relative_to(_package_folder(package)).as_posix()}": file
         for package, folder in _WHOLE

@@ -119,8 +119,8 @@ def measure(imu: ImuPart, seconds: float, seeds: int) -> dict[str, dict[str, Any
     for i, triad in enumerate(TRIADS):
         expected = truth(imu, triad)
         model = np.column_stack([1 / tau, np.full(len(tau), FLOOR**2), tau / 3]) @ expected
-        own = variance[:, :, 3 * i : 3 * i + 3]
-        fits = np.array([coefficients(tau, v, model, seconds).mean(axis=1) for v in own])  # (seeds, 3)
+        sensor_variance = variance[:, :, 3 * i : 3 * i + 3]
+        fits = np.array([coefficients(tau, v, model, seconds).mean(axis=1) for v in sensor_variance])  # (seeds, 3)
         mean, half = fits.mean(axis=0), stats.t.ppf(0.975, seeds - 1) * fits.std(axis=0, ddof=1) / math.sqrt(seeds)
         result[triad] = {
             "white_over_part": float(np.sqrt(mean[0] / expected[0])),
@@ -134,7 +134,7 @@ def measure(imu: ImuPart, seconds: float, seeds: int) -> dict[str, dict[str, Any
                 for k, name in ((1, "instability"), (2, "walk"))
             },
             "tau_s": tau.tolist(),
-            "deviation": np.sqrt(own.mean(axis=(0, 2))).tolist(),
+            "deviation": np.sqrt(sensor_variance.mean(axis=(0, 2))).tolist(),
             "model": np.sqrt(model).tolist(),
         }
     return result

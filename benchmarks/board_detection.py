@@ -152,23 +152,25 @@ def case(frame: Frame, detector: BoardDetector, rng: np.random.Generator, search
     whole = whole and frame.bare(true_px, detector.points_in_board)
     guess = detector.predict(_disturbed(T, rng))
     told_px = way_px * rng.normal(1.0, MOTION_SD)
-    found, ms = _timed(detector, frame.image, true_px if guess is None else guess, told_px)
+    guided, ms = _timed(detector, frame.image, true_px if guess is None else guess, told_px)
     result = {
         "in_view": True,
         "whole": whole,
         "per_square_px": float(per_square),
         "blur_squares": float(np.linalg.norm(way_px) / per_square),
         "ms": ms,
-        "found": found is not None,
+        "found": guided is not None,
         "wrong": False,
         "searched": searched is not None if search else None,
         "searched_ms": searched_ms,
     }
-    for observation in (found, searched):
+    for observation in (guided, searched):
         if observation is not None:
             miss = DistortionModel(camera).pixels(observation.rays) - true_px[_which(observation, detector)]
             result["wrong"] |= bool(np.linalg.norm(miss, axis=1).max() > WRONG_SQUARES * per_square)
-    return result | (_errors(found, true_px[_which(found, detector)], T, camera, square) if found is not None else {})
+    return result | (
+        _errors(guided, true_px[_which(guided, detector)], T, camera, square) if guided is not None else {}
+    )
 
 
 def _timed(
@@ -219,9 +221,9 @@ def summary(cases: Sequence[dict[str, Any]]) -> dict[str, float]:
     seen = [c for c in cases if c["in_view"]]
     whole = [c for c in seen if c["whole"]]
     usable = [c for c in whole if c["blur_squares"] < 0.5 and c["per_square_px"] >= 4.0]
-    found = [c for c in seen if c["found"]]
-    posed = [c for c in found if "nees" in c]
-    miss, sd = (np.concatenate([c[key] for c in found]) for key in ("miss_px", "sd_px"))
+    detections = [c for c in seen if c["found"]]
+    posed = [c for c in detections if "nees" in c]
+    miss, sd = (np.concatenate([c[key] for c in detections]) for key in ("miss_px", "sd_px"))
     searched = [c for c in whole if c["searched"] is not None]
 
     def rms(key: str) -> float:
@@ -237,7 +239,7 @@ def summary(cases: Sequence[dict[str, Any]]) -> dict[str, float]:
         "wrong": sum(c["wrong"] for c in seen),
         "false": sum(c["false"] for c in cases if not c["in_view"]),
         "images_without_board": sum(not c["in_view"] for c in cases),
-        "corners_mean": float(np.mean([len(c["miss_px"]) for c in found])),
+        "corners_mean": float(np.mean([len(c["miss_px"]) for c in detections])),
         "corner_bias_px": float(np.linalg.norm(miss.mean(axis=0))),
         "corner_sd_px": float(miss.std(axis=0).mean()),
         "corner_sd_estimated_px": float(np.sqrt((sd**2).mean())),
@@ -262,7 +264,7 @@ def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
     rows = []
     for low, high in pairwise(PER_SQUARE_PX):
         for sharp, blurred in pairwise(BLUR_SQUARES):
-            own = [
+            cases_in_bin = [
                 c
                 for c in cases
                 if c["in_view"]
@@ -270,13 +272,15 @@ def table(cases: Sequence[dict[str, Any]]) -> list[dict[str, float]]:
                 and low <= c["per_square_px"] < high
                 and sharp <= c["blur_squares"] < blurred
             ]
-            if not own:
+            if not cases_in_bin:
                 continue
-            row = {"per_square_px": low, "blur_squares": sharp, "images": len(own)}
-            row["detected_pct"] = _share([c["found"] for c in own])
-            row["without_guess_pct"] = _share([c["searched"] for c in own if c["searched"] is not None])
-            if any(c["found"] for c in own):
-                miss, sd = (np.concatenate([c[key] for c in own if c["found"]]) for key in ("miss_px", "sd_px"))
+            row = {"per_square_px": low, "blur_squares": sharp, "images": len(cases_in_bin)}
+            row["detected_pct"] = _share([c["found"] for c in cases_in_bin])
+            row["without_guess_pct"] = _share([c["searched"] for c in cases_in_bin if c["searched"] is not None])
+            if any(c["found"] for c in cases_in_bin):
+                miss, sd = (
+                    np.concatenate([c[key] for c in cases_in_bin if c["found"]]) for key in ("miss_px", "sd_px")
+                )
                 row["corner_sd_px"] = float(miss.std(axis=0).mean())
                 row["corner_sd_estimated_px"] = float(np.sqrt((sd**2).mean()))
             rows.append(row)

@@ -220,7 +220,7 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
         try:
             with _alarm(HANG_S), warnings.catch_warnings():
                 warnings.simplefilter("error")
-                read, words = contents(path, lenient)
+                read, texts = contents(path, lenient)
         except StrideTwinError as error:
             message = str(error)
             if not all(str(path) in line for line in message.split("\n")):  # a settings file has a line for each error
@@ -231,7 +231,7 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
             return "hang", f"longer than {HANG_S} s"
         except Exception as error:
             return "traceback", f"{type(error).__name__}: {error}"
-        new = [w for w in words if w not in said_before]
+        new = [w for w in texts if w not in said_before]
         if not outcome:
             outcome = "harmless" if same(read, whole) else "reported" if new else "unnoticed"
             said = "; ".join(new)
@@ -241,7 +241,7 @@ def tried(path: Path, whole: dict[str, Any], said_before: list[str]) -> tuple[st
 def trials(name: str, count: int, seed: int = 0, write: Callable[[Path, Walk], Path] | None = None) -> list[Trial]:
     """Damages a format's file `count` times; `write` writes that of a format that is not among `FORMATS`."""
     rng = np.random.default_rng([seed, *name.encode()])
-    found = []
+    trial_list = []
     with tempfile.TemporaryDirectory() as folder:
         original = (write or FORMATS[name])(Path(folder), Walk())
         broken = Path(folder) / "broken" / original.name
@@ -253,8 +253,8 @@ def trials(name: str, count: int, seed: int = 0, write: Callable[[Path, Walk], P
             broken.parent.mkdir()
             shutil.copytree(original, broken) if original.is_dir() else shutil.copy(original, broken)
             what = mutated(broken, rng)
-            found.append(Trial(what, *tried(broken, whole, said)))
-    return found
+            trial_list.append(Trial(what, *tried(broken, whole, said)))
+    return trial_list
 
 
 def main() -> None:
@@ -267,12 +267,12 @@ def main() -> None:
     summary: dict[str, dict[str, float]] = {}
     for name in options.formats:
         start = time.perf_counter()
-        found = trials(name, options.count)
-        counts = Counter(t.outcome for t in found)
+        trial_list = trials(name, options.count)
+        counts = Counter(t.outcome for t in trial_list)
         summary[name] = {o: counts[o] for o in OUTCOMES} | {"time_s": round(time.perf_counter() - start, 1)}
         if not options.json:
             print(f"{name:<16}" + "".join(f"{o} {summary[name][o]:<6}" for o in (*OUTCOMES, "time_s")), flush=True)
-            for trial in found:
+            for trial in trial_list:
                 if trial.outcome in options.show:
                     print(f"  {trial.outcome}: {trial.mutation}: {trial.said}"[:400])
     if options.json:

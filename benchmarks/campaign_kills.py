@@ -83,11 +83,11 @@ def measure_kills(kills: int, workers: int = 1, walks: int = 5, seed: int = 0) -
                 assert os.waitstatus_to_exitcode(status) == 0, "generate failed"
             there = rows(folder) if folder.exists() else {}
             assert finished.items() <= there.items(), "a finished walk was lost, or made again"
-            found = visible(folder)
-            assert all(whole[file] == data for file, data in found.items()), "a file that is not whole is seen"
+            visible_files = visible(folder)
+            assert all(whole[file] == data for file, data in visible_files.items()), "a file that is not whole is seen"
             finished = there
-            if "manifest.json" in found:
-                assert found == whole, "the campaign differs from the undisturbed one"
+            if "manifest.json" in visible_files:
+                assert visible_files == whole, "the campaign differs from the undisturbed one"
                 counts["campaigns_completed"] += 1
                 counts["walks_kept"] += len(finished)
                 number += 1

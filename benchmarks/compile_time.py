@@ -78,23 +78,23 @@ def measure(arguments: Namespace) -> dict[str, Any]:
     for part in parts:
         if part not in (WALK, *ESTIMATORS):
             raise ConfigError("compile_time", "PART", part, ", ".join((WALK, *ESTIMATORS)))
-    found: dict[str, dict[str, float]] = {}
+    seconds_by_command: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "short.yaml").write_text(SCENARIO)
         recorded = arguments.recording or folder / "walk.mcap"
         generate = ["generate", str(folder / "short.yaml"), "-o"]
         if WALK in parts:
-            found[WALK] = _compiled_by(folder, [*generate, str(folder / "measured.mcap"), "--no-cameras"])
+            seconds_by_command[WALK] = _compiled_by(folder, [*generate, str(folder / "measured.mcap"), "--no-cameras"])
         if arguments.recording is None and parts != [WALK]:
             run = [sys.executable, "-c", _PLAIN, *generate, str(recorded)]
             subprocess.run(run, stdout=subprocess.DEVNULL, check=True)
         for part in parts:
             if part != WALK:
                 output = str(folder / f"{part}{_OUTPUTS.get(part, '.txt')}")
-                found[part] = _compiled_by(folder, ["estimate", part, str(recorded), "-o", output])
-    once = {name: seconds for functions in found.values() for name, seconds in functions.items()}
-    return {"seconds": found, "total": sum(once.values())}
+                seconds_by_command[part] = _compiled_by(folder, ["estimate", part, str(recorded), "-o", output])
+    once = {name: seconds for functions in seconds_by_command.values() for name, seconds in functions.items()}
+    return {"seconds": seconds_by_command, "total": sum(once.values())}
 
 
 def show(result: dict[str, Any]) -> None:

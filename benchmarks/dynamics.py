@@ -169,7 +169,7 @@ def root_help(twin: Twin, walk: SimulatedWalk) -> tuple[Array, Array]:
 
 def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
     """How far the toe hinge slips on the ground in each stance while the ball is firmly loaded, m."""
-    weight, found = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0]), []
+    weight, slips_m = NOMINAL_GRAVITY_MPS2 * float(twin.model.body_subtreemass[0]), []
     hinge = np.array([twin.size.shoe.toe_hinge_x, 0.0, twin.size.shoe.toe_hinge_z])
     for k, side in enumerate(SIDES):
         for step in walk.steps[side]:
@@ -180,8 +180,8 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
                 continue
             track = motion_at(twin, t).tracks[f"foot_{side}"]
             p = track.p_body_in_world + matrix_from_quat(track.q_world_body) @ hinge
-            found.append(float(np.linalg.norm(np.ptp(p, axis=0))))
-    return found
+            slips_m.append(float(np.linalg.norm(np.ptp(p, axis=0))))
+    return slips_m
 
 
 def penetration(twin: Twin, walk: SimulatedWalk) -> float:

@@ -107,11 +107,11 @@ def _judge(twin: Twin, given: dict[str, float]) -> tuple[str, str]:
         return "wrong", f"help {given['help_mean_pct']:.1f} % of the body weight, allowed {HELP_MEAN_PCT:g}"
     if twin.config.physics == "dynamic":  # real contacts sink in and slip: see benchmarks.dynamics
         return "ok", ""
-    found = {
+    figures = {
         "penetration_mm": 1e3 * max(penetration(twin, side) for side in SIDES),
         "slip_mm": 1e3 * max(slip(twin, side) for side in SIDES),
     }
-    wrong = [f"{name} {value:.2f}, allowed {ALLOWED[name]}" for name, value in found.items() if value > ALLOWED[name]]
+    wrong = [f"{name} {value:.2f}, allowed {ALLOWED[name]}" for name, value in figures.items() if value > ALLOWED[name]]
     return ("wrong", "; ".join(wrong)) if wrong else ("ok", "")
 
 
@@ -133,10 +133,10 @@ def main() -> int:
             outcome = walk(terrain, manner, args.physics, dynamics, args.seed)
             outcomes.append(outcome)
             if not args.json:
-                words = f"{outcome.verdict:8}{outcome.duration_s:7.1f} s {outcome.wall_s:6.1f} s  {outcome.why}"
+                line = f"{outcome.verdict:8}{outcome.duration_s:7.1f} s {outcome.wall_s:6.1f} s  {outcome.why}"
                 if outcome.help_mean_pct is not None:
-                    words += f"  help mean {outcome.help_mean_pct:.2f} %, p95 {outcome.help_p95_pct:.2f} %"
-                print(f"{terrain:20} {manner:14}{words}", flush=True)
+                    line += f"  help mean {outcome.help_mean_pct:.2f} %, p95 {outcome.help_p95_pct:.2f} %"
+                print(f"{terrain:20} {manner:14}{line}", flush=True)
     counts = {v: sum(o.verdict == v for o in outcomes) for v in ("ok", "refused", "fell", "wrong")}
     if args.json:
         cases: list[dict[str, Any]] = [vars(o) for o in outcomes]

@@ -66,10 +66,10 @@ def measure(_: Namespace) -> dict[str, Any]:
             share, error = clipped(walk, gyro * DEG, accelerometer * STANDARD_GRAVITY_MPS2)
             if share > 0:
                 pairs.append((share, error / whole, error - whole))
-    found = np.array(pairs)
+    differences = np.array(pairs)
     rows = {}
     for low, high in pairwise(SHARES_PCT):
-        some = found[(found[:, 0] >= low) & (found[:, 0] < high)]
+        some = differences[(differences[:, 0] >= low) & (differences[:, 0] < high)]
         rows[f"{low}-{high} %"] = {
             "cases": len(some),
             "ratio_median": float(np.median(some[:, 1])),

@@ -56,9 +56,9 @@ def tuned(walks: Sequence[ViconWalk]) -> dict[str, float]:
 
 
 def _cost(walks: Sequence[ViconWalk], values: dict[str, float]) -> float:
-    found = errors(walks, FootInsParameters(**values))
+    walk_errors = errors(walks, FootInsParameters(**values))
     moved = sum(math.log(values[name] / START[name], 3.0) ** 2 for name in START)
-    return sum(found) / len(found) * (1.0 + THRIFT * moved)
+    return sum(walk_errors) / len(walk_errors) * (1.0 + THRIFT * moved)
 
 
 def measure(walks: Sequence[ViconWalk]) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def measure(walks: Sequence[ViconWalk]) -> dict[str, Any]:
         "summary": {
             "fixed": spread(errors(walks, FootInsParameters())),
             "round_values": spread(errors(walks, FootInsParameters(**START))),
-            "days_left_out": spread([error for found in unseen.values() for error in found]),
+            "days_left_out": spread([error for day_errors in unseen.values() for error in day_errors]),
         },
         "cases": [{"day": d, "armse_m": unseen[d], "tuned_without": sets[d]} for d in days],
     }

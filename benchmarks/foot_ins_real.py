@@ -98,12 +98,12 @@ def climb(path: Array) -> float:
 
 def marker_errors(feet: Sequence[MarkerWalk], paths: Sequence[FootInsPath]) -> dict[str, dict[str, float]]:
     """Errors of each foot of `dual_foot_walk` at its rests, by name; see `stance_error`."""
-    found = {
+    figures = {
         f.name: stance_error(p.trajectory.t_ns * 1e-9, p.trajectory.p_frame_in_world, f) for f, p in zip(feet, paths)
     }
     return {
-        "stance_rmse_m": {name: value[0] for name, value in found.items()},
-        "height_error_m": {name: value[1] for name, value in found.items()},
+        "stance_rmse_m": {name: value[0] for name, value in figures.items()},
+        "height_error_m": {name: value[1] for name, value in figures.items()},
     }
 
 

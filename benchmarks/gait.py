@@ -70,7 +70,7 @@ def joint_range_deg(twin: Twin, joint: str) -> tuple[float, float]:
 def landing_pitch_deg(twin: Twin, mode: str) -> list[float]:
     """Pitch of the sole just after touch-down of every step of a mode, degrees, toes down positive."""
     pitches = []
-    for step in (s for own in twin.walk.steps.values() for s in own if s.mode == mode):
+    for step in (s for steps_of_foot in twin.walk.steps.values() for s in steps_of_foot if s.mode == mode):
         track = motion_at(twin, np.array([step.t_touch + 0.002])).tracks[f"foot_{step.foot}"]
         pitches.append(float(np.degrees(np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0]))))
     return pitches

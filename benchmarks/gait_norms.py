@@ -270,8 +270,8 @@ def slope_case(twin: Twin, terrain: str, labels: dict[str, str | float]) -> Case
         peaks: dict[str, list[float]] = {}
         on = np.zeros(len(t), dtype=bool)
         for side in SIDES:
-            own = twin.walk.steps[side]
-            for a, b in pairwise(own):
+            foot_steps = twin.walk.steps[side]
+            for a, b in pairwise(foot_steps):
                 if a.mode != mode or b.mode != mode:  # both footprints of the stride must be on the flight
                     continue
                 rows = (t >= a.t_touch) & (t <= b.t_touch)
@@ -324,7 +324,7 @@ def plot_curves(case: Case) -> Markup:
 
 def cases(terrain: str, speeds: list[float], bodies: list[str], manners: list[str], seed: int) -> list[Case]:
     """All walks on a terrain; manners are `planned`, `simulated`, and each with `_exo`."""
-    found = []
+    rows = []
     for manner in manners:
         exo, simulated = manner.endswith("_exo"), manner.startswith("simulated")
         for body in bodies:
@@ -332,8 +332,8 @@ def cases(terrain: str, speeds: list[float], bodies: list[str], manners: list[st
                 route = TERRAINS.get(terrain, (Level(length_m=20.0),))
                 twin = walk(route, BODIES[body], speed, exo, simulated, seed)
                 labels: dict[str, str | float] = {"terrain": terrain, "manner": manner, "body": body, "asked": speed}
-                found.append(level_case(twin, labels) if terrain == "level" else slope_case(twin, terrain, labels))
-    return found
+                rows.append(level_case(twin, labels) if terrain == "level" else slope_case(twin, terrain, labels))
+    return rows
 
 
 def table(rows: list[Case], bands: Mapping[str, tuple[float, float]]) -> str:
@@ -365,10 +365,10 @@ def main() -> None:
     everything = []
     for terrain in args.terrain:
         for manner in args.manners:
-            found = cases(terrain, args.speeds, args.bodies, [manner], args.seed)
-            everything += found
+            case_rows = cases(terrain, args.speeds, args.bodies, [manner], args.seed)
+            everything += case_rows
             if not args.json:
-                print(f"{terrain}, {manner}\n{table(found, bands[terrain])}\n", flush=True)
+                print(f"{terrain}, {manner}\n{table(case_rows, bands[terrain])}\n", flush=True)
     if args.json:
         rows = [{**case.labels, **case.figures} for case in everything]
         print(json.dumps({"experiment": "gait_norms", "summary": {}, "paper": bands, "cases": rows}))

@@ -255,15 +255,15 @@ def scores_of(path: Path, how: Regression | None, cached: dict[Path, Recording])
         cached.clear()
         cached[path] = Recording(path)
     asked: Any = cached[path] if how is None else Spoilt(cached[path], how)
-    found: dict[str, dict[str, float]] = {}
+    scores: dict[str, dict[str, float]] = {}
     if how is None or how.estimator == FOOT:
         kind = injected(how or Regression(name="none"))
-        made = [estimate for foot in "lr" for estimate in kind.follow(asked, Options(foot=foot))]
-        found = {r.estimate.name: r.scores for r in evaluate(cached[path], made)}
+        estimates = [estimate for foot in "lr" for estimate in kind.follow(asked, Options(foot=foot))]
+        scores = {r.estimate.name: r.scores for r in evaluate(cached[path], estimates)}
     if how is None or how.estimator == STEPS:
         (output,) = Steps().run(instance_for(ContactTerrain, asked), asked)
-        found[STEPS] = Steps().evaluate([output], asked)[0].scores
-    return found
+        scores[STEPS] = Steps().evaluate([output], asked)[0].scores
+    return scores
 
 
 def table(paths: Sequence[Path], how: Regression | None, folder: Path) -> list[dict[str, Any]]:
@@ -339,7 +339,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
             "walks": arguments.group,
             "alarms": sum(map(bool, alarms)),
         }
-        shown = [[f"{line.estimator} {line.metric}" for line in found] for found in alarms]
+        shown = [[f"{line.estimator} {line.metric}" for line in worse_lines] for worse_lines in alarms]
         cases.append({"unchanged": shown})
     return {"experiment": "gate", "summary": summary, "paper": {}, "cases": cases}
 
@@ -362,9 +362,9 @@ def show(result: dict[str, Any]) -> None:
     for case in result["cases"]:
         if "injected" in case:
             low, high = case["interval_pct"]
-            words = "found    " if case["found"] else "NOT FOUND"
+            outcome = "found    " if case["found"] else "NOT FOUND"
             shown = f"{case['overall_pct']:+6.1f} % ({low:+.1f} to {high:+.1f})"
-            print(f"{case['injected']:<42}{words} {shown:<28}", "; ".join(case["by"]))
+            print(f"{case['injected']:<42}{outcome} {shown:<28}", "; ".join(case["by"]))
         else:
             print(*(f"fresh walks, false alarms: {'; '.join(shown)}" for shown in case["unchanged"] if shown), sep="\n")
     for name, figures in result["summary"].items():

@@ -44,7 +44,9 @@ def variants() -> Iterator[tuple[str, float, FootToFootParameters]]:
 
 def measured(arguments: Namespace) -> dict[str, Any]:
     """Horizontal end errors, m, of both feet on every walk: `{NAME: {VALUE: [..]}}`; and the values in use."""
-    found: dict[str, dict[str, list[float]]] = {name: {f"{v:g}": [] for v in values} for name, values in GRID.items()}
+    end_errors_m: dict[str, dict[str, list[float]]] = {
+        name: {f"{v:g}": [] for v in values} for name, values in GRID.items()
+    }
     config = replace(
         load_scenario("jao_straight_53m").config,
         sensors=("foot_imu",),
@@ -63,10 +65,10 @@ def measured(arguments: Namespace) -> dict[str, Any]:
                     walk.rig, options=Options(method="zupt"), start=true_start(truth), parameters=parameters
                 )
                 ends = score_paths(pair.run(imus, []), truth)["end_error_m"]
-                found[name][f"{value:g}"] += [float(np.hypot(*end[:2])) for end in ends]
+                end_errors_m[name][f"{value:g}"] += [float(np.hypot(*end[:2])) for end in ends]
             file.unlink()
     used = PublishedParameters()
-    return {"walks": arguments.walks, "ends_m": found, "used": {name: getattr(used, name) for name in GRID}}
+    return {"walks": arguments.walks, "ends_m": end_errors_m, "used": {name: getattr(used, name) for name in GRID}}
 
 
 def show(result: dict[str, Any]) -> None:

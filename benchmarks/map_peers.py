@@ -159,7 +159,7 @@ MAPS: dict[str, Callable[[Recording, CameraCalibration], Map]] = {
 
 def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
     """The highest walkable patch at a place."""
-    found = []
+    pieces = []
     for i, box in enumerate(boxes):
         R, normal = np.asarray(box.R), np.asarray(box.R)[:, 2]
         if abs(normal[2]) < math.cos(math.radians(40)):
@@ -168,8 +168,8 @@ def _piece_of(boxes: Sequence[Any], place: Array) -> Piece | None:
         height = float(box.center[2] + (place - box.center[:2]) @ gradient)
         inside = np.abs(R.T @ (np.array([*place, height]) - box.center))
         if (inside[:2] <= np.asarray(box.extent)[:2] / 2 + _MARGIN_M).all():
-            found.append(Piece(number=i, height=height, gradient=gradient))
-    return max(found, key=lambda piece: piece.height, default=None)
+            pieces.append(Piece(number=i, height=height, gradient=gradient))
+    return max(pieces, key=lambda piece: piece.height, default=None)
 
 
 @dataclass(kw_only=True)
@@ -233,13 +233,13 @@ def _known(points: Array, here: float, layout: Layout) -> float:
 def _surfaces(piece_at: Callable[[Array], Piece | None], here: float, layout: Layout) -> list[bool]:
     """For each level, tread and ramp whose middle is ahead, whether it has a plane of its own."""
     low, high = here + NEAR_M, here + FAR_M
-    found: list[tuple[Strip, Piece | None]] = []
+    strip_pieces: list[tuple[Strip, Piece | None]] = []
     for strip in layout.profile:
         s0, s1 = max(strip.s0, low), min(strip.s1, high)
         if s1 - s0 > _TALL_M and (strip.s0 >= low or strip.s1 - strip.s0 > 1.0):
-            found.append((strip, _own(piece_at, strip, (s0 + s1) / 2, layout)))
-    numbers = [piece.number for _, piece in found if piece is not None]
-    return [piece is not None and numbers.count(piece.number) == 1 for _, piece in found]
+            strip_pieces.append((strip, _own(piece_at, strip, (s0 + s1) / 2, layout)))
+    numbers = [piece.number for _, piece in strip_pieces if piece is not None]
+    return [piece is not None and numbers.count(piece.number) == 1 for _, piece in strip_pieces]
 
 
 def _own(piece_at: Callable[[Array], Piece | None], strip: Strip, s: float, layout: Layout) -> Piece | None:

@@ -32,7 +32,7 @@ def scenario(minutes: float) -> str:
 def resident_mib(pid: int) -> float:
     """Resident memory of a process and its children, MiB; mapped files (libraries) count once."""
     sizes = list(_sizes_mib(pid))
-    return sum(own for own, _ in sizes) + max((mapped for _, mapped in sizes), default=0.0)
+    return sum(own_mib for own_mib, _ in sizes) + max((mapped for _, mapped in sizes), default=0.0)
 
 
 def _sizes_mib(pid: int) -> Iterator[tuple[float, float]]:
@@ -40,10 +40,10 @@ def _sizes_mib(pid: int) -> Iterator[tuple[float, float]]:
     try:
         rows = dict(line.split(":") for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:])
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        resident, own = (int(rows[name].split()[0]) / 1024 for name in ("Rss", "Anonymous"))
+        resident, own_mib = (int(rows[name].split()[0]) / 1024 for name in ("Rss", "Anonymous"))
     except (OSError, KeyError):
         return
-    yield own, resident - own
+    yield own_mib, resident - own_mib
     for child in children:
         yield from _sizes_mib(int(child))
 

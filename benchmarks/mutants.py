@@ -67,7 +67,7 @@ def mutants(source: str) -> list[Mutant]:
     starts = [0]
     for line in source.encode().splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
-    data, found = source.encode(), []
+    data, mutant_list = source.encode(), []
     for node in _computed(ast.parse(source)):
         first = starts[node.lineno - 1] + node.col_offset
         last = starts[(node.end_lineno or 0) - 1] + (node.end_col_offset or 0)
@@ -75,8 +75,8 @@ def mutants(source: str) -> list[Mutant]:
             text = ast.unparse(changed)
             after = text if isinstance(node, ast.stmt | ast.Name | ast.Constant) else f"({text})"
             before = data[first:last].decode()
-            found.append(Mutant(line=node.lineno, start=first, stop=last, kind=kind, before=before, after=after))
-    return sorted(found)
+            mutant_list.append(Mutant(line=node.lineno, start=first, stop=last, kind=kind, before=before, after=after))
+    return sorted(mutant_list)
 
 
 def is_change(source: str, mutant: Mutant) -> bool:

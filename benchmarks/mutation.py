@@ -219,10 +219,10 @@ def sample(seed: int, scopes: tuple[str, ...] = SCOPES, root: Path = ROOT) -> It
     rng = random.Random(seed)
     paths = sorted(p for s in scopes for p in ([root / s] if s.endswith(".py") else (root / s).rglob("*.py")))
     sources = {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in paths}
-    left = {file: found for file, source in sources.items() if (found := mutants(source))}
-    for found in left.values():
-        rng.shuffle(found)
-    weights = {file: math.sqrt(len(found)) for file, found in left.items()}
+    left = {file: file_mutants for file, source in sources.items() if (file_mutants := mutants(source))}
+    for file_mutants in left.values():
+        rng.shuffle(file_mutants)
+    weights = {file: math.sqrt(len(file_mutants)) for file, file_mutants in left.items()}
     while left:
         file = rng.choices(list(left), [weights[name] for name in left])[0]
         mutant = left[file].pop()
@@ -235,11 +235,11 @@ def sample(seed: int, scopes: tuple[str, ...] = SCOPES, root: Path = ROOT) -> It
 def is_equivalent(file: str, source: str, mutant: Mutant) -> bool:
     """Whether a change of a file, relative to the root, is one of `EQUIVALENT`."""
     changed = [
-        source[: found.start()] + after + source[found.end() :]
+        source[: match.start()] + after + source[match.end() :]
         for name, before, after in EQUIVALENT
         if name == file
-        for found in re.finditer(re.escape(before), source)
-        if source.count("\n", 0, found.start()) + 1 == mutant.line
+        for match in re.finditer(re.escape(before), source)
+        if source.count("\n", 0, match.start()) + 1 == mutant.line
     ]
     return bool(changed) and ast.dump(ast.parse(mutant.applied(source))) in {ast.dump(ast.parse(c)) for c in changed}
 
@@ -352,8 +352,8 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
             print(_line(row), file=sys.stderr, flush=True)
     chosen = [rows[bug.key] for bug in bugs]
     counts = Counter(row["outcome"] for row in chosen)
-    found = (len(chosen) - counts["survived"]) / len(chosen) if chosen else math.nan
-    return {"bugs": len(chosen), **{name: counts[name] for name in SHOWN}, "share_found": found, "rows": chosen}
+    found_share = (len(chosen) - counts["survived"]) / len(chosen) if chosen else math.nan
+    return {"bugs": len(chosen), **{name: counts[name] for name in SHOWN}, "share_found": found_share, "rows": chosen}
 
 
 def _rows(path: Path | None) -> list[dict[str, Any]]:
@@ -392,8 +392,8 @@ def main() -> int:
         for row in result["rows"]:
             if row["outcome"] == show:
                 print(_line(row))
-        words = ", ".join(f"{result[name]} {name}" for name in SHOWN)
-        print(f"{result['bugs']} bugs: {words}; {result['share_found']:.1%} noticed")
+        counts_text = ", ".join(f"{result[name]} {name}" for name in SHOWN)
+        print(f"{result['bugs']} bugs: {counts_text}; {result['share_found']:.1%} noticed")
 
     return answer(parser, measure, listed)
 

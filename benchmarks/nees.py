@@ -57,13 +57,13 @@ def nees_of_walk(scenario: str, seed: int, cameras: bool) -> dict[str, list[Arra
         start = true_start(truth)
         heard = [t for t in walk.topics if t.endswith(("/sonar", "/camera"))]
         both = follow(FootToFoot(walk.rig, start=start), walk.samples([*IMUS, *heard]))
-        found = {"foot_to_foot, cameras" if cameras else "foot_to_foot, sonars": both}
+        paths_by_method = {"foot_to_foot, cameras" if cameras else "foot_to_foot, sonars": both}
         if not cameras:
-            found["foot_ins"] = {
+            paths_by_method["foot_ins"] = {
                 f: FootIns(walk.rig, start=start[f], options=Options(foot=f)).run(walk.block(t))
                 for f, t in zip(FEET, IMUS)
             }
-        return {name: [nees_at(paths[f].trajectory, truth[f]) for f in FEET] for name, paths in found.items()}
+        return {name: [nees_at(paths[f].trajectory, truth[f]) for f in FEET] for name, paths in paths_by_method.items()}
 
 
 def summary(nees: Array) -> dict[str, float]:
@@ -91,12 +91,16 @@ def summary(nees: Array) -> dict[str, float]:
 
 def measure(scenario: str, seed: int, runs: int, cameras: int) -> dict[str, Any]:
     """All figures, in the form of an experiment's JSON."""
-    found: dict[str, list[list[Array]]] = {}
+    nees_by_method: dict[str, list[list[Array]]] = {}
     for seen, count in ((False, runs), (True, cameras)):
         for walk in range(seed, seed + count):
             for name, feet in nees_of_walk(scenario, walk, seen).items():
-                found.setdefault(name, []).append(feet)
-    return {"experiment": "nees", "scenario": scenario, "summary": {n: summary(np.array(v)) for n, v in found.items()}}
+                nees_by_method.setdefault(name, []).append(feet)
+    return {
+        "experiment": "nees",
+        "scenario": scenario,
+        "summary": {n: summary(np.array(v)) for n, v in nees_by_method.items()},
+    }
 
 
 def main() -> int:

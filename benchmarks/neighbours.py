@@ -53,16 +53,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1000)
     given = parser.parse_args()
     counts: Counter[str] = Counter()
-    found: list[dict[str, Any]] = []
+    not_planned: list[dict[str, Any]] = []
     for landing, (a, one), (b, other) in product(given.landings, neighbours(), neighbours()):
         verdict, why = planned(one, other, landing, given.seed)
         counts[verdict] += 1
         if verdict != "ok":
-            found.append({"landing_m": landing, "first": a, "second": b, "verdict": verdict, "why": why})
+            not_planned.append({"landing_m": landing, "first": a, "second": b, "verdict": verdict, "why": why})
             if not given.json:
                 print(f"{verdict}: {a}, {landing:g} m, {b}: {why}", flush=True)
     if given.json:
-        print(json.dumps({"counts": counts, "not_planned": found}))
+        print(json.dumps({"counts": counts, "not_planned": not_planned}))
     else:
         print(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
     return int(counts["failed"] > 0)

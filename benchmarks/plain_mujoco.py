@@ -35,9 +35,9 @@ def load(scenes: Sequence[Path], seconds: float, images: Path | None = None) -> 
     spec = importlib.util.find_spec("mujoco")
     assert spec is not None
     assert spec.origin is not None
-    words = [sys.executable, "-I", "-S", __file__, str(Path(spec.origin).parents[1]), str(seconds), *map(str, scenes)]
+    command = [sys.executable, "-I", "-S", __file__, str(Path(spec.origin).parents[1]), str(seconds), *map(str, scenes)]
     done = subprocess.run(
-        words + (["--images", str(images)] if images else []),
+        command + (["--images", str(images)] if images else []),
         capture_output=True,
         text=True,
         check=False,
@@ -97,9 +97,9 @@ def _cameras(model: Any, data: Any) -> list[Any]:
 
 
 def _main() -> None:
-    words = sys.argv[1:]
-    images = words.pop() if "--images" in words else None
-    site, seconds, *scenes = (word for word in words if word != "--images")
+    arguments = sys.argv[1:]
+    images = arguments.pop() if "--images" in arguments else None
+    site, seconds, *scenes = (word for word in arguments if word != "--images")
     sys.path.append(site)
     assert importlib.util.find_spec("stridetwin") is None, "StrideTwin can be imported here"
     print(json.dumps([_measure(scene, float(seconds), images) for scene in scenes]))

@@ -30,11 +30,11 @@ _TEXTURE_PX = 256
 
 def difference(config: TwinConfig, scene: Path) -> float:
     """Largest difference of a scene's bodies, masses, geoms and joints from the twin's; inf if their number differs."""
-    read, own = mujoco.MjModel.from_xml_path(str(scene)), compile_model(compose(config).spec)
+    read, compiled = mujoco.MjModel.from_xml_path(str(scene)), compile_model(compose(config).spec)
     worst = 0.0
-    for name in dir(own):
+    for name in dir(compiled):
         if name.startswith(("body_", "geom_", "jnt_", "dof_")) and name != "geom_matid":
-            a, b = np.asarray(getattr(read, name), float), np.asarray(getattr(own, name), float)
+            a, b = np.asarray(getattr(read, name), float), np.asarray(getattr(compiled, name), float)
             worst = max(worst, float(np.abs(a - b).max(initial=0.0)) if a.shape == b.shape else np.inf)
     return worst
 

@@ -71,18 +71,18 @@ def worse(recording: Recording, part: Part, seed: int) -> Iterator[Sample]:
 
 def one_walk(seed: int, parts: list[str]) -> dict[str, Any]:
     """Figures of a walk by part and origin of the noise."""
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     with recorded_walk(seed, Gait()) as recording:
         truth = true_path(recording, "head")
         for part in parts:
-            found[part] = {}
+            results[part] = {}
             for origin, from_images in NOISE_FROM.items():
                 method = DvioMethod(imu_noise_from_images=from_images)
                 odometry = Dvio(recording.rig, options=Options(mount="head"), parameters=DvioParameters(method=method))
-                own = score_odometry(run_odometry(odometry, worse(recording, PARTS[part], seed)), truth)
+                scores = score_odometry(run_odometry(odometry, worse(recording, PARTS[part], seed)), truth)
                 rate, force = odometry.imu_noise_factors
-                found[part][origin] = own | {"found_rate": rate, "found_force": force}
-    return found
+                results[part][origin] = scores | {"found_rate": rate, "found_force": force}
+    return results
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:

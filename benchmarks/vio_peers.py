@@ -104,13 +104,13 @@ class Environment:
 
 def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     """Figures of the poses that a peer wrote (`peers.folder.row`)."""
-    words = [line.split() for line in out.read_text().splitlines()]
-    if not words:
+    rows = [line.split() for line in out.read_text().splitlines()]
+    if not rows:
         return {"failure": "silent"}
-    t_ns = np.array([parse_seconds(w[0]) for w in words], np.int64)
-    sure = np.array([w[1] == "1" for w in words])
-    T_world_camera = np.tile(np.eye(4), (len(words), 1, 1))
-    T_world_camera[:, :3] = np.array([w[3:] for w in words], float).reshape(-1, 3, 4)
+    t_ns = np.array([parse_seconds(w[0]) for w in rows], np.int64)
+    sure = np.array([w[1] == "1" for w in rows])
+    T_world_camera = np.tile(np.eye(4), (len(rows), 1, 1))
+    T_world_camera[:, :3] = np.array([w[3:] for w in rows], float).reshape(-1, 3, 4)
     rig, truth = recording.rig, true_path(recording, mount)
     camera, imu = rig.cameras[f"/{mount}/color"], rig.imu(f"/{mount}/imu")
     t_ns = t_ns + round(1e9 * camera.timeshift_cam_imu_s)
@@ -125,7 +125,7 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     T = T_start @ np.linalg.inv(T_world_camera[first] @ T_camera_imu) @ T_world_camera @ T_camera_imu
     path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=quat_from_matrix(T[:, :3, :3]))
     return drift_figures(OdometryPath(path=path, healthy=sure), truth) | {
-        "time_ms": time_statistics(np.array([w[2] for w in words], float))
+        "time_ms": time_statistics(np.array([w[2] for w in rows], float))
     }
 
 
@@ -197,10 +197,10 @@ def one_walk(
 ) -> dict[str, Any]:
     """Figures by method; `error` for a peer that could not be run."""
     mount = "head" if "/head/color" in recording.topics else "chest"
-    found: dict[str, Any] = {}
+    figures_by_method: dict[str, Any] = {}
     if "proposed" in methods:
         ride = run_odometry(make_odometer("proposed", recording.rig, mount), odometry_samples(recording, mount))
-        found["proposed"] = score_odometry(ride, true_path(recording, mount))
+        figures_by_method["proposed"] = score_odometry(ride, true_path(recording, mount))
     with TemporaryDirectory() as temporary:
         folder, file = Path(temporary) / "walk", Path(temporary) / "settings.yaml"
         folder.mkdir()
@@ -212,8 +212,8 @@ def one_walk(
             out = Path(temporary) / f"{name}.txt"
             arguments = (vocabulary, file, *last) if last else ()
             error = environment.missing.get(package) or environment.run(program, folder, out, *arguments)
-            found[name] = {"error": error} if error else peer_figures(recording, mount, out)
-    return found
+            figures_by_method[name] = {"error": error} if error else peer_figures(recording, mount, out)
+    return figures_by_method
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
 
 def summary(cases: Mapping[str, Any], method: str) -> dict[str, Any]:
     """Figures of a method by walk, its number of failures, and why it was not run."""
-    of = {walk: found[method] for walk, found in cases.items()}
+    of = {walk: figures_by_method[method] for walk, figures_by_method in cases.items()}
     times = [w["time_ms"] for w in of.values() if "time_ms" in w]
     return {
         **{figure: {walk: w.get(figure) for walk, w in of.items()} for figure in FIGURES},
@@ -249,16 +249,16 @@ def show(result: dict[str, Any]) -> None:
     """Prints one line per method and walk."""
     print(f"{'':<20}{'':<28}{'APE m':>8}{'over 5 m %':>12}{'end m':>8}  {'failure':<12}{'ms a frame, p99':>18}")
     for method in result["summary"]:
-        for walk, found in result["cases"].items():
-            own = found[method]
-            if "error" in own:
-                print(f"{method:<20}{walk:<28}could not be run: {own['error']}")
+        for walk, figures_by_method in result["cases"].items():
+            method_figures = figures_by_method[method]
+            if "error" in method_figures:
+                print(f"{method:<20}{walk:<28}could not be run: {method_figures['error']}")
                 continue
-            cells = [own.get(name) for name in FIGURES]
+            cells = [method_figures.get(name) for name in FIGURES]
             texts = ["-" if value is None else f"{value:.3f}" for value in cells]
-            ms = own.get("time_ms", {"mean": 0.0, "p99": 0.0})
+            ms = method_figures.get("time_ms", {"mean": 0.0, "p99": 0.0})
             print(
-                f"{method:<20}{walk:<28}{texts[0]:>8}{texts[1]:>12}{texts[2]:>8}  {own['failure']:<12}"
+                f"{method:<20}{walk:<28}{texts[0]:>8}{texts[1]:>12}{texts[2]:>8}  {method_figures['failure']:<12}"
                 f"{ms['mean']:>10.1f}{ms['p99']:>8.1f}"
             )
 

@@ -31,7 +31,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.zhao2023.odometry_walks import (
-    METHODS,
+    ODOMETRY_METHODS,
     OdometryRun,
     make_odometer,
     mean,
@@ -72,7 +72,7 @@ def samples_from(recording: Recording, from_s: float, *, depth: bool = True) -> 
 
 
 def run_of(method: str, recording: Recording, from_s: float) -> OdometryRun:
-    """One of `METHODS`, or `WITHOUT_DEPTH`, on a recording from a time on."""
+    """One of `ODOMETRY_METHODS`, or `WITHOUT_DEPTH`, on a recording from a time on."""
     if method != WITHOUT_DEPTH:
         return run_odometry(make_odometer(method, recording.rig, "head"), samples_from(recording, from_s))
     rig = recording.rig
@@ -101,15 +101,15 @@ def recorded_walk(seed: int, gait: Gait) -> Iterator[Recording]:
 def one_start(start: Start, seed: int, methods: list[str]) -> dict[str, Any]:
     """Figures by method of a walk."""
     with recorded_walk(seed, start.gait) as recording:
-        truth, found = true_path(recording, "head"), {}
+        truth, scores_by_method = true_path(recording, "head"), {}
         for method in methods:
             run = run_of(method, recording, start.from_s)
-            own = score_odometry(run, truth)
-            if own["failure"] not in ("silent", "not finite"):
+            scores = score_odometry(run, truth)
+            if scores["failure"] not in ("silent", "not finite"):
                 first = float(run.odometry.path.t_ns[run.odometry.healthy.argmax()]) * 1e-9
-                own |= {"first_pose_s": first - start.from_s, "scale": scale_of(run, truth)}
-            found[method] = own
-    return found
+                scores |= {"first_pose_s": first - start.from_s, "scale": scale_of(run, truth)}
+            scores_by_method[method] = scores
+    return scores_by_method
 
 
 def summarised(cases: list[dict[str, Any]], names: Sequence[str]) -> dict[str, Any]:
@@ -125,9 +125,11 @@ def print_table(summary: dict[str, Any], names: Sequence[str], heading: str = "m
     """Prints one line per case and method of a summary; the methods' column has a heading."""
     print(f"{'':<24}{heading:<24}" + "".join(f"{name:>20}" for name in (*names, "failures")))
     for case, methods in summary.items():
-        for method, own in methods.items():
-            cells = ["-" if own[name] is None else f"{own[name]:.3f}" for name in names]
-            print(f"{case:<24}{method:<24}" + "".join(f"{cell:>20}" for cell in (*cells, str(own["failures"]))))
+        for method, method_figures in methods.items():
+            cells = ["-" if method_figures[name] is None else f"{method_figures[name]:.3f}" for name in names]
+            print(
+                f"{case:<24}{method:<24}" + "".join(f"{cell:>20}" for cell in (*cells, str(method_figures["failures"])))
+            )
 
 
 def measure(arguments: Namespace) -> dict[str, Any]:
@@ -137,7 +139,7 @@ def measure(arguments: Namespace) -> dict[str, Any]:
         name: [one_start(STARTS[name], seed, arguments.methods) for seed in range(first, first + count)]
         for name in arguments.starts
     }
-    summary = {name: summarised(own, FIGURES) for name, own in cases.items()}
+    summary = {name: summarised(method_figures, FIGURES) for name, method_figures in cases.items()}
     return {"benchmark": "vio_starts", "seeds": [first, count], "summary": summary, "cases": cases}
 
 
@@ -152,7 +154,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=[15500, 2], metavar=("FIRST", "COUNT"))
     parser.add_argument("--starts", nargs="+", choices=list(STARTS), default=list(STARTS))
     parser.add_argument(
-        "--methods", nargs="+", choices=(*METHODS, WITHOUT_DEPTH), default=["proposed", WITHOUT_DEPTH, "vins_mono"]
+        "--methods",
+        nargs="+",
+        choices=(*ODOMETRY_METHODS, WITHOUT_DEPTH),
+        default=["proposed", WITHOUT_DEPTH, "vins_mono"],
     )
     return answer(parser, measure, show)
 

@@ -63,8 +63,8 @@ def measure(scenario: str, seed: int, exo: Exo | None, physics: str = "dynamic")
     result = {"fell": float(twin.fell_at is not None)}
     total = {"positive": 0.0, "absolute": 0.0}
     for joint in ("hip", "knee"):
-        own = [i for i, name in enumerate(names) if name.startswith(joint)]
-        power = torque[:, own] * speed[:, [layout.dof[i] for i in own]]
+        joints = [i for i, name in enumerate(names) if name.startswith(joint)]
+        power = torque[:, joints] * speed[:, [layout.dof[i] for i in joints]]
         for how, work in (("positive", np.maximum(power, 0.0)), ("absolute", np.abs(power))):
             result[f"{joint}_{how}_jpm"] = float(work.sum()) / _RATE_HZ / way
             total[how] += result[f"{joint}_{how}_jpm"]
@@ -85,9 +85,9 @@ def summary(cases: Sequence[dict[str, Any]], scenarios: Sequence[str], modes: Se
         table[scenario] = {}
         bare = {c["seed"]: c for c in cases if (c["scenario"], c["mode"], c["fell"]) == (scenario, "none", 0.0)}
         for mode in modes:
-            made = [c for c in cases if (c["scenario"], c["mode"]) == (scenario, mode)]
-            ended = [c for c in made if not c["fell"]]
-            column = {"walks": float(len(made)), "fell": float(len(made) - len(ended))}
+            chosen = [c for c in cases if (c["scenario"], c["mode"]) == (scenario, mode)]
+            ended = [c for c in chosen if not c["fell"]]
+            column = {"walks": float(len(chosen)), "fell": float(len(chosen) - len(ended))}
             if ended:
                 column |= {k: float(np.mean([c[k] for c in ended])) for k in ended[0] if k not in _LABELS}
             pairs = [(c, bare[c["seed"]]) for c in ended if c["seed"] in bare]
@@ -112,11 +112,11 @@ def main() -> int:
         for seed in args.seeds:
             for mode in modes:
                 try:
-                    found = measure(scenario, seed, MODES[mode], args.physics)
+                    figures = measure(scenario, seed, MODES[mode], args.physics)
                 except StrideTwinError as error:
                     print(f"{scenario}, seed {seed}, mode {mode}: {error}", file=sys.stderr)
                     continue
-                cases.append({"scenario": scenario, "seed": seed, "mode": mode} | found)
+                cases.append({"scenario": scenario, "seed": seed, "mode": mode} | figures)
     table = summary(cases, args.scenarios, modes)
     if args.json:
         print(json.dumps({"experiment": "wearer_work", "summary": table, "band": BAND, "paper": {}, "cases": cases}))

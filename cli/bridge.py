@@ -20,7 +20,7 @@ from stridetwin.streams.live.sender import Sender
 from stridetwin.streams.live.wire import parse_address
 from stridetwin.streams.rig import Rig
 
-TRUTH = "/truth/"
+TRUTH_PREFIX = "/truth/"
 FIGURES = {
     "received": "received",
     "late": "late",
@@ -40,10 +40,10 @@ _SWITCH_S = 0.0005
 
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
-    """`send`."""
+    """Runs `send`: plays a recording to `live` in real time or at another speed; counts what was sent and dropped."""
     address = parse_address(arguments.to, "--to")
     recording = open_source(arguments)
-    topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH)]
+    topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH_PREFIX)]
     if missing := [t for t in topics if t not in recording.topics]:
         raise RecordingError(f"{recording.path}: no topic {missing[0]!r}; it has {', '.join(sorted(recording.topics))}")
     if not topics:
@@ -78,13 +78,17 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
 
 
 def _prepare_first(messages: Iterator[Message]) -> Iterator[Message]:
-    """The same messages, with the first one already prepared."""
+    """Yields the same messages after the first one has been prepared, which reads the first chunk of the recording."""
     first = next(messages, None)
     return iter(()) if first is None else chain([first], messages)
 
 
 def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
-    """`live`."""
+    """Runs `live`: listens for senders until they end, and estimates, records, or both.
+
+    Returns:
+        Counts by stream, files and latency; the exit code is 1 if the latency is over `--budget`.
+    """
     from stridetwin.cli.estimate import estimators_that, options_of
     from stridetwin.run.live import LiveRequest, run_live
     from stridetwin.run.live_chain import Request
@@ -151,6 +155,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
 
 
 def _is_loopback(host: str) -> bool:
+    """Whether a host is this machine alone, so that no other machine can connect."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -158,8 +163,10 @@ def _is_loopback(host: str) -> bool:
 
 
 def _say(message: str) -> None:
+    """Prints a message on stderr, at once."""
     print(f"stridetwin: {message}", file=sys.stderr, flush=True)
 
 
 def _print(line: str) -> None:
+    """Prints a row of estimates on stdout, at once."""
     print(line, flush=True)

@@ -19,7 +19,7 @@ from stridetwin.testing.cases import FAILED, PASSED, check_conformance
 
 
 def conform_command(arguments: ConformOptions, progress: Progress) -> Outcome:
-    """`conform`."""
+    """Runs `conform`: checks an estimator, and gives the outcome of each check; the exit code is 1 if one failed."""
     if arguments.recording is not None:
         Recording(arguments.recording)  # an error in it is the user's, not the estimator's
     with redirect_stdout(sys.stderr):  # of the estimator's own prints: stdout is for the verdicts
@@ -54,7 +54,11 @@ def _load_estimator(text: str) -> type:
 
 
 def _estimator_options(arguments: ConformOptions, estimator_class: type) -> EstimatorOptions:
-    """Options of the estimator; an unknown method or mount is refused."""
+    """Options of the estimator to be checked, with its first method by default.
+
+    Raises:
+        ConfigError: The estimator has no such method or mount.
+    """
     declaration = getattr(estimator_class, "declaration", None)
     if not isinstance(declaration, Declaration):
         declaration = Declaration(name=estimator_class.__name__, kind="")

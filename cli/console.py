@@ -24,7 +24,14 @@ _PLAIN_WIDTH = 10_000
 def table(
     rows: Iterable[Sequence[str]], head: Sequence[str] = (), *, title: str | None = None, text_columns: int = 1
 ) -> Table:
-    """A table of text columns, followed by columns of numbers, which are aligned at the right."""
+    """Builds a table of `text_columns` columns of text followed by columns of numbers, which are aligned at the right.
+
+    Args:
+        rows: Cells of each row.
+        head: Heads of the columns; empty for a table without.
+        title: Text above the table.
+        text_columns: Number of columns of text.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -99,6 +106,7 @@ class _Bar:
         self._task: TaskID | None = None
 
     def show(self, stage: str, share: float) -> None:
+        """Shows the progress of a stage, 0-1; another stage replaces the bar."""
         if self._bar is None:
             self._bar = _start_bar(self._stream)
         if stage != self._stage or self._task is None:
@@ -108,12 +116,14 @@ class _Bar:
         self._bar.update(self._task, completed=share)
 
     def close(self) -> None:
+        """Clears the bar."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = self._task = None
 
 
 def _start_bar(stream: TextIO) -> Progress:
+    """A bar of Rich on a terminal, which shows the time left only once it is known."""
     from rich.console import Console as Terminal
     from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -137,6 +147,7 @@ class _Lines:
         self._begun_s = self._begun_share = self._written_s = 0.0
 
     def show(self, stage: str, share: float) -> None:
+        """Writes a line for a new stage, and for a long one its progress (0-1) and the time left every half minute."""
         now_s = time.monotonic()
         if stage != self._stage:
             self._stage, self._begun_share = stage, 0.0
@@ -150,9 +161,11 @@ class _Lines:
             self._write(f"{stage} {share:.0%}{left} ...", now_s)
 
     def close(self) -> None:
+        """Does nothing, as lines stay."""
         pass
 
     def _write(self, line: str, now_s: float) -> None:
+        """Writes a line at once, and remembers when."""
         self._stream.write(f"{line}\n")
         self._stream.flush()
         self._written_s = now_s

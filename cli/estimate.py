@@ -28,7 +28,7 @@ AUTO, UNKNOWN = "auto", "none"
 
 
 def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
-    """`estimate`."""
+    """Runs `estimate`: one estimator on a recording or an IMU table, and writes its estimates to files."""
     estimator_class = registry.estimator(arguments.estimator)
     kind = kind_of(estimator_class.declaration)
     _check_kind_options(arguments, kind)
@@ -58,7 +58,11 @@ _Run = tuple[list[Output[Any]], list[str], str]
 
 
 def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
-    """Refuses options that the kind of output does not take."""
+    """Refuses options that are only valid for other kinds of output.
+
+    Raises:
+        StrideTwinError: An option is not valid for the estimator.
+    """
     given = {"mesh": arguments.mesh, "poses": arguments.poses is not None, "exoskeleton": arguments.exoskeleton}
     if wrong := next((name for name, is_given in given.items() if is_given and name not in kind.options), ""):
         raise StrideTwinError(f"--{wrong} is only valid for {estimators_that(lambda d: wrong in kind_of(d).options)}")
@@ -69,7 +73,18 @@ def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
 def _run(
     arguments: EstimateOptions, estimator_class: EstimatorClass, kind: AnyKind, options: Options, progress: Progress
 ) -> _Run:
-    """The outputs of the estimator on what the arguments name."""
+    """Runs the estimator on the table or recording that the arguments name.
+
+    Args:
+        arguments: The command line.
+        estimator_class: Class of the estimator.
+        kind: Its kind of output.
+        options: Its options.
+        progress: Receives the stage and its progress (0-1).
+
+    Raises:
+        StrideTwinError: The source cannot be read, or lacks what the estimator needs.
+    """
     from stridetwin.outputs.chosen_poses import choose_poses
 
     if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
@@ -97,7 +112,7 @@ def options_of(
     exoskeleton: Path | None,
     lag_s: float | None = None,
 ) -> Options:
-    """The options of an estimator for the arguments of `estimate` or `live`; None for one that is not given.
+    """The options of an estimator from the arguments of `estimate` or `live`, where None means that one is not given.
 
     Args:
         declaration: The estimator's.
@@ -135,12 +150,16 @@ def options_of(
 
 
 def estimators_that(choose: Callable[[Declaration], bool]) -> str:
-    """Names of the chosen estimators."""
+    """Names of the estimators whose declaration `choose` accepts, as text for messages."""
     return ", ".join(name for name, estimator_class in estimators().items() if choose(estimator_class.declaration))
 
 
 def _run_on_table(arguments: EstimateOptions, estimator_class: EstimatorClass, options: Options) -> _Run | None:
-    """The path of an estimator that reads IMU tables, from a table; None if it reads none, or the source is none."""
+    """Runs an estimator that reads IMU tables (it has `follow_block`) on a table.
+
+    Returns:
+        Its path; None if the estimator reads no tables or the source is no table.
+    """
     follow_block = getattr(estimator_class, "follow_block", None)
     has_layout = bool(arguments.rig or arguments.map or arguments.kind)
     if follow_block is None or has_layout or recognise(arguments.source) != "table":
@@ -153,7 +172,11 @@ def _run_on_table(arguments: EstimateOptions, estimator_class: EstimatorClass, o
 
 
 def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
-    """The IMU of a table, or that of a foot if it has several."""
+    """Reads the IMU of a table, or that of a foot (`l` or `r`) if the table has several.
+
+    Raises:
+        StrideTwinError: The table cannot be read, or has several IMUs and none of them is the foot's.
+    """
     notes = Notes(arguments.source, lenient=False)
     imus = read_imu_tables(arguments.source, table_request(arguments), notes)
     print_warnings(arguments.source, notes.warnings)
@@ -200,6 +223,11 @@ def _describe_imu(imu: ImuCalibration) -> str:
 
 
 def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
+    """The calibration of a part by its data sheet.
+
+    Raises:
+        StrideTwinError: No IMU of the catalogue has this name.
+    """
     from stridetwin.sim.parts.kinds import ImuPart
     from stridetwin.sim.parts.library import load_part, part_files
     from stridetwin.sim.sensors.standard_rig import nominal_imu

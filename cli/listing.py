@@ -24,7 +24,7 @@ from stridetwin.streams.yaml_file import read_yaml
 
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
-    """`list`."""
+    """Runs `list`: names and descriptions of everything that a command accepts by name."""
     parts = {name: load_part(name) for name in part_files()}
     data: dict[str, Any] = {
         "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
@@ -56,6 +56,6 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
 
 
 def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
-    """`schema`."""
+    """Runs `schema`: the JSON Schema of a kind of file."""
     schema = schema_file(resolve_name(SCHEMAS[arguments.kind]))
     return Outcome(data=schema, lines=json.dumps(schema, indent=1, ensure_ascii=False).splitlines())

@@ -68,6 +68,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(call: Call, console: Console) -> int:
+    """Runs a parsed command, prints its outcome or one line per error, and returns the exit code.
+
+    The code is that of the outcome, 2 after an error, 130 after Ctrl-C, and 141 if the reader of stdout has gone.
+    """
     try:
         check_outputs(call.command, call.options)
         outcome = call.run(console)
@@ -95,6 +99,7 @@ def _run(call: Call, console: Console) -> int:
 
 
 def _app() -> typer.Typer:
+    """Builds the Typer application from `COMMANDS`."""
     app = typer.Typer(name=_NAME, help=_HELP, epilog=_EXIT_CODES)
     app.callback(help=_HELP)(_all_commands)
     for name, command in COMMANDS.items():
@@ -103,6 +108,7 @@ def _app() -> typer.Typer:
 
 
 def _show_version(asked: bool) -> None:
+    """Prints the version and ends, if `--version` is given."""
     if asked:
         print(f"{_NAME} {version(_NAME)}")
         raise typer.Exit
@@ -142,6 +148,7 @@ def _parameters(options: type[Options]) -> list[Parameter]:
 
 
 def _print_error(console: Console, message: str) -> int:
+    """Prints each line of an error on stderr after the progress is cleared; returns the exit code 2."""
     console.close()
     for line in message.splitlines():
         _say(" ".join(line.split()))
@@ -149,4 +156,5 @@ def _print_error(console: Console, message: str) -> int:
 
 
 def _say(message: str) -> None:
+    """Prints an error on stderr with the name of the program."""
     print(f"{_NAME}: error: {message}", file=sys.stderr)

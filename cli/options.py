@@ -35,7 +35,13 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Outcome of a command: data for `--json`, output as text and tables, and the exit code."""
+    """Outcome of a command.
+
+    Attributes:
+        data: What `--json` prints, as one JSON object.
+        lines: What is printed otherwise: text and tables.
+        code: Exit code.
+    """
 
     data: dict[str, Any]
     lines: Sequence[str | Table]
@@ -78,10 +84,10 @@ _SCHEDULER = re.compile(r"([a-z]+://)?[^\s/]+:\d{1,5}")
 
 
 def check_executor(workers: int | None, scheduler: str | None) -> None:
-    """Rejects `--workers` together with `--scheduler`, and an invalid address.
+    """Checks the options of commands that run many jobs.
 
     Raises:
-        ConfigError: As described.
+        ConfigError: `--workers` together with `--scheduler`, or an invalid address.
     """
     if workers and scheduler:
         raise ConfigError("command line", "--workers", workers, "either --workers or --scheduler")
@@ -91,6 +97,8 @@ def check_executor(workers: int | None, scheduler: str | None) -> None:
 
 
 def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:
+    """Makes a parser of an option's number; `valid` says whether a value is accepted, `expected` says it in errors."""
+
     def parser(text: str) -> float:
         try:
             value = float(text)
@@ -109,6 +117,7 @@ probability = _number(lambda value: 0.01 <= value <= 50, "0.01-50")
 
 
 def _whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Makes a parser of an option's whole number from `least` to `most`."""
     expected = f"a whole number from {least} {'on' if most is None else f'to {most}'}"
 
     def parser(text: str) -> int:
@@ -127,17 +136,23 @@ pixels = _whole_number(16, LARGEST_PX)
 
 
 def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] | None = None) -> Any:
-    """An option with a value: `typer.Option`."""
+    """An option with a value, as `typer.Option`.
+
+    Args:
+        help: Its help.
+        metavar: Name of the value in the help.
+        parser: Converts the text to the value; by default as the field's annotation says.
+    """
     return typer.Option(help=help, metavar=metavar, parser=parser)
 
 
 def switch(name: str, help: str) -> Any:
-    """An option without a value."""
+    """An option without a value, such as `--json`, as `typer.Option`."""
     return typer.Option(name, help=help, metavar="")  # it takes no value, such as <bool>
 
 
 def output_option(help: str, metavar: str = "FILE") -> Any:
-    """The option `-o`."""
+    """The option `-o` of a command that writes a file or folder, as `typer.Option`."""
     return typer.Option("-o", "--output", help=help, metavar=metavar)
 
 
@@ -220,7 +235,7 @@ def check_outputs(command: str, arguments: Options) -> None:
 
 
 def _files(values: Iterable[object]) -> Iterator[Path]:
-    """All names in a value: paths, lists of them, file names, `NAME=FILE`."""
+    """Yields the files in the values of options: paths, lists of them, existing files, and that of `NAME=FILE`."""
     for value in values:
         if isinstance(value, list):
             yield from _files(value)
@@ -231,6 +246,7 @@ def _files(values: Iterable[object]) -> Iterator[Path]:
 
 
 def _is_file(path: Path) -> bool:
+    """Whether there is a file of this name; false for a name that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # not a valid file name
@@ -238,4 +254,5 @@ def _is_file(path: Path) -> bool:
 
 
 def _same(one: Path, other: Path) -> bool:
+    """Whether two names are those of one file, links included."""
     return one.absolute() == other.absolute() or (one.exists() and other.exists() and one.samefile(other))

@@ -28,7 +28,15 @@ from stridetwin.streams.recording.reader import Recording
 
 
 def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
-    """`opened`, with the options of a command."""
+    """Opens the source that a command's options name, as they say, and prints what was assumed on stderr.
+
+    Args:
+        arguments: Options of the command.
+        reports: Whether the assumptions are printed.
+
+    Raises:
+        StrideTwinError: The source cannot be read or (unless `--lenient`) would corrupt an estimate.
+    """
     options = ImportOptions(
         kind=arguments.kind,
         names=dict(_parse_map(text) for text in arguments.map),
@@ -40,12 +48,17 @@ def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Record
 
 
 def table_request(arguments: ImportableOptions) -> TableRequest:
-    """What the arguments say about a table."""
+    """What the options `--columns` and `--rate` say about a table."""
     columns = parse_mapping(arguments.columns) if arguments.columns else {}
     return TableRequest(columns=columns, rate_hz=arguments.rate)
 
 
 def _parse_map(text: str) -> tuple[str, str]:
+    """The two names in a `--map FROM=TO`.
+
+    Raises:
+        StrideTwinError: The text has another form.
+    """
     old, equals, new = text.partition("=")
     if not (old and equals and new):
         raise StrideTwinError(f"--map: invalid {text!r}: expected FROM=TO")
@@ -57,7 +70,7 @@ TRAJECTORY_SUFFIXES = (".txt", ".tum")
 
 
 def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
-    """`export`: writes a file, or a new or empty folder that appears complete or not at all."""
+    """Runs `export`: writes a file, or a new or empty folder that appears complete or not at all."""
     recording, output = open_with_warnings(arguments.source, arguments.lenient), arguments.output
     progress("export", 0.0)
     frame = arguments.frame or DEFAULT_FRAME
@@ -101,7 +114,7 @@ def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, in
 
 
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:
-    """`import`."""
+    """Runs `import`: writes any source as a recording of ours, and lists its topics, assumptions and problems."""
     recording = open_source(arguments)
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     write_recording(recording, arguments.output, lambda share: progress("import", share))
@@ -124,7 +137,7 @@ def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outco
 
 
 def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
-    """`check`."""
+    """Runs `check`: reports every problem of a recording; the exit code is 1 if one invalidates estimates."""
     progress("check", 0.0)
     recording = open_source(replace(arguments, lenient=True), reports=False)  # a check reports every problem
     verdict = check_recording(recording, lambda share: progress("check", share))
@@ -132,7 +145,7 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
 
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
-    """`view`."""
+    """Runs `view`: writes a recording with its estimates for Rerun and opens it, or plays a walk in MuJoCo's viewer."""
     if arguments.mujoco:
         if arguments.output is not None:
             raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")

@@ -12,7 +12,7 @@ _NEED = "scenes need the simulator"
 
 
 def scene_command(arguments: SceneOptions, progress: Progress) -> Outcome:
-    """`scene`."""
+    """Runs `scene`: writes the model of a walk as MJCF with its meshes and textures."""
     with explain_import_error(_NEED, "twin"):
         from stridetwin.sim.scene.scene_files import scene_files, write_scene
     config = load_with_notes(arguments.scenario).config

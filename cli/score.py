@@ -35,7 +35,11 @@ from stridetwin.streams.files import atomic_file
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
-    """`score`."""
+    """Runs `score`: scores of all recordings, their means, and the comparison with a baseline.
+
+    Returns:
+        Scores by recording and means; the exit code is 1 if a score is worse than the baseline or a walk has failed.
+    """
     check_executor(arguments.workers, arguments.scheduler)
     _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
@@ -63,7 +67,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     code, comparison = int(bool(failed)), None
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
-        data["comparison"] = {"how": comparison.words, "scores": [vars(line) for line in comparison.lines]}
+        data["comparison"] = {"how": comparison.description, "scores": [vars(line) for line in comparison.lines]}
         data["regressions"] = [vars(line) for line in comparison.regressions]
         code = 1 if comparison.regressions else code
         for path, form in ((arguments.junit, to_junit), (arguments.markdown, to_markdown)):
@@ -109,14 +113,18 @@ def _check_options(arguments: ScoreOptions) -> None:
 
 
 def _rules(arguments: ScoreOptions) -> Rules:
-    """The rules of the comparison, with the defaults where an option is not given."""
+    """The rules of the comparison: shares in place of the options' percentages, and defaults where none is given."""
     shares_pct = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
     shares = {name: value / 100.0 for name, value in shares_pct.items() if value is not None}
     return Rules(**shares) if arguments.least is None else Rules(**shares, least=arguments.least)
 
 
 def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
-    """Estimators that replace the built-in ones; an invalid one is reported before anything is scored."""
+    """Loads the estimators of `--estimate`, `--estimator` and `--program`, which replace the built-in ones.
+
+    Raises:
+        StrideTwinError: One of them is invalid, or two have one name; reported before anything is scored.
+    """
     frame = arguments.frame or SCORED_FRAME
     own_estimators: list[OwnEstimator] = []
     for text in arguments.estimate:
@@ -152,19 +160,25 @@ def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
 
 
 def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
+    """A table of one kind of output: a row per output, a column per score that has a heading."""
     columns = {score.name: score.heading for score in kind.scores if score.heading}
     rows = [[name, *(f"{values[c]:.3f}" if c in values else "-" for c in columns)] for name, values in scores.items()]
     return table(rows, ["estimator", *columns.values()])
 
 
 def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
-    """The scores that differ from the baseline, regressions first."""
+    """The lines on the comparison: how it was made, the scores that differ (regressions first), and the verdict."""
     rows = [to_cells(line) for line in find_changes(comparison)]
-    head = f"against the baseline: {comparison.words}"
+    head = f"against the baseline: {comparison.description}"
     return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:
+    """The two parts of an option `NAME=...`.
+
+    Raises:
+        StrideTwinError: The text has another form; the message says what follows the name.
+    """
     name, equals, value = text.partition("=")
     if not (name and equals and value):
         raise StrideTwinError(f"{option}: invalid {text!r}: expected NAME={what}")

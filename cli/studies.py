@@ -35,7 +35,11 @@ _CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
 
 
 def _experiment(text: str) -> str:
-    """The name of an experiment, or the path of a study file."""
+    """Parses the argument of `experiment`: the name of an experiment, or the path of a study file.
+
+    Raises:
+        typer.BadParameter: It is neither.
+    """
     if text not in experiments() and not text.lower().endswith(_SUFFIXES):
         raise typer.BadParameter(f"{text!r}: expected one of {', '.join(experiments())}, or a .yaml file")
     return text
@@ -74,7 +78,7 @@ class ExperimentOptions(Options):
 
 
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
-    """`experiment`."""
+    """Runs `experiment`: an experiment of a paper with its published table, or a study file."""
     check_executor(arguments.workers, arguments.scheduler)
     if arguments.experiment not in experiments():
         return _study_command(arguments, progress)
@@ -104,7 +108,11 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
-    """`experiment` with the file of a study."""
+    """Runs `experiment` with a study file.
+
+    Raises:
+        StrideTwinError: The file or an option is invalid, or the simulator is not installed.
+    """
     here = FieldLocation(source="command line")
     for name, value in (("--estimators", arguments.estimators), ("--keep", arguments.keep)):
         if value:
@@ -153,7 +161,7 @@ class PlaceOptions(Options):
 
 
 def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
-    """`place`."""
+    """Runs `place`: sweeps or optimises the mounts or parts of sensors, and ranks the places."""
     check_executor(arguments.workers, arguments.scheduler)
     from stridetwin.studies.placement.problem_file import find_problem, read_problem
 
@@ -175,7 +183,11 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
 
 
 def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementProblem:
-    """The problem, with the settings of the command line in place of the file's."""
+    """The placement problem with the settings of the command line in place of the file's.
+
+    Raises:
+        StrideTwinError: `--scenario` or `--budget` does not fit the problem.
+    """
     from stridetwin.scenarios.campaign.named_files import NamedBase, NamedFiles
     from stridetwin.studies.placement.problem_file import check_budget
 
@@ -197,13 +209,14 @@ def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementPro
 
 
 def _size(result: dict[str, Any]) -> str:
+    """How many places were tried on how many walks, as text below the table."""
     walks, shown = len(result["walks"]), len(result["table"])
     places = f"{result['tried']} places and the unchanged one on {walks} walk{'s' * (walks != 1)}"
     return f"{places}; {shown} of them in the table, all in places.csv" if shown <= result["tried"] else places
 
 
 def placement_lines(result: dict[str, Any]) -> list[str | Table]:
-    """The table, and which differences in it are significant."""
+    """What `place` prints: the table of places, failures, and which differences are significant."""
     from stridetwin.studies.placement.page import value_text
     from stridetwin.studies.significance import interval_text
 

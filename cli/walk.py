@@ -29,7 +29,7 @@ _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
 
 
 def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
-    """`run`."""
+    """Runs `run`: walks a scenario, runs every estimator, scores it, and writes report and film."""
     from stridetwin.report.runner import run_scenario
 
     scenario = _scenario(arguments)
@@ -54,7 +54,11 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
 
 
 def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
-    """`generate`; the contents of a file decide whether it is a scenario or a campaign."""
+    """Runs `generate`; the contents of the file decide whether it is a scenario or a campaign.
+
+    Raises:
+        StrideTwinError: There is no such scenario or campaign, or an option is only valid for the other.
+    """
     name, names = arguments.scenario, [*catalogue(), *campaigns()]
     if name not in names and not Path(name).suffix and Path(name).parent == Path("."):
         valid = f"{suggest(name, names)}, or the path of a .yaml file"
@@ -69,7 +73,7 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 
 def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
-    """`generate` of a campaign."""
+    """Generates the walks of a campaign; the exit code is 1 if a walk has failed or none was accepted."""
     if arguments.output.suffix == ".mcap" or arguments.output.is_file():
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
     check_executor(arguments.workers, arguments.scheduler)
@@ -110,7 +114,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
 
 
 def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Sequence[PlannedWalk]) -> None:
-    """Says what the missing walks of a campaign take, if it is long, by a few of them with the values drawn."""
+    """Prints the cost of a campaign's missing walks on stderr if it is long, estimated from a few of them."""
     few = missing[:: max(1, len(missing) // _PRICED_WALKS)]
     configs = [scenario.config for scenario in valid_scenarios(campaign, few)]
     if configs:
@@ -118,13 +122,13 @@ def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Se
 
 
 def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
-    """Says what walks take, if it is long."""
+    """Prints the cost of walks on stderr if it is long."""
     if cost.is_long:
         print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
-    """Groups of sensors that the walks of a campaign do without."""
+    """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`."""
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
         asked = estimators_of(arguments.only, "--only")
@@ -133,7 +137,7 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
-    """`generate` of a scenario."""
+    """Generates the walk of one scenario as a recording."""
     scenario = _restrict_sensors(_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
@@ -145,7 +149,7 @@ def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 
 def load_with_notes(name: str) -> Scenario:
-    """A scenario by its name in the catalogue or its file; its notes go to stderr."""
+    """Loads a scenario by its name in the catalogue or its file, and prints its notes on stderr."""
     scenario = load_scenario(name)
     for note in scenario.notes:
         print(f"stridetwin: note: {note}", file=sys.stderr)
@@ -153,7 +157,7 @@ def load_with_notes(name: str) -> Scenario:
 
 
 def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
-
+    """Loads the scenario of the command line, with the physics and without the cameras as its options say."""
     scenario = load_with_notes(arguments.scenario)
     if arguments.physics is not None:
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))
@@ -161,7 +165,7 @@ def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
 
 
 def _restrict_sensors(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
-    """The scenario with the sensors alone that the estimators of `--only` read."""
+    """The scenario with only those sensors that the estimators of `--only` read."""
     if not arguments.only:
         return scenario
 
@@ -169,6 +173,7 @@ def _restrict_sensors(scenario: Scenario, arguments: RunOptions | GenerateOption
 
 
 def _how_to_repeat(arguments: RunOptions) -> str:
+    """The command line that makes the same run again, for the report."""
     command = ["stridetwin", "run", arguments.scenario, "--seed", str(arguments.seed)]
     command += ["--physics", arguments.physics] if arguments.physics else []
     command += ["--no-cameras"] if arguments.no_cameras else []

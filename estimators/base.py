@@ -54,7 +54,8 @@ CAMERA_POSES = "/poses/camera"
 """Topic of the estimated pose of the camera in the frame of `POSES`, `Odometry`; without any, the nominal one holds."""
 TRACKING = "tracking"
 """Status of a pose that measurements of the surroundings support, as against dead reckoning."""
-FEET = {"l": "left", "r": "right"}
+FOOT_NAMES = {"l": "left", "r": "right"}
+"""Name of each foot by its letter in topics and options."""
 Progress = Callable[[str, float], None]
 
 

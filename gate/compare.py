@@ -90,11 +90,11 @@ class Comparison:
     """All scores against their baselines, sorted by estimator and score.
 
     Attributes:
-        words: How the scores were compared, as text: in pairs, as groups, or by tolerance, and over how many walks.
+        description: How the scores were compared, as text: in pairs, as groups or by tolerance, over how many walks.
         lines: One line per estimator and score.
     """
 
-    words: str
+    description: str
     lines: Sequence[Line]
 
     @property
@@ -166,7 +166,7 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
         for name in now.means
         if name not in baseline.means
     ]
-    return Comparison(words=how, lines=sorted(lines, key=_sort_key))
+    return Comparison(description=how, lines=sorted(lines, key=_sort_key))
 
 
 def _walk_count(table: ScoreTable) -> str:

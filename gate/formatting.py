@@ -87,7 +87,7 @@ def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -
     count = len(comparison.regressions)
     result = f"**{count} worse**" if count else "**nothing worse**"
     result += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
-    out = ["### Estimators against the baseline", "", f"{result} ({comparison.words})", ""]
+    out = ["### Estimators against the baseline", "", f"{result} ({comparison.description})", ""]
     changes = find_changes(comparison)
     same = [line for line in comparison.lines if line.verdict == SAME]
     if failed:
@@ -102,6 +102,7 @@ def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -
 
 
 def _markdown_table(lines: Sequence[Line]) -> list[str]:
+    """The rows of a Markdown table of scores against their baselines, with regressions in bold."""
     rows = [_markdown_row(HEAD), _markdown_row(["---"] * 3 + ["---:"] * 5 + ["---"])]
     for line in lines:
         row_cells = [_escape(cell) for cell in to_cells(line)]
@@ -111,6 +112,7 @@ def _markdown_table(lines: Sequence[Line]) -> list[str]:
 
 
 def _markdown_row(row_cells: Sequence[str]) -> str:
+    """A row of a Markdown table."""
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in row_cells) + " |"
 
 
@@ -138,7 +140,7 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
                 worse = ElementTree.SubElement(
                     case, "failure", type=line.verdict, message=_valid_xml(to_sentence(line))
                 )
-                worse.text = _valid_xml(f"{details}\n{comparison.words}")
+                worse.text = _valid_xml(f"{details}\n{comparison.description}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
             elif details:
@@ -148,6 +150,7 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
 
 
 def _add_case(suite: Any, estimator: str, name: str) -> Any:
+    """Adds a test case to a JUnit suite, and returns its element."""
     classname = _valid_xml(f"stridetwin.{estimator}")
     return ElementTree.SubElement(suite, "testcase", classname=classname, name=_valid_xml(name), time="0")
 

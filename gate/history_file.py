@@ -22,7 +22,14 @@ _MOST_WALKS = 1_000_000_000
 def history_line(
     label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
 ) -> dict[str, Any]:
-    """The history entry of a run: its version or commit, the walks' rows, and the mean scores by estimator."""
+    """The entry of a run in the history.
+
+    Args:
+        label: Its version, such as a commit.
+        rows: Results of `score_walk`.
+        means: Mean scores by estimator.
+        comparison: With the baseline; None without one.
+    """
     if comparison is not None and comparison.regressions:
         verdict = WORSE
     elif collect_failures(rows):
@@ -54,10 +61,10 @@ def append_history(file: Path, line: Mapping[str, Any]) -> None:
 
 
 def read_history(file: Path) -> list[dict[str, Any]]:
-    """The lines of a file.
+    """Reads the lines of a history, and checks that each has the form that `score --history` writes.
 
     Raises:
-        StrideTwinError: There are none, or one does not have the form of `score --history`.
+        StrideTwinError: There are none, or one has another form; names file, line and field.
     """
     lines = []
     try:

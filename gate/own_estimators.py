@@ -33,7 +33,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 from stridetwin.streams.validation import suggest
 
-TRUTH = "/truth/"
+TRUTH_PREFIX = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
 _HOME = Path(__file__).resolve().parents[1]
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
@@ -210,12 +210,12 @@ def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
         raise StrideTwinError(f"invalid class {name}: expected an object of it, such as {name}(recording.rig)")
     name = type(estimator).__name__
     poses: list[Pose] = []
-    sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH)]
+    sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH_PREFIX)]
     topics = getattr(estimator, "topics", None)
     if topics is None:
         topics = sensors
     for topic in topics:
-        if topic.startswith(TRUTH):
+        if topic.startswith(TRUTH_PREFIX):
             raise StrideTwinError(f"{name}.topics: invalid {topic}: expected topics of sensors")
         if topic not in sensors:
             raise StrideTwinError(f"{name}.topics: invalid {topic!r}: expected {suggest(topic, sensors)}")

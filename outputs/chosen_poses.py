@@ -27,7 +27,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
 from stridetwin.streams.trajectory import Trajectory
 
-TRUTH = "truth"
+TRUE_POSES = "truth"
 """The value of `--poses` that requests the true poses of a recording."""
 _IMAGES = 20
 _TILT_RAD = math.radians(30.0)
@@ -62,13 +62,15 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
     Raises:
         StrideTwinError: The recording has no such poses; the message names the alternatives.
     """
-    if request is not None and request != TRUTH:
+    if request is not None and request != TRUE_POSES:
         return _choose_upright(recording, read_tum(Path(request)), "", f"poses of {request}")
     camera = depth_calibration(recording.rig)
-    if request == TRUTH:
+    if request == TRUE_POSES:
         topic, frame = find_pose_topic(recording, camera)
         if not topic.startswith("/truth/"):
-            raise RecordingError(f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUTH}")
+            raise RecordingError(
+                f"{recording.path}: no true poses: {topic} is an estimate; leave out --poses {TRUE_POSES}"
+            )
         return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
@@ -80,7 +82,7 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
             return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
     if (recorded_poses := _find_recorded_poses(recording, body)) is not None:
         return recorded_poses
-    advice = f"--poses {TRUTH}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
+    advice = f"--poses {TRUE_POSES}, or " if any(topic.startswith("/truth/") for topic in recording.topics) else ""
     name = odometry.declaration.name
     raise RecordingError(f"{recording.path}: no poses: {name} cannot run on this recording; pass {advice}--poses FILE")
 

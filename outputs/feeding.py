@@ -9,7 +9,7 @@ from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from stridetwin.estimators.base import FEET, POSES, Declaration, Estimator, Options, Stream
+from stridetwin.estimators.base import FOOT_NAMES, POSES, Declaration, Estimator, Options, Stream
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
@@ -99,7 +99,7 @@ def runnable_on(estimator_class: EstimatorClass, defaults: Options, rig: Rig, to
     """
     declaration, variants = estimator_class.declaration, [defaults]
     if declaration.per_foot:
-        variants = [replace(defaults, foot=foot) for foot in FEET]
+        variants = [replace(defaults, foot=foot) for foot in FOOT_NAMES]
     elif declaration.mounts:
         variants = [replace(defaults, mount=mount) for mount in declaration.mounts]
     instances = []

@@ -58,6 +58,7 @@ def all_scores() -> dict[str, Score]:
 
 @cache
 def _all_scores(path: tuple[str, ...]) -> dict[str, Score]:
+    """Every declared score by name; cached for a search path of modules."""
     return {score.name: score for kind in kinds().values() for score in kind.scores}
 
 
@@ -67,11 +68,17 @@ def kind_with_scores(scores: Scores) -> AnyKind:
 
 
 def _entry_points() -> dict[str, EntryPoint]:
+    """The entry points of kinds of output, by name."""
     return _entry_points_on(tuple(sys.path))
 
 
 @cache
 def _entry_points_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
+    """Finds the entry points of kinds of output; cached for a search path of modules.
+
+    Raises:
+        StrideTwinError: Two packages offer the same name.
+    """
     points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name):
         if point.value != points.setdefault(point.name, point).value:

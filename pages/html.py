@@ -14,7 +14,7 @@ from stridetwin.pages.plot import library
 
 
 def page(title: str, description: str, chips: Sequence[str], sections: Iterable[str], footer: str) -> str:
-    """An HTML page.
+    """Renders a self-contained HTML page; Plotly's script is included only if a section has a plot.
 
     Args:
         title: Plain text, as are description, chips and footer.
@@ -33,19 +33,26 @@ def page(title: str, description: str, chips: Sequence[str], sections: Iterable[
 
 
 def section(title: str, lead: str, body: str, css: str = "card") -> Markup:
-    """A section of a page; title and lead are plain text, body is HTML in a box of that class."""
+    """Renders a section of a page.
+
+    Args:
+        title: Plain text.
+        lead: Plain text below the title.
+        body: HTML.
+        css: Class of the box around the body; "" for none.
+    """
     return render_template("section", title=title, lead=lead, body=Markup(body), css=css)
 
 
 def table(
     head: Sequence[str], rows: Iterable[Sequence[object]], numbers: Container[int], *, note: str = "", css: str = ""
 ) -> Markup:
-    """A table.
+    """Renders a table of HTML.
 
     Args:
         head: Titles of the columns; plain text like the cells, unless they are `Markup`.
         rows: Cells of each row.
-        numbers: Which columns are numbers, which are right-aligned.
+        numbers: Indices of the columns with numbers, which are right-aligned.
         note: Text below it.
         css: An additional class of its box.
     """
@@ -53,22 +60,22 @@ def table(
 
 
 def text_block(lines: Iterable[str]) -> Markup:
-    """A text table, which scrolls sideways where it is too wide."""
+    """Renders lines of a text table, which scrolls sideways where it is too wide."""
     return Markup('<pre class="table">{}</pre>').format("\n".join(lines))
 
 
 def boxes(bodies: Iterable[str]) -> Markup:
-    """A box around each HTML body that is not empty."""
+    """Renders a box around each HTML body that is not empty."""
     return Markup("").join(Markup('<div class="card">{}</div>').format(Markup(body)) for body in bodies if body)
 
 
 def multiples(figures: Iterable[str]) -> Markup:
-    """Small figures side by side."""
+    """Renders small figures side by side."""
     return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
 
 
 def render_template(template: str, **values: Any) -> Markup:
-    """A template filled with values, which are escaped unless they are `Markup`."""
+    """Renders a template of `pages/templates` with values, which are escaped unless they are `Markup`."""
     return Markup(_environment().get_template(f"{template}.html").render(values))
 
 
@@ -89,5 +96,6 @@ def code(text: str) -> Markup:
 
 @cache
 def _environment() -> Environment:
+    """The templates of pages; a value that a template lacks is an error."""
     loader = PackageLoader("stridetwin.pages")
     return Environment(loader=loader, autoescape=True, undefined=StrictUndefined)

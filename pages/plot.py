@@ -26,7 +26,13 @@ _NARROWEST_SCALE = 0.12  # height over width of a figure true to scale; flatter 
 
 
 def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float = 0.06) -> Range:
-    """The span of the finite values, with a margin; never empty."""
+    """The range of an axis: the span of the finite values with a margin; never empty.
+
+    Args:
+        *values: Arrays of any shape.
+        include: Values that the range contains in any case.
+        margin: Share of the span that is added at each end.
+    """
     parts = [np.asarray(v, dtype=float).ravel() for v in values] + [np.asarray(include, dtype=float)]
     everything = np.concatenate(parts)
     finite = everything[np.isfinite(everything)]
@@ -36,7 +42,16 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
 
 
 def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
-    """At most two points per bucket, the lowest and the highest; every gap (NaN) stays a gap."""
+    """Thins a dense curve without losing its extremes: at most two points per bucket, the lowest and the highest.
+
+    Args:
+        x: (N,).
+        y: (N,); every gap (NaN) stays a gap.
+        buckets: Number of parts of equal length.
+
+    Returns:
+        The remaining x and y, all of them if there are at most two per bucket.
+    """
     if len(x) <= 2 * buckets:
         return x, y
     edges = np.linspace(0, len(x), buckets + 1).astype(int)
@@ -100,7 +115,7 @@ class Plot:
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", width: float = 1.6, dash: str = "solid"
     ) -> None:
-        """A line through the points, interrupted where y is not finite; dense curves are thinned."""
+        """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned."""
         xs, ys = np.asarray(x, float), np.asarray(y, float)
         if np.all(np.diff(xs) >= 0):
             xs, ys = thin(xs, ys, _MOST_POINTS // 2)
@@ -108,20 +123,20 @@ class Plot:
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
 
     def curves(self, parts: Iterable[ArrayLike], color: str, *, label: str = "", width: float = 1.6) -> None:
-        """Separate curves of one kind, (N, 2) each."""
+        """Draws separate curves of one kind, (N, 2) each, with one label."""
         points = join_curves(parts)
         self.line(points[:, 0], points[:, 1], color, label=label, width=width)
 
     def band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = "", stroke: str = ""
     ) -> None:
-        """The area between two curves, with an outline where `stroke` is a colour."""
+        """Fills the area between curves `low` and `high` over x, (N,) each, with an outline if `stroke` is a colour."""
         xs = np.asarray(x, float)
         outline = np.column_stack([np.r_[xs, xs[::-1]], np.r_[low, np.asarray(high)[::-1]]])
         self.areas([outline], color, label=label, stroke=stroke)
 
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
-        """Filled shapes from their outlines, (N, 2) each."""
+        """Fills shapes given by their outlines, (N, 2) each."""
         if len(outlines):
             points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
             line = {"color": stroke, "width": 1} if stroke else {"width": 0}
@@ -140,7 +155,7 @@ class Plot:
     def bars(
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
     ) -> None:
-        """Upright rectangles."""
+        """Draws upright rectangles from `left` to `right` and from `low` to `high`, each a number or (N,)."""
         sides = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (left, right, low, high)))
         self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
 
@@ -156,7 +171,7 @@ class Plot:
         sd: ArrayLike | None = None,
         labels: Sequence[str] = (),
     ) -> None:
-        """Markers, with error bars (`sd`) and words where given."""
+        """Draws markers at the points (N,), with error bars of ± `sd` and texts above them where given."""
         mark = {"color": color, "size": size, "symbol": symbol}
         more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
         if labels:
@@ -166,7 +181,15 @@ class Plot:
         )
 
     def heatmap(self, x: ArrayLike, y: ArrayLike, z: Array, *, label: str, reverse: bool) -> None:
-        """(Y, X) values as colours, bright where they are high, or low with `reverse`; NaN stays empty."""
+        """Draws values (Y, X) as colours, bright where they are high, or low with `reverse`; NaN stays empty.
+
+        Args:
+            x: (X,) centres of the columns.
+            y: (Y,) centres of the rows.
+            z: (Y, X) values.
+            label: Title of the colour scale.
+            reverse: Makes low values bright.
+        """
         self._add(
             "",
             type="heatmap",
@@ -180,7 +203,7 @@ class Plot:
         )
 
     def image(self, x: Range, y: Range, uri: str) -> None:
-        """An image below everything, stretched over a range of the data."""
+        """Draws an image below everything else, stretched over the ranges x and y; `uri` is a `data:` URI."""
         self._layout.setdefault("images", []).append(
             {
                 "source": uri,
@@ -196,16 +219,16 @@ class Plot:
         )
 
     def key(self, label: str, color: str) -> None:
-        """An entry of the legend for a colour of an image."""
+        """Adds an entry to the legend for a colour of an image."""
         self._add(label, x=[None], y=[None], mode="markers", marker={"color": color, "symbol": "square", "size": 11})
 
     @property
     def drawn(self) -> bool:
-        """Whether there is anything in it."""
+        """Whether anything has been drawn."""
         return bool(self._traces)
 
     def html(self) -> Markup:
-        """The figure as an element of a page of `report.html`."""
+        """The figure as an element of a page made by `html.page`, whose script draws it."""
         figure = {"data": self._traces, "layout": self._axes() | self._layout, "aspect": self._aspect}
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
@@ -215,6 +238,7 @@ class Plot:
         ).format(Markup(' class="continued"' if self.continued else ""), caption, self.title, self.height, Markup(text))
 
     def _add(self, label: str, **trace: Any) -> None:
+        """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
         first = bool(label) and all(t.get("name") != label for t in self._traces)
         named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
         self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
@@ -233,6 +257,7 @@ class Plot:
         return aspect if aspect >= _NARROWEST_SCALE else 0.0
 
     def _axes(self) -> dict[str, Any]:
+        """Plotly's layout of the axes."""
         scaled = self._aspect > 0.0
         y_label = f"{self.y_label} (stretched)" if self.is_stretched else self.y_label
         x_axis: dict[str, Any] = {"title": {"text": self.x_label}}

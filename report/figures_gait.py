@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import FEET
+from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.outputs.path.figures import COLORS
 from stridetwin.pages.plot import MUTED, Plot, faint
 from stridetwin.reference.norms import level_norm, speed_group
@@ -62,13 +62,23 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
 
 
 def over_cycle(stride: Stride, t_ns: NDArray[np.int64], values: Array) -> Array:
-    """(101,) values at 0-100 % of the stride."""
+    """Interpolates values over the gait cycle: (101,) values at 0, 1, ... 100 % of the stride.
+
+    Args:
+        stride: The stride.
+        t_ns: (N,) stamps that increase.
+        values: (N,) values at the stamps.
+    """
     at = stride.start_ns + _CYCLE / 100.0 * (stride.end_ns - stride.start_ns)
     return np.interp(at, t_ns, values)
 
 
 def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
-    """Hip, knee and ankle over the gait cycle, with the norm band at that speed."""
+    """Draws hip, knee and ankle angles in degrees over the gait cycle, with the norm band of people at that speed.
+
+    Returns:
+        A figure per joint; none without true joint angles or level strides.
+    """
     if "/truth/joints" not in recording.topics or not strides:
         return []
     block = recording.block("/truth/joints")
@@ -80,7 +90,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
         plot = Plot(title=f"{title} over the gait cycle", x=(0, 100), x_label="gait cycle, %", y_label=f"{title}, °")
         for within, opacity in ((2, 0.1), (1, 0.2)):
             plot.band(x, mean - within * sd, mean + within * sd, faint(MUTED, opacity), label=f"people, ±{within} SD")
-        curves = {f: (block.t_ns, angles[f"{joint}_{f}"]) for f in FEET if f"{joint}_{f}" in angles}
+        curves = {f: (block.t_ns, angles[f"{joint}_{f}"]) for f in FOOT_NAMES if f"{joint}_{f}" in angles}
         _draw_strides(plot, strides, curves)
         figures.append(plot.html())
     return figures
@@ -89,7 +99,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
 def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
     """Vertical load of one foot over the gait cycle, in body weights; empty without its truth."""
     loads = {}
-    for foot in FEET:
+    for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
             block = recording.block(topic)
@@ -103,14 +113,24 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
 
 
 def _draw_strides(plot: Plot, strides: list[Stride], curves: Mapping[str, tuple[NDArray[np.int64], Array]]) -> None:
-    """Every stride of a foot as one curve over the cycle, from (times, values) by foot."""
+    """Draws every stride of a foot as one curve over the gait cycle.
+
+    Args:
+        plot: Where they are drawn.
+        strides: Strides of both feet.
+        curves: Stamps (N,) ns and values (N,) by foot.
+    """
     for foot, (t_ns, values) in curves.items():
         over_cycles = [np.column_stack([_CYCLE, over_cycle(s, t_ns, values)]) for s in strides if s.foot == foot]
-        plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FEET[foot]} strides")
+        plot.curves(over_cycles, COLORS[foot], width=0.9, label=f"{FOOT_NAMES[foot]} strides")
 
 
 def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
-    """Path of the centre of pressure under each foot, in the frame of the footprint it belongs to."""
+    """Draws the path of the centre of pressure under each foot, in the frame of the footprint that it belongs to.
+
+    The frame has its origin at the heel, x along the foot's axis and y to the left. Points outside the sole are left
+    out, and a pause of more than 30 ms breaks a path.
+    """
     plot = Plot(
         title="Centre of pressure",
         x_label="ahead of the heel, m",
@@ -118,7 +138,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
         x=(-0.04, 0.30),
         y=(-0.11, 0.11),
     )
-    for foot in FEET:
+    for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/cop"
         prints = [p for p in footprints if p.foot == foot]
         if topic not in recording.topics or not prints:
@@ -133,11 +153,11 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
             paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
         if paths:
-            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FEET[foot]} foot")
+            plot.curves(paths, COLORS[foot], width=0.8, label=f"{FOOT_NAMES[foot]} foot")
     return plot.html() if plot.drawn else ""
 
 
 def _in_footprint(points_in_world: Array, footprint: Footprint) -> Array:
-    """(N, 2) m ahead of the heel and left of the axis of a footprint."""
+    """Transforms points (N, 3) in the world to (N, 2) m: ahead of the heel, and left of the axis of a footprint."""
     rotation = Rotation.from_quat(footprint.q_world_foot, scalar_first=True)
     return np.asarray(rotation.apply(points_in_world - footprint.p_foot_in_world, inverse=True))[:, :2]

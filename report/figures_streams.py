@@ -62,7 +62,7 @@ _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[st
 
 
 def curves_of(block: Block[Sample]) -> list[Curves]:
-    """The curves of one stream, in the units of a report; none for images."""
+    """The curves of one stream of small samples, in the units of a report; none for kinds that have no figure."""
     name, c = block.topic.strip("/"), block.columns
     if block.kind is Ahrs:
         euler = Rotation.from_quat(c["q_world_sensor"], scalar_first=True).as_euler("ZYX", degrees=True)
@@ -74,7 +74,13 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
 
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:
-    """One small figure for each curve of each topic, over the same window, s; injected faults are shaded."""
+    """Draws some seconds of every stream, one small figure per quantity; injected faults are shaded.
+
+    Args:
+        recording: The walk.
+        topics: Streams without images.
+        window: First and last time, s.
+    """
     figures, faults = [], read_injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
@@ -97,7 +103,14 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
 
 
 def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float], span: tuple[float, float]) -> None:
-    """Shades the times of faults; the legend names their kinds."""
+    """Shades the times of faults within the window; the legend names their kinds.
+
+    Args:
+        plot: The figure.
+        faults: Faults of the stream.
+        window: First and last time of the figure, s.
+        span: Lower and upper end of the figure's y axis.
+    """
     least = 0.004 * (window[1] - window[0])
     for fault in faults:
         begin, end = max(fault.from_s, window[0]), min(max(fault.until_s, fault.from_s + least), window[1])
@@ -112,7 +125,7 @@ def scalar_topics(recording: Recording) -> list[str]:
 
 
 def _by_place(topic: str) -> tuple[int, str]:
-    """Feet first, then the head, then the exoskeleton."""
+    """Sort key of topics: feet first, then head, chest, exoskeleton and others, each by name."""
     place = topic.split("/")[1]
     order = next((i for i, p in enumerate(("foot", "head", "chest", "exo")) if place.startswith(p)), 9)
     return order, topic

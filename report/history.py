@@ -17,7 +17,7 @@ _NAMES = 6  # version names below a plot
 
 
 def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
-    """The lines as a page: each estimator's scores from version to version, and the verdicts."""
+    """Renders a history as an HTML page: the verdict of each version, and each estimator's scores over the versions."""
     names = list(dict.fromkeys(name for line in lines for name in line["estimators"]))
     worse = sum(line["verdict"] == WORSE for line in lines)
     lead = "Means over the walks, from version to version; where the walks are others, the line is broken."
@@ -28,11 +28,13 @@ def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
 
 
 def _plots(name: str, lines: Sequence[Mapping[str, Any]]) -> str:
+    """One small plot for each score of an estimator that the gate compares."""
     metrics = dict.fromkeys(m for line in lines for m in line["estimators"].get(name, {}) if scale_of(m) is not None)
     return multiples(_plot(name, metric, lines) for metric in metrics)
 
 
 def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
+    """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked."""
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
     plot = Plot(
@@ -63,11 +65,13 @@ def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _verdicts(lines: Sequence[Mapping[str, Any]]) -> str:
+    """A table of the versions, the latest first, with what became worse or failed."""
     head = ("version", "verdict", "walks", "what became worse, or failed")
     rows = [(x["label"], x["verdict"], x["walks"], Markup("<br>").join(_bad(x))) for x in reversed(lines)]
     return table(head, rows, (2,))
 
 
 def _bad(line: Mapping[str, Any]) -> list[str]:
+    """Sentences on what became worse or failed in one version."""
     failed = line.get("failed", 0)
     return [*line["regressions"], *([f"an estimator failed on {failed} of {line['walks']} walks"] if failed else [])]

@@ -50,7 +50,7 @@ def colour_of_depth(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def scale_image(image: Image | Depth, width: int) -> NDArray[np.uint8]:
-    """The image scaled to a width; depth as colours."""
+    """Scales an image to a width in pixels: (H, W) grey or (H, W, 3) RGB; depth becomes colours."""
     pixels = image.pixels if isinstance(image, Image) else colour_of_depth(image.depth)
     height = round(pixels.shape[0] * width / pixels.shape[1])
     kind = cv2.INTER_AREA if isinstance(image, Image) else cv2.INTER_NEAREST
@@ -64,7 +64,7 @@ def camera_topics(recording: Recording) -> list[str]:
 
 
 def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
-    """Images of one camera at about a given rate, decoded one at a time."""
+    """Yields images of one camera at about the given rate, decoded in groups of 16."""
     times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
     for first in range(0, len(times), step * _AT_ONCE):
@@ -74,7 +74,7 @@ def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Imag
 def camera_views(
     recording: Recording, partly: Container[str] = (), count: int = 6, width: int = 360
 ) -> list[CameraView]:
-    """Images of every camera at about the same times, spread over the walk.
+    """Collects images of every camera at about the same times, spread over the walk.
 
     Args:
         recording: The walk.
@@ -100,7 +100,17 @@ def camera_views(
 def _find_rendered_parts(
     recording: Recording, topic: str, moments: Sequence[int], width: int
 ) -> list[tuple[float, NDArray[np.uint8]]]:
-    """From each moment on, the first image with a rendered part: its time in s, and the part, scaled to a width."""
+    """Finds from each moment on the first image with a rendered part, within 1.4 s.
+
+    Args:
+        recording: The walk.
+        topic: Topic of grey images.
+        moments: Times, ns.
+        width: Width that the parts are scaled to, pixels.
+
+    Returns:
+        Time in s and the part (H, W), 4:3; moments without one are left out.
+    """
     crops = []
     for moment in moments:
         times = (moment + 1e9 * np.arange(0.0, _SEARCHED_S, _SEARCH_STEP_S)).astype(np.int64).tolist()
@@ -114,7 +124,7 @@ def _find_rendered_parts(
 
 
 def crop_to_rendered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
-    """The smallest part of a grey image (H, W), 4:3, around all that is rendered; None if the border cuts it off."""
+    """Crops a grey image (H, W) to the smallest part of 4:3 around all that is rendered; None if a border cuts it."""
     high, wide = pixels.shape
     drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY
     x, y, width, height = cv2.boundingRect(drawn.astype(np.uint8))

@@ -70,6 +70,7 @@ def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluat
 
 
 def _log_terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
+    """Logs every slab of the terrain as a mesh that reaches down to a common floor."""
     if layout is None:
         return
     floor = min(min(s.z0, s.z1) for s in layout.slabs) - 0.1
@@ -90,6 +91,7 @@ def _log_terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
 
 
 def _log_true_poses(rr: Any, stream: Any, recording: Recording) -> None:
+    """Logs the true poses of all frames at 30 Hz."""
     for frame in true_frames(recording.topics):
         block = recording.block(f"/truth/{frame}/odometry")
         t, p, q = thin_out(block.t_ns, _POSES_HZ, block.columns["p_frame_in_world"], block.columns["q_world_frame"])
@@ -103,6 +105,7 @@ def _log_true_poses(rr: Any, stream: Any, recording: Recording) -> None:
 
 
 def _log_streams(rr: Any, stream: Any, recording: Recording) -> None:
+    """Logs every curve of the small streams."""
     for topic in scalar_topics(recording):
         block = recording.block(topic)
         for curves in curves_of(block):
@@ -111,6 +114,7 @@ def _log_streams(rr: Any, stream: Any, recording: Recording) -> None:
 
 
 def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any:
+    """The viewer's arrangement: the walk and the cameras at the left, outputs and streams at the right."""
     import rerun.blueprint as rrb
 
     views = {"text": rrb.TextDocumentView, "series": rrb.TimeSeriesView}

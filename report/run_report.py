@@ -25,14 +25,14 @@ _RESIDUAL = "/truth/root_residual"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportData:
-    """Content of a report.
+    """What a report shows.
 
     Attributes:
-        scenario: Of the walk.
+        scenario: Scenario of the walk.
         seed: Seed of the walk.
         duration_s: Length of the walk.
         command: The command that reproduces it.
-        recording: The walk.
+        recording: Recording of the walk.
         of_kinds: The evaluated outputs of each kind.
         film: Third-person film, or None.
     """
@@ -90,6 +90,7 @@ def _root_help(recording: Recording, mass_kg: float) -> str:
 
 
 def _film(film: Film | None) -> str:
+    """The section with the film and its stills; empty without a film."""
     if film is None:
         return ""
     stills = [(f"{t:.0f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
@@ -99,6 +100,7 @@ def _film(film: Film | None) -> str:
 
 
 def _views(data: ReportData) -> str:
+    """The section with images of each camera; empty without cameras."""
     boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
     partly = [t for t in data.recording.rig.cameras if boards and t.startswith("/foot_")]
     views = [
@@ -115,6 +117,7 @@ def _views(data: ReportData) -> str:
 
 
 def _gait(data: ReportData) -> str:
+    """The section with joint angles, ground reaction and centre of pressure; empty without true footprints."""
     if FOOTPRINTS not in data.recording.topics:
         return ""
     footprints = true_footprints(data.recording)
@@ -133,6 +136,7 @@ def _gait(data: ReportData) -> str:
 
 
 def _streams(data: ReportData) -> str:
+    """The section with the middle seconds of every sensor stream; empty without any."""
     middle = data.duration_s / 2
     window = (middle - WINDOW_S / 2, middle + WINDOW_S / 2)
     figures = stream_figures(data.recording, scalar_topics(data.recording), window)
@@ -143,6 +147,7 @@ def _streams(data: ReportData) -> str:
 
 
 def _faults(data: ReportData) -> str:
+    """The section with the times of the injected faults; empty without any."""
     times: dict[tuple[str, str], list[str]] = {}
     for fault in read_injected_faults(data.recording.metadata):
         times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
@@ -155,6 +160,7 @@ def _faults(data: ReportData) -> str:
 
 
 def _sensors(data: ReportData) -> str:
+    """The section with the part, mount and rate of each sensor, and the number of its samples."""
     recording, rig = data.recording, data.recording.rig
     parts: Mapping[str, tuple[str, float, str]] = {
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.imus.items()},
@@ -172,5 +178,6 @@ def _sensors(data: ReportData) -> str:
 
 
 def _reproduce(data: ReportData) -> str:
+    """The section with the command that makes the same run again."""
     lead = "The scenario and the seed fix every byte of the recording and of scores.json."
     return section("Reproduce", lead, Markup("<pre>{}</pre>").format(data.command), "")

@@ -128,6 +128,7 @@ def scores_document(
 
 
 def _reporting(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
+    """Yields the frames of the film, and reports the progress."""
     for t, rgb in frames:
         progress("film", t / duration_s)
         yield t, rgb

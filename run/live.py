@@ -97,6 +97,14 @@ def run_live(request: LiveRequest, say: Say, emit: Say) -> Outcome:
 
 
 class _Live:
+    """One live run: receives, reorders and checks samples, and gives them to the estimator and the recorder.
+
+    Args:
+        request: What to run and to record.
+        say: Receives status messages.
+        emit: Receives each estimate as a row of its file.
+    """
+
     def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
         self._request, self._say, self._emit = request, say, emit
         declaration = registry.estimator(request.chain.estimator).declaration if request.chain else None
@@ -117,6 +125,11 @@ class _Live:
         self._refusals_reported = 0
 
     def run(self) -> Outcome:
+        """Compiles the estimator, listens until the senders have ended, and writes the files.
+
+        Raises:
+            StrideTwinError: The address or a file is unavailable, or nothing was estimated.
+        """
         with ExitStack() as stack:
             self._compile()
             if self._request.rig is not None:
@@ -149,15 +162,16 @@ class _Live:
             )
 
     def _follow(self, receiver: Receiver) -> None:
+        """Handles hellos and samples until the senders have ended or the user interrupts, then buffered samples."""
         try:
             while not receiver.ended:
-                due_s = self._reorder.due_s(time.perf_counter_ns())
-                for item in receiver.take(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
+                due_s = self._reorder.compute_wait_s(time.perf_counter_ns())
+                for item in receiver.receive(_IDLE_S if due_s is None else min(due_s, _IDLE_S)):
                     if isinstance(item, Hello):
                         self._on_hello(item)
                     else:
                         self._arrive(item)
-                self._process(self._reorder.ready(time.perf_counter_ns()))
+                self._process(self._reorder.release_due(time.perf_counter_ns()))
                 self._warn(receiver)
         except KeyboardInterrupt:
             self._say("stopped")
@@ -165,6 +179,11 @@ class _Live:
         self._warn(receiver)
 
     def _finish(self) -> dict[Path, int]:
+        """Writes the estimator's files; returns the number of rows by file.
+
+        Raises:
+            StrideTwinError: No sample arrived, or none that the estimator reads.
+        """
         if self._span is None:
             raise StrideTwinError("no samples arrived")
         if self._request.chain is not None and self._chain is None:
@@ -174,6 +193,7 @@ class _Live:
         return self._chain.finish() if self._chain is not None else {}
 
     def _on_hello(self, hello: Hello) -> None:
+        """Merges a sender's rig and metadata into those known, warns where two senders differ, and tries to start."""
         self._rig, differing = _merge_rigs(self._rig, hello.calibration)
         known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - known:
@@ -200,7 +220,10 @@ class _Live:
         self._say(f"{wanted.estimator} reads {', '.join(self._chain.takes)}")
 
     def _compile(self) -> None:
-        """Feeds synthetic samples to a trial chain once; an exoskeleton estimator without geometry has no chain yet."""
+        """Compiles the estimator once on synthetic samples, so that the first real ones do not wait.
+
+        It is put off until its inputs are known, such as the geometry of an exoskeleton in a sender's metadata.
+        """
         wanted = self._request.chain
         if wanted is None or self._compiled:
             return
@@ -213,6 +236,7 @@ class _Live:
         self._compiled = True
 
     def _arrive(self, arrival: Arrival) -> None:
+        """Records a sample that has arrived, and queues it by its stamp if the estimator reads it and it fits."""
         topic = arrival.sample.topic
         self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
         if arrival.travel_ns is not None:
@@ -230,6 +254,7 @@ class _Live:
                 self._warn_once(topic, what, case)
 
     def _process(self, arrivals: Iterable[Arrival]) -> None:
+        """Gives samples to the estimator in order, measures the latency of each, and emits its rows."""
         for arrival in arrivals:
             assert self._chain is not None
             topic, before = arrival.sample.topic, time.perf_counter_ns()

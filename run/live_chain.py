@@ -13,7 +13,7 @@ from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
-Row = tuple[str, str | None]
+EstimatorRow = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
 _KIND = "of another kind than the estimator reads: such samples are left out"
 _SIZE = "of another size than in the rig: such images are left out"
@@ -22,11 +22,11 @@ _COLOUR = "in colour where the estimator reads grey: such images are left out"
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """The estimator to run.
+    """The estimator of a live run, and where its estimates go.
 
     Attributes:
         estimator: Its name.
-        options: See `Options`; the metadata comes from the senders.
+        options: Its options, without the metadata, which come from the senders.
         output: File to write; None writes none.
     """
 
@@ -68,24 +68,29 @@ class Chain:
             self.takes = {s.topic: s.kind for s in streams}
         self._output = kind.live_output(estimator_class.declaration, request.output)
 
-    def update(self, sample: Sample) -> Iterator[Row]:
-        """Processes a sample that `takes` allows; gives a row each time an estimator has finished with it."""
+    def update(self, sample: Sample) -> Iterator[EstimatorRow]:
+        """Processes a sample that `takes` allows.
+
+        Yields:
+            A row each time an estimator has finished with the sample: the odometry, if there is one, then the
+                estimator.
+        """
         if self._driven is not None and self._driven.feeds_odometry(sample):
             yield self._driven.odometry, None if self._driven.update_odometry(sample) is None else ""
         if self._driven is None or self._driven.feeds_estimator(sample):
             yield self._name, self._output.add(self._estimator.update(sample))
 
     def finish(self) -> dict[Path, int]:
-        """Writes the files; returns rows by file."""
+        """Writes the files of the estimator; returns the number of rows by file."""
         return self._output.finish(self._estimator)
 
     def abandon(self) -> None:
-        """Leaves existing files unchanged."""
+        """Ends without writing: existing files stay unchanged."""
         self._output.abandon()
 
 
 class InputCheck:
-    """Checks samples against what is known of their topics.
+    """Checks samples against what the rig says of their topics, before an estimator gets them.
 
     Args:
         takes: The accepted kind of sample by topic.
@@ -99,7 +104,7 @@ class InputCheck:
             self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
 
     def find_problem(self, sample: Sample) -> tuple[str, str, str] | None:
-        """The problem of a sample of an accepted topic, None if it matches.
+        """Finds what is wrong with a sample of an accepted topic; None if it fits.
 
         Returns:
             The problem in general, in this case, and the name under which such samples are counted.

@@ -40,7 +40,7 @@ class Selection:
     frames: frozenset[str] | None = None
 
     def instances(self, kind: str, recording: Recording) -> list[Instance]:
-        """The instances of one kind that the recording feeds."""
+        """The selected estimators of one kind of output that the recording feeds, each with its options."""
         return [
             self._with_backend(instance)
             for name, estimator_class in estimator_registry.estimators(kind).items()
@@ -49,6 +49,7 @@ class Selection:
         ]
 
     def _with_backend(self, instance: Instance) -> Instance:
+        """The instance with the selected backend, if its estimator has that one."""
         if self.backend not in instance.declaration.backends:
             return instance
         return replace(instance, options=replace(instance.options, backend=self.backend))
@@ -89,7 +90,23 @@ def run_recording(
     progress: Progress | None = None,
     in_two_processes: bool = False,
 ) -> Iterator[KindOutputs]:
-    """The outputs of every selected estimator that a recording feeds, kind by kind; see `evaluate_recording`."""
+    """Runs every selected estimator that a recording feeds, without comparing the outputs with the truth.
+
+    Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
+    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+
+    Args:
+        recording: The recording.
+        selection: Which estimators are run; None runs all.
+        progress: Receives the stage and its progress (0-1).
+        in_two_processes: Estimates the paths of other estimators with cameras in a process of their own meanwhile.
+
+    Yields:
+        Each kind of output that has any, with its outputs.
+
+    Raises:
+        StrideTwinError: An estimator fails; earlier kinds have been given.
+    """
     selection = selection or Selection()
     with ExitStack() as stack:
         find_paths: Callable[..., list[PathEstimate]] = partial(all_paths, recording, only=selection.only)
@@ -117,13 +134,18 @@ def run_recording(
 
 
 def _other_paths(path: Path, lenient: bool, only: Container[str] | None) -> list[PathEstimate]:
+    """Runs the estimators of paths that supply no poses, in a process that opens the recording itself."""
     return all_paths(Recording(path, lenient), supplies_poses=False, only=only)
 
 
 def _run_driven(
     recording: Recording, selection: Selection, paths: Iterable[PathEstimate], progress: Progress | None
 ) -> list[KindOutputs]:
-    """Outputs of the kinds that take poses; none if no odometry supplies them, or nothing of these is selected."""
+    """Runs the kinds that take poses, with those of the odometry among `paths`.
+
+    Returns:
+        Their outputs; empty if no odometry supplies poses, or no estimator of these kinds is selected.
+    """
     takes_poses = [name for name, kind in kinds().items() if kind.takes_poses]
     names = {name for kind in takes_poses for name in estimator_registry.estimators(kind)}
     if selection.only is not None and not names & selection.only:
@@ -135,13 +157,16 @@ def _run_driven(
 def run_driven(
     recording: Recording, odometry: PathEstimate, selection: Selection | None = None, progress: Progress | None = None
 ) -> list[KindOutputs]:
-    """Outputs of every selected estimator that takes poses, with those of an odometry, beside the truth.
+    """Runs every selected estimator that takes poses, with those of an odometry, in one pass over the images.
 
     Args:
         recording: The recording.
-        odometry: As `odometry_of` gives it.
+        odometry: The path of an odometry that supplies poses, as `odometry_of` gives it.
         selection: Which estimators are run; None runs all.
         progress: Receives the stage and its progress (0-1).
+
+    Returns:
+        Each kind with its outputs.
     """
     selection = selection or Selection()
     instances = [

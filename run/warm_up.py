@@ -35,7 +35,10 @@ _AXES = {
 
 
 def synthetic_rig() -> Rig:
-    """An IMU and a camera on the head; an IMU, a sonar and a camera that faces the other shoe's board on each shoe."""
+    """The rig of the synthetic samples.
+
+    The head has an IMU and a camera; each shoe has an IMU, a sonar, a board and a camera that faces the other's board.
+    """
     imus, cameras, boards, others = {}, {}, {}, {}
     for body, axes in _AXES.items():
         T_body_sensor = np.eye(4)
@@ -77,17 +80,19 @@ def synthetic_rig() -> Rig:
 
 
 def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
-    """Six seconds of a person who stands in front of a stair, in time order, as decoded from messages.
+    """Yields six seconds of a person who stands in front of a stair, in time order, for compiling an estimator.
+
+    The samples are encoded and decoded as messages, because kernels are compiled for the memory layout of arrays.
 
     Args:
         takes: The kind of sample by topic; IMU and camera topics are those of `synthetic_rig`.
     """
-    encoder, decoders = messages.Encoder(synthetic_rig()), dict[str, messages.Decoder]()
+    encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
     for synthetic in _samples(takes):
         # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
-        message = encoder.message(synthetic)
-        decoder = decoders.setdefault(message.topic, messages.Decoder(message.topic, message.typename))
-        if (sample := decoder.sample(message)) is not None:
+        message = encoder.encode(synthetic)
+        decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
+        if (sample := decoder.decode(message)) is not None:
             yield sample
 
 
@@ -124,6 +129,7 @@ def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
 
 
 def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
+    """Yields the synthetic samples, not yet as decoded from messages."""
     pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
     rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
@@ -144,7 +150,7 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
 
 
 def _board() -> NDArray[np.uint8]:
-    """The other shoe's board as seen by either camera from 0.2 m; its columns run against the image's."""
+    """The other shoe's board as either camera sees it from 0.2 m, (H, W); its columns run against the image's."""
     columns, rows = _SQUARES
     dark = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0
     squares = np.pad(np.where(dark, 30, 220).astype(np.uint8)[:, ::-1], 1, constant_values=220)
@@ -156,7 +162,7 @@ def _board() -> NDArray[np.uint8]:
 
 
 def _colours() -> NDArray[np.uint8]:
-    """Smooth blobs everywhere: among equal pixels, a corner detector finds no maximum."""
+    """A colour image (H, W, 3) of smooth blobs: among equal pixels, a corner detector finds no maximum."""
     blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
     return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stridetwin.scenarios.camera_clock import CameraClock, camera_clock, moving_board
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
-from stridetwin.streams.plausible import force_at_rest, implausible_imu
+from stridetwin.streams.plausible import find_implausible_values, force_at_rest
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
@@ -172,6 +172,7 @@ def check_table(check: Check) -> list[str]:
 
 
 def _line(cells: Sequence[str]) -> str:
+    """A line of the table that `check` prints."""
     return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>12}" for c in cells[2:])
 
 
@@ -211,7 +212,7 @@ def _check_clocks(
 
 
 def _clock_errors(clock: CameraClock) -> Iterator[str]:
-    """What is wrong with clock and mount of a camera, as text."""
+    """Yields a sentence for each error of a camera's clock or mount that its and the IMU's rotation rates reveal."""
     if clock.mount_off_deg:
         yield (
             f"its mount differs by {clock.mount_off_deg:.0f}° from the calibration of it and {clock.imu}: "
@@ -258,7 +259,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        findings += [Finding(topic=topic, what=str(one)) for one in implausible_imu(block)]
+        findings += [Finding(topic=topic, what=str(one)) for one in find_implausible_values(block)]
     return row, [f for f in findings if not _is_known(recording, f)]
 
 

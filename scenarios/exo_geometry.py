@@ -97,6 +97,7 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
 
 
 def _stops(side: str, joint: int | None) -> tuple[float, float]:
+    """Range of a joint in the sign of the D-H table, rad; unlimited for a frame without a joint."""
     if joint is None:
         return -math.inf, math.inf
     low, high = sorted((DH_SIGNS[side][joint] * RANGE_RAD[joint]).tolist())

@@ -117,6 +117,11 @@ def _check_things(path: Path, route: Route) -> None:
 
 
 def _check_physics(path: Path, config: TwinConfig) -> None:
+    """Refuses settings of the dynamics in a scenario that is not simulated forward.
+
+    Raises:
+        ConfigError: The scenario has them.
+    """
     if config.dynamics is not None and config.physics != "dynamic":
         raise ConfigError(path, "physics", config.physics, "dynamic, as the scenario has dynamics")
 

@@ -188,7 +188,7 @@ class _OwnExo(FileModel):
             user_exo = read_own_exo(self.model, self.rig)
         except StrideTwinError as error:
             raise other_file_error(error) from None
-        return _check_powered_joints(Exo(own=user_exo, drive=self.drive))
+        return _check_powered_joints(Exo(user_exo=user_exo, drive=self.drive))
 
 
 def _check_powered_joints(exo: Exo) -> Exo:
@@ -201,6 +201,7 @@ def _check_powered_joints(exo: Exo) -> Exo:
 
 
 def _exo_tag(node: object) -> str:
+    """Which form of an exoskeleton a value in a file has: `none`, the user's own, or the built-in one."""
     if not isinstance(node, dict):
         return "=none"
     return "=own" if {"model", "rig"} & set(node) else "=shim"
@@ -310,6 +311,7 @@ def _read_sensor_part(group: str, node: object, info: ValidationInfo) -> SensorC
 
 
 def _valid_parts(group: str, near: str = "") -> str:
+    """The valid parts of a group of sensors, as text for an error; `near` is the name that was not found."""
     names: Iterable[str] = [n for n in part_files() if kind_of(load_part(n)) == KIND[group]]
     return f"{suggest(near, names)}, each with or without {IDEAL}, or the path of a .yaml file of kind {KIND[group]}"
 
@@ -324,6 +326,7 @@ def _check_uncalibrated(clock: Clock) -> Clock:
 
 
 def _seat(facing: Facing) -> Seat:
+    """Where a seated person is, and which way they face."""
     return Seat(position_m=facing.position_m, faces_rad=facing.faces_rad)
 
 
@@ -364,6 +367,7 @@ def _group_type(group: str) -> Any:
 
 
 def _part_as_keys(node: object) -> object:
+    """The long form of a sensor that is given by the name of its part alone."""
     return {"part": node} if isinstance(node, str) else node
 
 

@@ -77,7 +77,7 @@ def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig
     from stridetwin.sim.wearer.body import fit_wearer  # imports the simulator, which `score` does without
 
     declaration = estimator_class.declaration
-    has_links = config.exo is not None and config.exo.own is None
+    has_links = config.exo is not None and config.exo.user_exo is None
     metadata = exo_geometry.geometry_metadata(fit_wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)
     available_topics = worn.sensors.keys() | {c.depth_topic for c in worn.rig.cameras.values()}

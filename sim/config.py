@@ -58,13 +58,13 @@ class Exo:
             leg, 4 one joint.
         joints: Which joints have a module (hip_l, hip_r, knee_l, knee_r), where the mode leaves a choice.
         drive: What the motors do in the forward simulation: `idle` or `assist` (help both hips).
-        own: The user's own exoskeleton; it defines its powered joints itself, so `mode` and `joints` are ignored.
+        user_exo: The user's own exoskeleton; it defines its powered joints itself, so `mode` and `joints` are ignored.
     """
 
     mode: int = 0
     joints: tuple[str, ...] = ()
     drive: str = "idle"
-    own: OwnExo | None = None
+    user_exo: OwnExo | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

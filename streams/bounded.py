@@ -70,6 +70,7 @@ def read_lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
 
 @contextmanager
 def _convert_errors(path: Path) -> Iterator[None]:
+    """Converts errors of the system, and bytes that are not UTF-8, to an error that names the file."""
     try:
         yield
     except OSError as error:

@@ -124,6 +124,7 @@ class ConfigFileError(ConfigError):
 
 
 def _shorten_repr(value: object) -> str:
+    """The value as text for a message, cut off where it is long."""
     try:
         text = repr(value)
     except ValueError:  # an integer with more digits than Python prints

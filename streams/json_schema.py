@@ -22,7 +22,7 @@ def schema_of(kind: Any) -> dict[str, Any]:
 
 
 def schema_file(kind: Any) -> dict[str, Any]:
-    """The JSON Schema of a type as the content of a file."""
+    """The JSON Schema of a type's data, as the content of a schema file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(kind)
 
 
@@ -48,6 +48,15 @@ class _DescribingGenerator(GenerateJsonSchema):
         return self._add_descriptions(super().dataclass_schema(schema), schema["cls"], schema["schema"])
 
     def _add_descriptions(self, schema: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:
+        """Adds the first paragraph of a class's docstring, and the description of each attribute, to its schema.
+
+        Defaults that are in the attribute's unit, not in the file's, are removed.
+
+        Args:
+            schema: The schema that pydantic has made.
+            kind: The class.
+            inner: Pydantic's schema of the class, which has the names of its fields and keys.
+        """
         doc = inspect.cleandoc(kind.__dict__.get("__doc__") or "")
         schema.pop("description", None)
         if doc and not doc.startswith(f"{kind.__name__}("):

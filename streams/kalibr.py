@@ -54,7 +54,7 @@ _BEYOND_NOISE = (
 
 
 def rig_to_yaml(rig: Rig) -> str:
-    """A rig as YAML text."""
+    """The YAML text of a rig: Kalibr's sections of cameras and IMUs, and under a key of our own what else it knows."""
     document: dict[str, Any] = {}
     ours: dict[str, Any] = {}
     for i, camera in enumerate(rig.cameras.values()):
@@ -149,6 +149,8 @@ class _Kalibr(BaseModel):
 
 
 class _Camera(_Kalibr):
+    """A camera section of Kalibr's camera chain."""
+
     camera_model: Literal["pinhole"]
     intrinsics: tuple[Positive, Positive, Number, Number]
     distortion_model: Literal["radtan", "equidistant"]
@@ -170,20 +172,28 @@ class ImuNoise(_Kalibr):
 
 
 class _Imu(ImuNoise):
+    """An IMU section of Kalibr's file."""
+
     rostopic: str | None = None
     update_rate: Positive
 
 
 class _CameraMount(FileModel):
+    """The body that carries a camera, and the camera's pose on it, unless Kalibr's `T_cam_imu` gives it."""
+
     body: str
     T_body_sensor: RigidTransform | None = None
 
 
 class _Mount(_CameraMount):
+    """The body that carries a sensor or board, and the pose on it."""
+
     T_body_sensor: RigidTransform
 
 
 class _CameraExtras(FileModel):
+    """What a rig knows of a camera beyond Kalibr's section."""
+
     part: str = ""
     rate_hz: NotNegative
     mount: _CameraMount
@@ -197,12 +207,19 @@ _ImuExtras = create_model("_ImuExtras", __base__=FileModel, part=(str, ""), moun
 
 
 class _Board(FileModel):
+    """A board of a rig."""
+
     mount: _Mount
     squares: tuple[_Squares, _Squares]
     square_m: Positive
 
 
 def _to_parameter(node: Any) -> Any:
+    """A parameter of a sensor as floats: a number, or lists of numbers.
+
+    Raises:
+        PydanticCustomError: Anything else, or a number that is too large.
+    """
     if isinstance(node, list):
         return [_to_parameter(item) for item in node]
     if isinstance(node, bool) or not isinstance(node, (int, float)) or not abs(node) < _LARGEST:
@@ -211,6 +228,8 @@ def _to_parameter(node: Any) -> Any:
 
 
 class _Sensor(FileModel):
+    """A sensor of a rig that has no section in Kalibr's format."""
+
     topic: str
     kind: Literal["range", "insole", "ahrs", "encoder", "interaction", "actuator"]
     part: str = ""
@@ -233,6 +252,11 @@ def _document_model(cameras: tuple[str, ...], imus: tuple[str, ...], has_extras:
 
 
 def _to_rig(document: Any, source: str) -> Rig:
+    """Builds a rig from the plain data of a file.
+
+    Raises:
+        StrideTwinError: The data are no calibration, a value is invalid, or two sensors have one topic.
+    """
     keys = document if isinstance(document, dict) else ()
     cams, imu_names = _find_numbered_keys(keys, "cam"), _find_numbered_keys(keys, "imu")
     if not (cams or imu_names or _OURS in keys):
@@ -257,11 +281,17 @@ def _to_rig(document: Any, source: str) -> Rig:
 
 
 def _find_numbered_keys(keys: Iterable[str], stem: str) -> tuple[str, ...]:
+    """The keys `cam0`, `cam1`, ... of a file, by number; `stem` is `cam` or `imu`."""
     names = [key for key in keys if re.fullmatch(rf"{stem}\d{{1,3}}", key)]
     return tuple(sorted(names, key=lambda key: int(key.removeprefix(stem))))
 
 
 def _index_by_topic(source: str, items: list[Any]) -> dict[str, Any]:
+    """Sensors by topic.
+
+    Raises:
+        ConfigError: Two sensors of a kind have one topic.
+    """
     table: dict[str, Any] = {}
     for item in items:
         if item.topic in table:
@@ -277,6 +307,7 @@ def _to_rig_fields(model: BaseModel) -> dict[str, Any]:
 
 
 def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
+    """The calibration of an IMU section; without extras its body is the IMU itself."""
     noise = dict(imu)
     topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
     more: dict[str, Any] = _to_rig_fields(extras) if extras else {"part": "", "mount": Mount(body=PLAIN_BODY)}
@@ -291,6 +322,19 @@ def _to_camera(
     imus: Mapping[str, ImuCalibration],
     source: str,
 ) -> CameraCalibration:
+    """The calibration of a camera section.
+
+    Args:
+        name: Name of the section.
+        camera: Kalibr's section.
+        extras: What a rig knows beyond it; None for a plain file, whose cameras are mounted in the frame of the IMU.
+        T_cam_imu: (4, 4) IMU's frame to camera's, m, of the section or chained; None if unknown.
+        imus: IMUs by topic.
+        source: Name of the file in errors.
+
+    Raises:
+        ConfigError: An unknown IMU, or a mount that contradicts `T_cam_imu`.
+    """
     more: dict[str, Any]
     if extras is None:
         mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
@@ -334,6 +378,7 @@ def _to_camera_mount(
 
 
 def _chain_T_cam_imu(camera: _Camera, previous: Array | None) -> Array | None:
+    """T_cam_imu (4, 4) of a camera: its own, or T_cn_cnm1 times that of the `previous` camera; None if unknown."""
     if camera.T_cam_imu is not None:
         return camera.T_cam_imu
     if camera.T_cn_cnm1 is not None and previous is not None:
@@ -342,6 +387,11 @@ def _chain_T_cam_imu(camera: _Camera, previous: Array | None) -> Array | None:
 
 
 def _compute_T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
+    """T_cam_imu (4, 4) of a camera, from its mount and that of its IMU; None without an IMU.
+
+    Raises:
+        ConfigError: The IMU is on another body.
+    """
     if not camera.imu_topic:
         return None
     imu = rig.imu(camera.imu_topic)
@@ -351,6 +401,7 @@ def _compute_T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
 
 
 def _inverse(T: Array) -> Array:
+    """The inverse (4, 4) of a rigid transform: Rᵀ and -Rᵀ p."""
     R, p = T[:3, :3], T[:3, 3]
     inverse = np.eye(4)
     inverse[:3, :3], inverse[:3, 3] = R.T, -R.T @ p

@@ -30,7 +30,10 @@ class PartLibrary(JITCodeLibrary):
         self._finalized = True
 
     def _get_module_for_linking(self) -> Any:
-        """With all parts below it, for a library of Numba's own kind, which links only what it calls itself."""
+        """The module of this part and of all parts below it, for a library of Numba's own kind.
+
+        Such a library links only what it calls itself.
+        """
         if self._shared_module is None:
             self._shared_module = self._final_module.clone()
             for library in _all_below(self):
@@ -50,6 +53,7 @@ class EntryLibrary(JITCodeLibrary):
 
 
 def _own_module(library: Any) -> Any:
+    """The LLVM module that a caller links: of a part its own code, of another library all that it contains."""
     return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
 
 
@@ -123,10 +127,11 @@ class EntryCompiler(CompilerBase):
 
 
 def _pipelines(state: Any, lowering: type[NativeLowering]) -> list[Any]:
-    made = DefaultPassBuilder.define_nopython_pipeline(state)
-    made.passes = [(lowering if p is NativeLowering else p, why) for p, why in made.passes]
-    made.finalize()
-    return [made]
+    """Numba's pipeline with the given lowering in place of its own."""
+    pass_builder = DefaultPassBuilder.define_nopython_pipeline(state)
+    pass_builder.passes = [(lowering if p is NativeLowering else p, why) for p, why in pass_builder.passes]
+    pass_builder.finalize()
+    return [pass_builder]
 
 
 def entry_compiler(llvm_level: int) -> type[EntryCompiler]:

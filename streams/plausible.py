@@ -53,7 +53,7 @@ def mean_rate(t_ns: Stamps) -> float:
     return (len(t_ns) - 1) * 1e9 / span if span > 0 else 0.0
 
 
-def implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Iterator[Implausible]:
+def find_implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Iterator[Implausible]:
     """Yields an `Implausible` if the median rate of (N,) stamps is outside `valid_hz`, as with a wrong unit of time."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
@@ -79,13 +79,13 @@ def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def implausible_imu(block: Block[Any]) -> Iterator[Implausible]:
+def find_implausible_values(block: Block[Any]) -> Iterator[Implausible]:
     """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units cause.
 
     Checked are the sample rate, the magnitude of the specific force (gravity ± 15 % at rest, 0.5 to 2 times gravity in
     motion), and the angular rate (up to 60 rad/s in 99.9 % of the values).
     """
-    yield from implausible_rates(block.t_ns, IMU_RATES_HZ)
+    yield from find_implausible_rates(block.t_ns, IMU_RATES_HZ)
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:

@@ -107,12 +107,14 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
 
 
 def _to_quaternions(R: Array) -> Array:
+    """Unit quaternions (..., 4), (w, x, y, z), of rotation matrices (..., 3, 3)."""
     from scipy.spatial.transform import Rotation  # half of the start of the command line
 
     return Rotation.from_matrix(R).as_quat(scalar_first=True)
 
 
 def _to_matrices(q: Array) -> Array:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(q, scalar_first=True).as_matrix()

@@ -45,6 +45,7 @@ class Way:
 
     @cached_property
     def _columns(self) -> Array:
+        """The segments as (6, N): start and end of arc length, x, y, heading and curvature."""
         return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.segments]).T
 
     def _locate(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
@@ -61,15 +62,15 @@ class Way:
         return point, heading[i] + k * run, k, s - inside
 
     def heading(self, s: ArrayLike) -> Array:
-        """(...) rad, continuous, at (...) arc lengths."""
+        """Direction of the way at arc lengths (...), m: (...) rad, left positive, continuous along the way."""
         return self._locate(s)[1]
 
     def curvature(self, s: ArrayLike) -> Array:
-        """(...) 1/m, left positive, at (...) arc lengths."""
+        """Curvature of the way at arc lengths (...), m: (...) 1/m, left positive."""
         return self._locate(s)[2]
 
     def point(self, s: ArrayLike, left: ArrayLike = 0.0) -> Array:
-        """(..., 2) points in the world, m, at (...) arc lengths and (...) m to the left of the way."""
+        """Points in the world, (..., 2) m, at arc lengths (...) and distances (...) to the left of the way, m."""
         point, heading, _, beyond = self._locate(s)
         along = np.stack([np.cos(heading), np.sin(heading)], -1)
         aside = np.stack([-np.sin(heading), np.cos(heading)], -1)

@@ -53,7 +53,7 @@ _Levels = Annotated[
 ]
 
 
-class Turn(FileModel):
+class LevelSchedule(FileModel):
     """How the levels of a factor take turns: walk i has level (i // every + numbers of the levels of `add`) % count.
 
     Attributes:
@@ -85,7 +85,7 @@ class DesignFile(FileModel):
     seeds: SeedsInFile
     set: _Values = Field(default={})
     vary: dict[str, _Levels] = Field(default={})
-    turns: dict[str, Turn] = Field(default={})
+    turns: dict[str, LevelSchedule] = Field(default={})
     faults: dict[str, tuple[FaultInFile, ...]] = Field(default={})
 
 
@@ -148,7 +148,7 @@ class Design:
     description: str
     variables: tuple[Variable, ...]
     combinations: tuple[Combination, ...]
-    turns: Mapping[str, tuple[Turn, tuple[FactorLevel, ...]]]
+    turns: Mapping[str, tuple[LevelSchedule, tuple[FactorLevel, ...]]]
     first: int
     seeds: tuple[int, ...]
     user_files: Mapping[str, Path]
@@ -220,7 +220,7 @@ def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLoca
     raise where.key("scenarios").error([], "one or more scenarios, or a factor of `vary` that sets `scenario`")
 
 
-def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, Turn]:
+def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSchedule]:
     """The factors that take turns, after those that move them on."""
     for name, turn in file.turns.items():
         at = where.key("turns").key(name)

@@ -24,7 +24,7 @@ from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
 from stridetwin.studies.tables import Column, rows_table
 
-Result = dict[str, Any]
+ExperimentResult = dict[str, Any]
 _OF_TABLES = ("study", "tables", "report", "columns", "title", "kind")
 """Keys of a file that do not change the rows."""
 
@@ -98,12 +98,12 @@ class Experiment:
     module: str = ""
     content: str = ""
     kind: str = ""
-    run_case: Callable[[ExperimentCase], Result]
-    collect: Callable[[list[Result]], Result]
-    table: Callable[[Result], list[str]]
-    report: Callable[[Result], str] | None = None
+    run_case: Callable[[ExperimentCase], ExperimentResult]
+    collect: Callable[[list[ExperimentResult]], ExperimentResult]
+    table: Callable[[ExperimentResult], list[str]]
+    report: Callable[[ExperimentResult], str] | None = None
 
-    def result(self, rows: list[Result]) -> Result:
+    def result(self, rows: list[ExperimentResult]) -> ExperimentResult:
         """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
         return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
 

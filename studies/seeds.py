@@ -33,6 +33,7 @@ class _SeedRange(FileModel):
 
 
 def _form(node: object) -> str:
+    """Which form seeds in a file have: a list, a range, or a count."""
     return "=list" if isinstance(node, list) else "=range" if isinstance(node, dict) else "=count"
 
 

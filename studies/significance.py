@@ -175,6 +175,7 @@ def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks
 
 
 def _join_names(names: Sequence[str]) -> str:
+    """Names as a phrase, such as `a, b and c`."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

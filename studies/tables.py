@@ -58,17 +58,20 @@ class _Cell(Formatter):
     """Formats lists value by value, and a missing value as -."""
 
     def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+        """The value of a field of a row, and its name; None in place of a value that is missing."""
         try:
             return super().get_field(field_name, args, kwargs)
         except (KeyError, TypeError):
             return None, field_name
 
     def convert_field(self, value: Any, conversion: str | None) -> Any:
+        """The value after a conversion; `!m` multiplies it, or each value of a list, by 1000."""
         if conversion != "m":
             return super().convert_field(value, conversion)
         return None if value is None else [1e3 * v for v in value] if isinstance(value, list) else 1e3 * value
 
     def format_field(self, value: Any, format_spec: str) -> str:
+        """The value as text: the values of a list one after the other, and - for a missing one."""
         if isinstance(value, list):
             return " ".join(format(v, format_spec) for v in value)
         if value is None:

@@ -42,16 +42,28 @@ class RecordedWalk:
     wide: Recording
 
     def samples(self, *, wide: bool = False) -> Iterator[Sample]:
-        """Samples of both shoes in time order, images last at equal times, with the IMUs of either recording."""
+        """Yields the samples of both shoes in time order, images last at equal times.
+
+        Args:
+            wide: Takes the IMUs from the recording whose gyros do not saturate.
+        """
         imus = (self.wide if wide else self.shoes).samples(IMUS)
         return heapq.merge(imus, self.shoes.samples([*CAMERAS, *SONARS]), key=lambda s: (s.t_ns, isinstance(s, Image)))
 
     def rig(self, *, wide: bool = False) -> Rig:
-        """The nominal rig for the estimators, with the IMUs of either recording."""
+        """The nominal rig for the estimators.
+
+        Args:
+            wide: Takes the calibration of the IMUs whose gyros do not saturate.
+        """
         return replace(self.shoes.rig, imus=self.wide.rig.imus) if wide else self.shoes.rig
 
     def imus(self, *, wide: bool = False) -> dict[str, Block[Imu]]:
-        """All samples of each foot's IMU in either recording, by `l` and `r`."""
+        """All samples of each foot's IMU, by `l` and `r`.
+
+        Args:
+            wide: Takes the recording whose gyros do not saturate.
+        """
         return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu") for foot in "lr"}
 
     @property

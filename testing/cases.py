@@ -29,7 +29,7 @@ _DECLARATION, _ESTIMATES, _DETERMINISTIC = "declaration", "estimates", "determin
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One check.
+    """A check of the conformance suite, which runs on one estimator at a time.
 
     Attributes:
         run: Raises `ConformanceError` if an estimator fails it.

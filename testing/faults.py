@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stridetwin.sim.faults.faults import Arrival, Event, TimedFault
+from stridetwin.sim.faults.faults import Event, SampleInTransit, TimedFault
 from stridetwin.sim.faults.sample_faults import ClockJump, Dropout, Freeze, Late, OutOfOrder, Repeat, Saturation
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.live.messages import rank_of
@@ -35,7 +35,7 @@ class Constant(TimedFault):
     kind = "constant"
     value: float
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with the number for every value."""
         names = (f.name for f in fields(arrival.item) if f.name not in ("topic", "t_ns"))
         values = {name: getattr(arrival.item, name) for name in names}
@@ -179,9 +179,11 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
         samples: Samples in time order.
         rig: Names the parts, whose ranges saturate.
     """
-    streams: dict[str, list[Arrival]] = {}
+    streams: dict[str, list[SampleInTransit]] = {}
     for sample in samples:
-        streams.setdefault(sample.topic, []).append(Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns))
+        streams.setdefault(sample.topic, []).append(
+            SampleInTransit(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
+        )
     last_ns = 0
     for injection in case.injections:
         topics = [topic for topic, stream in streams.items() if _concerns(injection, stream, rig)]
@@ -200,7 +202,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
     return FaultySamples([arrival.item for arrival in arrivals if isinstance(arrival.item, Sample)], over_at)
 
 
-def _concerns(injection: Injection, stream: Sequence[Arrival], rig: Rig) -> bool:
+def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig) -> bool:
     """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range."""
     first = stream[0].item
     if not isinstance(first, injection.kinds):
@@ -238,7 +240,7 @@ def _part(rig: Rig, topic: str) -> str:
     return ""
 
 
-def _order(arrival: Arrival) -> tuple[int, int]:
+def _order(arrival: SampleInTransit) -> tuple[int, int]:
     """Place of an arrival: by log time, then poses first, then by kind."""
     kind = type(arrival.item)
     return arrival.log_ns, -1 if kind is Odometry else rank_of(kind)  # type: ignore[arg-type]

@@ -41,5 +41,6 @@ def shift_sample(sample: Sample, by_ns: int, translation: Array) -> Sample:
 
 
 def _arrays(sample: Sample) -> list[tuple[str, np.ndarray]]:
+    """Name and value of each array of a sample."""
     values = ((f.name, getattr(sample, f.name)) for f in fields(sample))
     return [(name, value) for name, value in values if isinstance(value, np.ndarray)]

@@ -59,5 +59,5 @@ def row(stamp: str, sure: bool, ms: float, T_world_camera: Any) -> str:
 
 
 def _rows(file: Path) -> list[tuple[str, str]]:
-    words = (line.split() for line in file.read_text().splitlines() if not line.startswith("#"))
-    return [(stamp, name) for stamp, name in words]
+    cells = (line.split() for line in file.read_text().splitlines() if not line.startswith("#"))
+    return [(stamp, name) for stamp, name in cells]

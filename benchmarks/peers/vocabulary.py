@@ -37,8 +37,8 @@ def write_vocabulary(images: Iterable[NDArray[np.uint8]], file: Path, rng: np.ra
         Number of words.
     """
     orb = cv2.ORB_create(nfeatures=500)
-    found = [orb.detectAndCompute(image, None)[1] for image in images]
-    each = [np.unpackbits(d, axis=1).astype(np.float32) for d in found if d is not None]
+    descriptors = [orb.detectAndCompute(image, None)[1] for image in images]
+    each = [np.unpackbits(d, axis=1).astype(np.float32) for d in descriptors if d is not None]
     bits, image = np.concatenate(each), np.repeat(np.arange(len(each)), [len(d) for d in each])
     root = _Node(centre=np.zeros(256, np.float32))
     _grow(root, bits, image, len(each), 1, rng)
@@ -60,8 +60,8 @@ def _grow(node: _Node, bits: Bits, image: NDArray[np.intp], images: int, level: 
     for k in np.unique(nearest):
         child = _Node(centre=centres[k].copy())
         node.children.append(child)
-        own = nearest == k
-        _grow(child, bits[own], image[own], images, level + 1, rng)
+        in_cluster = nearest == k
+        _grow(child, bits[in_cluster], image[in_cluster], images, level + 1, rng)
 
 
 def _nearest(bits: Bits, centres: Bits) -> NDArray[np.intp]:

@@ -21,8 +21,8 @@ Option = dict[str, Any]
 """Arguments of `ArgumentParser.add_argument`."""
 
 
-def _option(default: float | str, words: str, **more: Any) -> Option:
-    return {"type": type(default), "default": default, "help": f"{words} ({default})", **more}
+def _option(default: float | str, help_text: str, **more: Any) -> Option:
+    return {"type": type(default), "default": default, "help": f"{help_text} ({default})", **more}
 
 
 _MINUTES = _option(5.0, "length of the replayed walk")

@@ -161,7 +161,14 @@ class View:
         return self.lens.pixels(self.rays(squares))
 
     def edges(self, squares: Array) -> Array:
-        """(N, 2, 2) one square along u (first row) and along v, pixels, at (N, 2) points."""
+        """The vectors from one square to the next at points of the board.
+
+        Args:
+            squares: (N, 2) points, in squares from the board's origin.
+
+        Returns:
+            (N, 2, 2) pixels: along u in the first row, along v in the second, as central differences over one square.
+        """
         n, half = len(squares), 0.5
         ends = np.concatenate([squares + d for d in ((half, 0), (-half, 0), (0, half), (0, -half))])
         u1, u0, v1, v0 = self.pixels(ends).reshape(4, n, 2)

@@ -39,7 +39,7 @@ METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
 _JOINTS_MAX, _FRAMES_MAX = 3, 99
 _Angle = Annotated[float, float_field(scale=DEG)]
-_Place = tuple[Number, Number]
+_CellPosition = tuple[Number, Number]
 
 
 def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:
@@ -135,7 +135,11 @@ class Sole:
 
     topic: str
     T_foot_sole: RigidTransform
-    cells: Annotated[Array, ReadAs(tuple[_Place, _Place, _Place, _Place], np.array), Field(alias="cells_m")]
+    cells: Annotated[
+        Array,
+        ReadAs(tuple[_CellPosition, _CellPosition, _CellPosition, _CellPosition], np.array),
+        Field(alias="cells_m"),
+    ]
     heel_x: Annotated[float, float_field(key="heel_x_m")]
     hinge_x: Annotated[float, float_field(key="hinge_x_m")]
     hinge_z: Annotated[float, float_field(0, key="hinge_z_m")]
@@ -144,7 +148,7 @@ class Sole:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leg:
-    """One leg.
+    """Chain of an exoskeleton's leg from the back panel to the foot, with the sensors on it.
 
     Attributes:
         rows: D-H table from the back panel, frame 0, to the foot, the last frame.

@@ -70,7 +70,7 @@ class Priors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class CameraMotion:
     """All unknowns of K images, in the axes of the IMU at the newest image's nominal time.
 
     Attributes:
@@ -99,7 +99,7 @@ class Motion:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Alignment(Motion):
+class Alignment(CameraMotion):
     """The result of an alignment of vision and IMU: motion with its uncertainty.
 
     Attributes:
@@ -175,7 +175,7 @@ def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, prior
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
 
-def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> Motion | None:
+def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: Priors) -> CameraMotion | None:
     """Velocities, gravity of free magnitude and, without measured depths, scale by linear least squares.
 
     After Qin 2018 (16)-(19), per interval of duration dt between images a and b, with every row divided to be in m/s:
@@ -210,7 +210,7 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     if not (scale > 0.0 and abs(size - priors.gravity) < _MAX_GRAVITY_ERROR * priors.gravity):
         return None
     up: Array = np.asarray(-g / size, float)
-    return Motion(
+    return CameraMotion(
         R=structure.R,
         p=structure.p,
         v=x[: 3 * K].reshape(K, 3),
@@ -224,8 +224,8 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     )
 
 
-def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
-    """Gauss-Newton over all unknowns of `Motion`, weighted with the structure, the IMU noise and the priors.
+def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Array, priors: Priors) -> Alignment | None:
+    """Gauss-Newton over all unknowns of `CameraMotion`, weighted with the structure, the IMU noise and the priors.
 
     Minimises Σ rᵀ Σ⁻¹ r of docs/dvio.md (4) plus the structure's information on the cameras and the priors of biases,
     scale, mount and clock. Error vector (n,): 6 of each of K cameras, 3 of each velocity, 2 of the tilt, 6 of the
@@ -285,14 +285,14 @@ def _refine(s: Motion, structure: Structure, z: Preintegration, rates: Array, pr
     return Alignment(**vars(s), covariance=covariance, misfit=cost / (9 * (K - 1) - 3 * K - 2))
 
 
-def _residual_jacobian(s: Motion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
+def _residual_jacobian(s: CameraMotion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
     """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences."""
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
 
 
-def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
+def _residuals(s: CameraMotion, z: Preintegration, rates: Array, gravity: float, x: Array) -> Array:
     """(D, K − 1, 9) IMU residuals, docs/dvio.md (4), of consecutive images a and b, for D error vectors x (D, 1, 34).
 
     The IMU's pose at an image follows from the camera's by the mount (R_c, p_c), the scale and the time offset τ: M =
@@ -325,7 +325,7 @@ def _residuals(s: Motion, z: Preintegration, rates: Array, gravity: float, x: Ar
     return r
 
 
-def _apply_step(s: Motion, e: Array, K: int) -> Motion:
+def _apply_step(s: CameraMotion, e: Array, K: int) -> CameraMotion:
     """Applies an error vector (n,) of `_refine` to the unknowns of K images; rotation errors are on the right."""
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))

@@ -245,7 +245,7 @@ class SlidingWindow:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the newest state is physically possible for a person."""
+        """Whether the newest state is finite, with a speed and biases that a person with a consumer IMU can have."""
         return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
@@ -341,7 +341,7 @@ class SlidingWindow:
         return float(np.median(motion)) if since >= 0 and len(motion) >= _MIN_POINTS else 0.0
 
     def _cull(self) -> int:
-        """Removes outliers; returns the number of remaining observations of the newest frame."""
+        """Removes observations beyond `_CULL_SD` standard deviations; returns how many the newest frame still has."""
         w, factors, work = self.window, self.factors, self._work
         kernel.update_views(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(

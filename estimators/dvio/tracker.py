@@ -122,7 +122,7 @@ def image_velocity(at: Array, inverse_depth: Array, velocity: Array, rate: Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraFrame:
-    """One image of the camera.
+    """An image of the camera with the depth image of the same instant, as the tracker takes them.
 
     Attributes:
         t_ns: Time on the camera's clock.

@@ -325,7 +325,7 @@ class FootToFoot:
 
 
 def _to_block(sample: Imu) -> Block[Imu]:
-    """A block of one sample."""
+    """A block of one IMU sample, as the kernel of the foot's filter takes it."""
     columns = {"angular_rate": sample.angular_rate[None], "specific_force": sample.specific_force[None]}
     return Block(topic=sample.topic, kind=Imu, t_ns=np.array([sample.t_ns]), columns=columns)
 

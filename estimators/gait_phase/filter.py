@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stridetwin.estimators.base import FEET, Declaration, Options, Stream
+from stridetwin.estimators.base import FOOT_NAMES, Declaration, Options, Stream
 from stridetwin.estimators.gait_phase.contact import ContactDetector
 from stridetwin.estimators.gait_phase.estimate import UNKNOWN_PHASE_SD, PhaseEstimate
 from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
@@ -49,8 +49,8 @@ class GaitPhase:
         self, rig: Rig, *, options: Options | None = None, parameters: GaitPhaseParameters | None = None
     ) -> None:
         options = options or Options()
-        if options.foot not in FEET:
-            raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FEET))
+        if options.foot not in FOOT_NAMES:
+            raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FOOT_NAMES))
         imu = rig.imu(_topic(options))
         self._left = tuple(float(v) for v in imu.mount.T_body_sensor[1, :3])  # the foot's y axis in sensor axes
         self._parameters = parameters or GaitPhaseParameters()

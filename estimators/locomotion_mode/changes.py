@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, NextChange
-from stridetwin.estimators.locomotion_mode.foothold import Line
+from stridetwin.estimators.locomotion_mode.foothold import PathAhead
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.rollout import Chain, moments
 from stridetwin.estimators.locomotion_mode.segments import BEHIND_M, PLACE_SD_M, Segment, mode_table, segment_under
@@ -49,7 +49,7 @@ def find_next_change(
     estimate: TerrainEstimate | None,
     ground: Sequence[Segment],
     stance: float,
-    line: Line,
+    line: PathAhead,
     chain: Chain,
     s: Array,
     times: Sequence[tuple[float, float]],
@@ -113,7 +113,7 @@ def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
 
 
 def _sizes(
-    mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: Line, p: Settings
+    mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: PathAhead, p: Settings
 ) -> dict[str, float]:
     """Riser and tread, or slope, with standard deviations, of the ground that begins at a place; only known values.
 

@@ -15,10 +15,16 @@ from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.body import Body
 from stridetwin.estimators.locomotion_mode.changes import find_next_change
 from stridetwin.estimators.locomotion_mode.estimate import MODES, ModeEstimate, StepPrediction
-from stridetwin.estimators.locomotion_mode.foothold import USUAL_HEIGHT_M, Foothold, Line, extrapolate_ground, position
+from stridetwin.estimators.locomotion_mode.foothold import (
+    USUAL_HEIGHT_M,
+    FootholdEstimator,
+    PathAhead,
+    extrapolate_ground,
+    position,
+)
 from stridetwin.estimators.locomotion_mode.parameters import LocomotionModeParameters, Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation, predict_published_steps
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Rhythm, TouchDowns
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, StepRhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import moments
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
@@ -97,7 +103,7 @@ class LocomotionMode:
         self._body = Body(*self._mount_in_frame(T_frame_camera), p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
-        self._rhythm, self._foothold = Rhythm(p), Foothold(p)
+        self._rhythm, self._foothold = StepRhythm(p), FootholdEstimator(p)
         self._stairs: Stairs | None = None
 
     @property
@@ -123,7 +129,7 @@ class LocomotionMode:
                 if is_pose(sample):
                     self._body.set_mount(*self._mount_in_frame(transform(sample)))
             elif self._body.add(sample):
-                self._rhythm = Rhythm(self._settings)
+                self._rhythm = StepRhythm(self._settings)
                 self._foothold.reset()
                 self._walking.clear()
             return None
@@ -183,13 +189,13 @@ class LocomotionMode:
         height = float(self._body.p[2]) - self._ground_height(self._body.p[:2])
         return height if 0.0 < height < _MAX_HEIGHT_M else USUAL_HEIGHT_M
 
-    def _path_ahead(self) -> Line:
+    def _path_ahead(self) -> PathAhead:
         """The straight path in the walking direction, from `BEHIND_M` behind the body."""
         heading = self._body.heading(2.0 * self._rhythm.step_s)
         forward = np.array([math.cos(heading), math.sin(heading)])
-        return Line(self._body.p[:2] - BEHIND_M * forward, forward)
+        return PathAhead(self._body.p[:2] - BEHIND_M * forward, forward)
 
-    def _profile(self, line: Line) -> Profile:
+    def _profile(self, line: PathAhead) -> Profile:
         """Profile of the ground along a path; its s is 0 at the start of the path.
 
         It begins `_BACK_M` before, because of an occluded flight only the beginning is mapped.
@@ -199,7 +205,7 @@ class LocomotionMode:
         changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
         return replace(far, s=far.s - _BACK_M, changes=changes)
 
-    def _ground_along(self, profile: Profile, line: Line) -> list[Segment]:
+    def _ground_along(self, profile: Profile, line: PathAhead) -> list[Segment]:
         """The terrain segments along a path.
 
         Where the map ends before the stance foot's toes, the ground continues as the legs measured it at the last step.

@@ -18,7 +18,7 @@ import numpy as np
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode.habits import Habit, Habits
 from stridetwin.estimators.locomotion_mode.parameters import Settings
-from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, STEP_DRIFT, Landing, StepFilter, usual_steps
+from stridetwin.estimators.locomotion_mode.rhythm import CLIMB, SIDE, STEP_DRIFT, StepFilter, StepLanding, usual_steps
 from stridetwin.estimators.locomotion_mode.rollout import Chain, Likelihoods, mix_chains, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
@@ -172,7 +172,7 @@ def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Seg
     ]
 
 
-class Line(NamedTuple):
+class PathAhead(NamedTuple):
     """The path straight ahead.
 
     Attributes:
@@ -196,11 +196,11 @@ class _Stance:
         density: (HABITS, 2, S), sums to 1.
     """
 
-    line: Line
+    line: PathAhead
     s: Array
     density: Array
 
-    def along(self, line: Line, s: Array) -> Array:
+    def along(self, line: PathAhead, s: Array) -> Array:
         """(HABITS, 2, S) joint density over the cells s (S,) of another line."""
         angle = _angle_between(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
@@ -214,7 +214,7 @@ class _Stance:
         shares = self.density.sum(axis=-1, keepdims=True)
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
-    def _rotate_row(self, row: Array, turn: float, line: Line, s: Array) -> Array:
+    def _rotate_row(self, row: Array, turn: float, line: PathAhead, s: Array) -> Array:
         """(S,) part of the density over the cells of a line that is rotated by an angle, rad, which is large.
 
         A normal density: the lateral uncertainty becomes part of the position along the new line.
@@ -248,7 +248,7 @@ class _LastLanding:
     ramps: StepFilter
 
 
-class Foothold:
+class FootholdEstimator:
     """Estimates the position of the stance foot and the step lengths.
 
     Args:
@@ -290,7 +290,7 @@ class Foothold:
         """Standard deviation of the expected step length on even ground, m."""
         return self._length.sd()
 
-    def stance_density(self, line: Line) -> Array:
+    def stance_density(self, line: PathAhead) -> Array:
         """(HABITS, 2, S) joint density of the stance foot over the cells of a line, see `Habits`."""
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - BEHIND_M) / self._sd_m) ** 2)
@@ -342,8 +342,8 @@ class Foothold:
 
     def land(
         self,
-        landing: Landing,
-        line: Line,
+        landing: StepLanding,
+        line: PathAhead,
         ground: Sequence[Segment],
         height: Array | None,
         body: float,

@@ -105,7 +105,7 @@ class Habits:
         return after
 
     def each(self, joint: Array) -> list[tuple[Array, Habit]]:
-        """(2, S) part of a joint density that belongs to each habit, in order, with the habit."""
+        """Splits a joint density by habit: for each one its part, (2, S), and what the habit does."""
         return [(part, self._mean_habit(joint, [habit])) for habit, part in enumerate(joint)]
 
     def group_by_steps(self, joint: Array, ground: Sequence[Segment]) -> list[tuple[Array, Habit]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from stridetwin.estimators.locomotion_mode.estimate import MODES, StepPrediction
 from stridetwin.estimators.locomotion_mode.parameters import Settings
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, SOON_S, Rhythm
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, SOON_S, StepRhythm
 from stridetwin.estimators.terrain_map import Ramp, Stairs, TerrainMap
 from stridetwin.streams.samples import Array
 
@@ -147,7 +147,7 @@ def mode_between(
 
 def predict_published_steps(
     walking: WalkingInformation,
-    rhythm: Rhythm,
+    rhythm: StepRhythm,
     ground: TerrainMap,
     body: Array,
     step_s: float,

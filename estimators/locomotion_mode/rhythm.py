@@ -158,7 +158,7 @@ _OTHER = {"l": "r", "r": "l", "": ""}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Landing:
+class StepLanding:
     """A touch-down.
 
     Attributes:
@@ -170,7 +170,7 @@ class Landing:
     measurable: bool
 
 
-class Rhythm:
+class StepRhythm:
     """Alternating touch-downs of both feet; a foot without detections is predicted from the other.
 
     Args:
@@ -204,7 +204,7 @@ class Rhythm:
         """Whether the body has passed over the stance foot by now."""
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean()
 
-    def land(self, foot: str, t_ns: int, detected: bool) -> Landing | None:
+    def land(self, foot: str, t_ns: int, detected: bool) -> StepLanding | None:
         """Records a touch-down of `l` or `r`, detected by its insole or inferred.
 
         Returns:
@@ -229,7 +229,7 @@ class Rhythm:
             self._detected_ns = t_ns
         self._inferred = not detected
         self.foot, self.down_ns, self.step = foot, t_ns, self.step + 1 + missed
-        return Landing(feet=(_OTHER[foot], foot) if missed else (foot,), measurable=measurable)
+        return StepLanding(feet=(_OTHER[foot], foot) if missed else (foot,), measurable=measurable)
 
     def next_feet(self) -> tuple[str, ...]:
         """`l` or `r` of each coming step; "" while the next foot is unknown."""

@@ -369,25 +369,24 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.mode.heel_m - start[1:, None]
-    weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:], p) * _probability_beyond(
+    weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:]) * _probability_beyond(
         middle, start[1:], start_sd[1:]
     )
     # ahead: a riser before a step up, a free edge before a step down
     inside = end[:-1, None] - s - p.mode.toe_m
-    weights[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:], p) * _probability_beyond(
+    weights[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:]) * _probability_beyond(
         -middle, -end[:-1], end_sd[:-1]
     )
     return weights
 
 
-def _foothold_weight(inside: Array, sd: Array, fall: Array, p: Settings) -> Array:
+def _foothold_weight(inside: Array, sd: Array, fall: Array) -> Array:
     """(N, S) weights exp(−x²/2σ²) of soles that end so far `inside` (N, S), m, their segments: x is the excess.
 
     Args:
         inside: (N, S) m, negative where the sole extends beyond the segment's end.
         sd: (N,) standard deviation of the end, m.
         fall: (N,) height drop beyond the end, m; < 0 where the ground rises, which allows no overhang.
-        p: Not used.
     """
     spread = np.where(fall < 0.0, CLEARANCE_SD_M, np.where(fall > 0.0, _OVERHANG_SD_M, _ACROSS_SD_M))
     allowed = np.where(fall > 0.0, _OVERHANG_M, 0.0)

@@ -73,6 +73,7 @@ class Riser:
 
     @cached_property
     def _extent(self) -> tuple[float, float, float]:
+        """Middle (x, y) of the edge and its length, m."""
         return _extent(self.points, self.down)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.estimators.base import FEET
+from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.outputs.gait_phase.scores import (
     RAMP,
     SCORES,
@@ -30,7 +30,7 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     """The true and the estimated phase of one leg, and the parts of the walk whose strides count."""
     t_s = series.t_ns * 1e-9
     plot = Plot(
-        title=f"Gait phase, {FEET[series.foot]} leg",
+        title=f"Gait phase, {FOOT_NAMES[series.foot]} leg",
         x=data_range(t_s, margin=0.01),
         y=(-2.0, 102.0),
         x_label="time, s",
@@ -66,7 +66,7 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
         curves.setdefault(stride.terrain, []).append(100.0 * np.column_stack([cycle, errors]))
     all_errors = [curve[:, 1] for of_terrain in curves.values() for curve in of_terrain]
     plot = Plot(
-        title=f"Error over the cycle, {FEET[series.foot]} leg",
+        title=f"Error over the cycle, {FOOT_NAMES[series.foot]} leg",
         x=(0.0, 100.0),
         x_label="true phase, %",
         y=data_range(*all_errors, include=(-5.0, 5.0)),

@@ -20,6 +20,7 @@ def phase_rows(series: PhaseSeries) -> list[list[str]]:
 
 
 def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:
+    """Cells of a row of the table, in the order of `COLUMNS`."""
     return [f"{t_ns * 1e-9:.4f}", f"{phase:.4f}", f"{phase_sd:.4f}", f"{rate:.4f}", str(int(walking)), str(int(swing))]
 
 

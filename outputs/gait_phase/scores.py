@@ -255,4 +255,5 @@ def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]
 
 
 def _rms_pct(errors: Array) -> float:
+    """Root mean square of errors (N,) of the phase, in % of a cycle."""
     return 100.0 * math.sqrt(float(np.mean(np.square(errors))))

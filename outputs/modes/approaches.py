@@ -56,7 +56,7 @@ def score_approaches(
         at = int(np.searchsorted(t_ns, scored_ns, side="right")) - 1
         if math.isfinite(scored_ns):
             score = _score_change(change, estimates[at], alignment, layout) if at >= 0 else None
-            scored.append(score or ScoredChange(mode=change.mode, found=False))
+            scored.append(score or ScoredChange(mode=change.mode, is_detected=False))
     return scored
 
 
@@ -70,15 +70,15 @@ def _score_change(
     """
     predicted = estimate.change
     if predicted is None or predicted.mode != change.mode:
-        return ScoredChange(mode=change.mode, found=False)
+        return ScoredChange(mode=change.mode, is_detected=False)
     heading = float(layout.way.heading(change.s))
     offset = alignment.point(estimate.t_ns, predicted.p_in_world) - layout.way.point(change.s)
     offset_m = float(offset @ [math.cos(heading), math.sin(heading)])
     if abs(offset_m) > _MATCH_M:
-        return ScoredChange(mode=change.mode, found=False)
+        return ScoredChange(mode=change.mode, is_detected=False)
     return ScoredChange(
         mode=change.mode,
-        found=True,
+        is_detected=True,
         distance_m=offset_m,
         distance_sd_m=predicted.distance_sd,
         riser_m=predicted.riser - change.riser if change.riser else math.nan,

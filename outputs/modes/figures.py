@@ -203,6 +203,7 @@ def mode_section(estimates: list[ModeEstimate], modes: ModeScores, walk: Aligned
 
 
 def _score_table(scores: Scores) -> str:
+    """A table of the scores of a walk, with the accuracy that Zhao 2023 reports beside ours."""
     paper = read_reference("zhao2023")["generality"]["accuracy_pct"]
     published = {"accuracy_pct": f"{paper['mean']:.2f} ± {paper['sd']:.2f}"}
     rows = [

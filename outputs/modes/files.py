@@ -131,6 +131,7 @@ def mode_cells(row: PredictedStep) -> list[str]:
 
 
 def _cell(value: float, digits: int) -> str:
+    """A number as text with fixed decimals; "" if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 

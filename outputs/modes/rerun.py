@@ -32,6 +32,7 @@ def log_modes(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Alig
 
 
 def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> None:
+    """Logs the outlines of the true footprints, each from its touch-down on."""
     outlines = [
         _close_outline(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints
     ]

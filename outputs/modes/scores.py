@@ -72,8 +72,13 @@ SCORES = (
     Score(name="lead_p5_s", scale=LEAD, heading="lead 5 % s", label="the same, 5th percentile", unit="s"),
     Score(name="transition_lead_median_s", scale=LEAD),
     *(
-        Score(name=f"lead_to_{name}_median_s", scale=LEAD, unit="s", label=f"Lead time of changes to {words}, median")
-        for name, words in _CHANGES.values()
+        Score(
+            name=f"lead_to_{name}_median_s",
+            scale=LEAD,
+            unit="s",
+            label=f"Lead time of changes to {change_text}, median",
+        )
+        for name, change_text in _CHANGES.values()
     ),
     Score(name="footprint_forward_rmse_m", label="Footprint one step ahead, forward, RMS error", unit="m", digits=3),
     Score(name="footprint_left_rmse_m", label="the same, sideways", unit="m", digits=3),
@@ -339,7 +344,7 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
     """Figures of the predicted terrain changes, see `mode_figures`."""
     kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
     median = {
-        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.found], 50)
+        kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.is_detected], 50)
         for kind, modes in kinds.items()
     }
     sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
@@ -347,8 +352,8 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
     begins = [a for a in approaches if a.mode != "LG"]
     return {
         "changes": len(approaches),
-        "changes_found_pct": _percent(a.found for a in approaches),
-        "begins_found_pct": _percent(a.found for a in begins),
+        "changes_found_pct": _percent(a.is_detected for a in approaches),
+        "begins_found_pct": _percent(a.is_detected for a in begins),
         "distance_median_mm": median,
         "riser_rmse_mm": rms(observed["riser_m"], 1e3),
         "tread_rmse_mm": rms(observed["tread_m"], 1e3),
@@ -430,6 +435,7 @@ def _percent(values: Iterable[bool]) -> float | None:
 
 
 def _quantile(values: Sequence[float], percent: float) -> float | None:
+    """Percentile of the values, linear between neighbours; None without any."""
     return float(np.percentile(values, percent)) if len(values) else None
 
 

@@ -8,7 +8,7 @@ from itertools import cycle
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.estimators.base import FEET, PathEstimate
+from stridetwin.estimators.base import FOOT_NAMES, PathEstimate
 from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.scores import CHI2_3_95
 from stridetwin.outputs.route_figures import draw_profile, draw_slabs, outline
@@ -22,12 +22,12 @@ _OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of
 
 def part_of(estimate: PathEstimate) -> str:
     """The body of a path: the foot `l` or `r`, or the `camera`."""
-    return next((foot for foot in FEET if estimate.frame.startswith(f"foot_{foot}/")), "camera")
+    return next((foot for foot in FOOT_NAMES if estimate.frame.startswith(f"foot_{foot}/")), "camera")
 
 
 def label_of(estimate: PathEstimate) -> str:
     """The label of an estimate in a figure: `left`, `left, feet together`, or `camera`."""
-    part_name = FEET.get(part_of(estimate), "camera")
+    part_name = FOOT_NAMES.get(part_of(estimate), "camera")
     label = estimate.name if estimate.label is None else estimate.label
     return f"{part_name}, {label}" if label else part_name
 
@@ -95,8 +95,9 @@ def error_over_time(results: Sequence[Result]) -> Markup:
 
 
 def _part_name(results: Sequence[Result]) -> str:
+    """Name of the part of the body that paths are of, such as `left foot`, for titles."""
     part = part_of(results[0].estimate)
-    return f"{FEET[part]} foot" if part in FEET else "camera"
+    return f"{FOOT_NAMES[part]} foot" if part in FOOT_NAMES else "camera"
 
 
 def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -> None:

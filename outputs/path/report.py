@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import FEET, PATH
+from stridetwin.estimators.base import FOOT_NAMES, PATH
 from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.figures import by_part, error_over_time, label_of, part_of, plan_view, side_view
 from stridetwin.outputs.path.scores import SCORES
@@ -42,7 +42,7 @@ _PUBLISHED_WALKS = (
 
 def describe_distance(results: Sequence[Result]) -> str:
     """Text with the longest path of a foot, else of the camera."""
-    on_feet = [r for r in results if part_of(r.estimate) in FEET]
+    on_feet = [r for r in results if part_of(r.estimate) in FOOT_NAMES]
     carrier = "a foot" if on_feet else "the camera"
     return f"{max(r.scores['distance_m'] for r in on_feet or results):.1f} m travelled by {carrier}"
 

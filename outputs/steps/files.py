@@ -41,7 +41,7 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
 
 
 class LiveSteps(LiveTable):
-    """One row per estimate in `live`, and a table with the last estimate of each step."""
+    """Formats step estimates in `live`: a row for each, and in the end a table of the last estimate of each step."""
 
     def add(self, estimate: Any) -> str | None:
         """The row of an estimate as text; None for step 0, at which the person stands."""

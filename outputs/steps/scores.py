@@ -163,6 +163,7 @@ def _score_step(print_: Footprint, before: Footprint, estimate: StepEstimate | N
 
 
 def _finite_or_none(sd: float) -> float | None:
+    """The number, or None if it is not finite."""
     return float(sd) if math.isfinite(sd) else None
 
 

@@ -37,7 +37,7 @@ class ScoredChange:
 
     Attributes:
         mode: True mode of the steps beyond it.
-        found: Whether it was detected.
+        is_detected: Whether it was detected.
         distance_m: Error of the position along the route.
         riser_m: Error of the height of the risers.
         tread_m: Error of the depth of the treads.
@@ -45,7 +45,7 @@ class ScoredChange:
     """
 
     mode: str
-    found: bool
+    is_detected: bool
     distance_m: float = math.nan
     distance_sd_m: float = math.nan
     riser_m: float = math.nan

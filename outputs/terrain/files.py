@@ -100,6 +100,7 @@ def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
 
 
 def _terrain_name(terrain: Terrain | None) -> str:
+    """Name of a kind of terrain in files, such as `stairs`; `none` without a terrain."""
     return "none" if terrain is None else type(terrain).__name__.lower()
 
 
@@ -150,10 +151,12 @@ def _terrain(terrain: Terrain) -> dict[str, Any]:
 
 
 def _finite_or_none(value: float) -> float | None:
+    """The number, or None, which JSON can hold, if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 def _to_list(values: Any) -> list[float | None]:
+    """Numbers as a list for JSON, with None in place of those that are not finite."""
     return [_finite_or_none(v) for v in values]
 
 

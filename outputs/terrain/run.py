@@ -83,7 +83,7 @@ class _MapSampler:
         self._snapshots: list[Snapshot] = []
 
     def sample(self, t_ns: int) -> None:
-        """Samples the map if the depth image of `t_ns` has changed it."""
+        """Compares the map with the truth, if the depth image of `t_ns` has just changed it and the pose is known."""
         estimate, place_m = self._map.estimate, self._walk.place_at(t_ns)
         if estimate is None or estimate.t_ns != t_ns or place_m is None:
             return
@@ -96,7 +96,7 @@ class _MapSampler:
         self._snapshots.append(take_snapshot(grid, estimate, alignment, heading))
 
     def result(self) -> SampledMap:
-        """All samples so far."""
+        """Everything that has been sampled so far."""
         return SampledMap(
             walk=self._walk, scores=self._scorer.scores(), route=self._route.result(), snapshots=self._snapshots
         )

@@ -183,7 +183,7 @@ class MapScorer:
                 self._pending.remove((change, at_ns))
                 late = t_ns >= at_ns + _LATE_NS  # no image at that time: the change counts as not found
                 self._changes.append(
-                    ScoredChange(mode=change.mode, found=False)
+                    ScoredChange(mode=change.mode, is_detected=False)
                     if late
                     else _score_change(change, mapper, place_m, alignment, self._layout)
                 )
@@ -226,7 +226,7 @@ def map_figures(scores: MapScores) -> Scores:
         "edge_rmse_mm": 1e3 * _rms(true),
         "edge_mean_mm": 1e3 * float(true.mean()) if len(true) else math.nan,
         "edge_false_pct": 100.0 * (1.0 - len(true) / len(scores.edge_errors)) if len(scores.edge_errors) else math.nan,
-        "found_pct": 100.0 * float(np.mean([c.found for c in changes])) if changes else math.nan,
+        "found_pct": 100.0 * float(np.mean([c.is_detected for c in changes])) if changes else math.nan,
         "begin_rmse_mm": 1e3 * _rms([c.distance_m for c in changes]),
         "riser_rmse_mm": 1e3 * _rms([c.riser_m for c in changes]),
         "tread_rmse_mm": 1e3 * _rms([c.tread_m for c in changes]),
@@ -267,16 +267,20 @@ def _score_change(
     forward = np.array([math.cos(heading), math.sin(heading)])
     place = alignment.to_estimated(layout.way.point(change.s))
     if estimate is None:
-        return ScoredChange(mode=change.mode, found=False)
+        return ScoredChange(mode=change.mode, is_detected=False)
     if change.slope:
         near = [c for c in _profile_ahead(mapper, place_m, alignment, layout).changes if c.kind == "slope_break"]
         edge = min((place_m + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
         if at is None or at[0].slope < math.radians(5):
-            return ScoredChange(mode=change.mode, found=False, distance_m=edge)
+            return ScoredChange(mode=change.mode, is_detected=False, distance_m=edge)
         slope = math.atan(float(at[0].gradient @ forward))
         return ScoredChange(
-            mode=change.mode, found=True, distance_m=edge, slope_rad=slope - change.slope, slope_sd_rad=at[0].slope_sd
+            mode=change.mode,
+            is_detected=True,
+            distance_m=edge,
+            slope_rad=slope - change.slope,
+            slope_sd_rad=at[0].slope_sd,
         )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
         sign = math.copysign(1.0, change.riser)
@@ -287,14 +291,14 @@ def _score_change(
         if abs(first) < _MATCH_M and flight.steps >= 2:
             return ScoredChange(
                 mode=change.mode,
-                found=True,
+                is_detected=True,
                 distance_m=float(first),
                 riser_m=flight.riser - abs(change.riser),
                 tread_m=flight.tread - change.tread,
                 riser_sd_m=math.sqrt(flight.covariance[0, 0]),
                 tread_sd_m=math.sqrt(flight.covariance[1, 1]),
             )
-    return ScoredChange(mode=change.mode, found=False)
+    return ScoredChange(mode=change.mode, is_detected=False)
 
 
 def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:

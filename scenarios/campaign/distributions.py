@@ -134,6 +134,7 @@ class Normal(Distribution):
 
     @model_validator(mode="after")
     def _check(self) -> Normal:
+        """Refuses a standard deviation of 0 or less, and limits that hardly any number lies between."""
         (mean, sd), (low, high) = self.normal, self.within
         if sd <= 0:
             raise field_error([mean, sd], "mean and standard deviation, above 0", "normal")
@@ -193,6 +194,7 @@ class Choice(Distribution):
 
     @model_validator(mode="after")
     def _check(self) -> Choice:
+        """Refuses weights that are more or fewer than the values."""
         if self.weights is not None and len(self.weights) != len(self.choice):
             raise field_error(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
         return self
@@ -203,6 +205,7 @@ class Choice(Distribution):
 
     @property
     def _weights(self) -> tuple[float, ...]:
+        """The weight of each value; without weights all are equal."""
         return self.weights or (1.0,) * len(self.choice)
 
     @property
@@ -223,6 +226,7 @@ def _round_and_clamp(value: float, bounds: tuple[float, float]) -> float:
 
 
 def _span_text(ends: tuple[float, float]) -> str:
+    """A range as text."""
     return f"{ends[0]:g} to {ends[1]:g}"
 
 
@@ -262,6 +266,7 @@ _VALUE = f"{TAG}value"
 
 
 def _tag(node: Any) -> str | None:
+    """Which kind of distribution a value in a file is, by its key; None for an unknown one."""
     if not isinstance(node, dict):
         return _VALUE
     return next((TAG + key for key in node if key in _KINDS), None)

@@ -94,9 +94,11 @@ def _expand_short_form(node: Any, *, of_group: bool) -> Any:
 
 
 def _text(keys: tuple[str | int, ...]) -> str:
+    """A path of keys and indices as text, such as `terrain[0].ramp`."""
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).removeprefix(".") or "the scenario"
 
 
 def _short(node: Any) -> str:
+    """A value as text for a message, cut off where it is long."""
     text = repr(node)
     return text if len(text) < 60 else f"{text[:56]} ..."

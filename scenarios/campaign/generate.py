@@ -238,6 +238,7 @@ def _differences(request: Mapping[str, Any], previous: Mapping[str, Any]) -> str
 
 
 def _text(value: Any) -> str:
+    """A setting as text for a message."""
     if isinstance(value, (list, tuple)):
         return ", ".join(value) or "none"
     return "as in the scenario" if value is None else str(value)

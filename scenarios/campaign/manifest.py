@@ -172,6 +172,7 @@ def card_text(manifest: Mapping[str, Any]) -> str:
 
 
 def _file_lines(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Yields the lines of the card's table of files."""
     yield "| | |\n|---|---|"
     for name, what in _FILES.items():
         if name != "files/" or manifest["files"]:
@@ -203,6 +204,7 @@ def _value_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, An
 
 
 def _row(name: str, text: str, values: Sequence[Any]) -> str:
+    """A row of the card's table of varying values: name, distribution, and the values of the walks."""
     return f"| {_cell(name)} | {_cell(text)} | {len(values) or ''} | {_cell(_distribution_text(values))} |"
 
 
@@ -218,6 +220,7 @@ def _distribution_text(values: Sequence[Any]) -> str:
 
 
 def _histogram(values: Sequence[float], low: float, high: float) -> str:
+    """A histogram of values between two limits as a word of bars; "" if the limits are equal."""
     if low == high:
         return ""
     counts = Counter(min(int((v - low) / (high - low) * _BINS), _BINS - 1) for v in values)
@@ -257,6 +260,7 @@ def _reject_lines(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]
 
 
 def _cells(counts: Iterable[int]) -> str:
+    """Counts as cells of a Markdown table."""
     return " | ".join(str(count) for count in counts)
 
 

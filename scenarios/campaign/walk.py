@@ -163,6 +163,7 @@ def _person_and_terrain(config: TwinConfig) -> Row:
 
 
 def _short_digest(text: str) -> str:
+    """Eight hexadecimal digits of the digest of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 

@@ -40,7 +40,7 @@ class Plan:
     feet: PlannedFeet
 
     def feet_at(self, i: int) -> PlannedFeet:
-        """Plan of the feet in row i."""
+        """The planned motion of both feet in row i, at time i times `CONTROL_S`."""
         return PlannedFeet(*(values[i] for values in self.feet))
 
 

@@ -78,7 +78,7 @@ Memory = dict[Any, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Arrival:
+class SampleInTransit:
     """A sample or block on its way to the recorder.
 
     Attributes:
@@ -96,12 +96,12 @@ class Arrival:
         """Topic of the item."""
         return self.item.topic
 
-    def with_values(self, **values: Any) -> Arrival:
+    def with_values(self, **values: Any) -> SampleInTransit:
         """Copy of this arrival whose sample has other values in the named fields."""
         return replace(self, item=replace(self.item, **values))
 
 
-def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
+def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[SampleInTransit]:
     """Items as they arrive at the recorder, with faults applied in the given order.
 
     Args:
@@ -119,9 +119,9 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
         for memory in truth_readers.get(item.topic, ()):
             memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
         if item.topic not in lines:
-            yield Arrival(item=item)
+            yield SampleInTransit(item=item)
             continue
-        stream: Iterable[Arrival] = _split_block(item)
+        stream: Iterable[SampleInTransit] = _split_block(item)
         for fault, topic_events, memory in lines[item.topic]:
             stream = fault.process(stream, topic_events, memory)
         yield from _merge_samples(stream)
@@ -132,19 +132,21 @@ def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault,
         yield from _merge_samples(stream)
 
 
-def _process_last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+def _process_last(
+    stream: Iterable[SampleInTransit], fault: Fault, events: EventsOfTopic, memory: Memory
+) -> Iterator[SampleInTransit]:
     """Arrivals after a fault for the last chunk of a stream, and those that it still held back."""
     yield from fault.process(stream, events, memory)
     yield from fault.flush(memory)
 
 
-def _split_block(item: Block[Any] | Sample) -> Iterator[Arrival]:
+def _split_block(item: Block[Any] | Sample) -> Iterator[SampleInTransit]:
     """Each sample of a block, or a single sample, as an arrival at its own stamp."""
     for sample in item if isinstance(item, Block) else (item,):
-        yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
+        yield SampleInTransit(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
 
 
-def _merge_samples(stream: Iterable[Arrival]) -> Iterator[Arrival]:
+def _merge_samples(stream: Iterable[SampleInTransit]) -> Iterator[SampleInTransit]:
     """Arrivals of one topic merged to one block, with an arrival time for each sample; images stay single."""
     arrivals = list(stream)
     if arrivals and isinstance(arrivals[0].item, IMAGES):
@@ -154,7 +156,7 @@ def _merge_samples(stream: Iterable[Arrival]) -> Iterator[Arrival]:
         from stridetwin.streams.recording.ros_samples import block_of
 
         block = block_of([a.item for a in arrivals if isinstance(a.item, Sample)])
-        yield Arrival(item=block, log_ns=np.array([a.log_ns for a in arrivals], np.int64))
+        yield SampleInTransit(item=block, log_ns=np.array([a.log_ns for a in arrivals], np.int64))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +198,9 @@ class Fault:
         """
         return ""
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals after this fault, for one chunk of one topic's stream.
 
         Args:
@@ -208,11 +212,11 @@ class Fault:
             event = active_event(events, arrival)
             yield from (arrival,) if event is None else self.corrupt(arrival, event)
 
-    def flush(self, memory: Memory) -> Iterable[Arrival]:
+    def flush(self, memory: Memory) -> Iterable[SampleInTransit]:
         """Arrivals that the fault still holds back when the stream has ended."""
         return ()
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """Arrivals in place of one arrival during an event: none, one or several."""
         return (arrival,)
 
@@ -232,7 +236,7 @@ class TimedFault(Fault):
     rate_per_min: Annotated[float | None, float_field(0.001, 600)] = None
 
 
-def active_event(events: EventsOfTopic, arrival: Arrival) -> Event | None:
+def active_event(events: EventsOfTopic, arrival: SampleInTransit) -> Event | None:
     """The event that is active at the measurement time of a sample."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
@@ -396,7 +400,7 @@ class FaultPlan:
             rig = replace(rig, **sensors)
         return cls(rig=rig, planned=planned)
 
-    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Arrival]:
+    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[SampleInTransit]:
         """Items as they arrive at the recorder, given those that the sensors sent, in chunks by time."""
         return arrivals(items, self.planned)
 

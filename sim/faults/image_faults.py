@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.faults.faults import IMAGES, Arrival, Event, EventsOfTopic, Memory, TimedFault, active_event
+from stridetwin.sim.faults.faults import IMAGES, Event, EventsOfTopic, Memory, SampleInTransit, TimedFault, active_event
 from stridetwin.streams.fields import float_field, int_field
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image, Odometry
@@ -35,7 +35,9 @@ class _ImageFault(TimedFault):
     sample_types = IMAGES
     common_to = "housing"
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals with degraded images during events.
 
         Images that share one read-only array, as empty views do, share one degraded array as well.
@@ -107,7 +109,7 @@ class LensDirt(_ImageFault):
         return corrupted
 
 
-def image_field(arrival: Arrival) -> tuple[str, NDArray]:
+def image_field(arrival: SampleInTransit) -> tuple[str, NDArray]:
     """Name and value of the field of a camera's sample that holds the image: `pixels` or `depth`.
 
     Raises:
@@ -209,7 +211,7 @@ class DepthNoise(TimedFault):
     noise_per_m: Annotated[float, float_field(0, 0.2)] = 0.01
     noise_correlation_px: Annotated[float, float_field(1, 32)] = 4.0
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image with added noise; pixels without depth stay without."""
         depth = image_field(arrival)[1]
         height, width = depth.shape
@@ -233,7 +235,7 @@ class HighView(TimedFault):
     share: Annotated[float, float_field(0.01, 1)] = 0.2
     range_m: Annotated[float, float_field(0.1, 50)] = 4.5
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image without its lower rows."""
         depth = image_field(arrival)[1].copy()
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
@@ -257,7 +259,7 @@ class PasserBy(TimedFault):
     distance_m: Annotated[float, float_field(0.3, 20)] = 1.2
     motion_hz: Annotated[float, float_field(0.01, 5)] = 0.15
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The image with the person in it."""
         name, image = image_field(arrival)
         height, width, *channels = image.shape
@@ -304,7 +306,9 @@ class MirrorFloor(TimedFault):
         """The true path of the camera's IMU."""
         return f"/truth{_camera(event).imu_topic}/odometry"
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals with mirrored floors during events; images without a true pose pass unchanged."""
         for arrival in stream:
             event, truth = active_event(events, arrival), memory.get("truth")

@@ -15,12 +15,12 @@ from pydantic import Field
 
 from stridetwin.sim.faults.faults import (
     NUMBERS,
-    Arrival,
     Calibration,
     Event,
     EventsOfTopic,
     Fault,
     Memory,
+    SampleInTransit,
     SensorStream,
     TimedFault,
     active_event,
@@ -49,7 +49,7 @@ class Dropout(TimedFault):
     common_to = "housing"
     share: Annotated[float, float_field(0.001, 1)] = 1.0
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The arrival, or nothing if it is lost."""
         is_lost = self.share == 1.0 or event.rng(arrival.taken_ns).random() < self.share
         return () if is_lost else (arrival,)
@@ -63,7 +63,7 @@ class Exchange(Fault):
         """Whether the stream belongs to a side."""
         return stream.kind in self.sample_types and _opposite_topic(stream.topic) != stream.topic
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample under the other topic."""
         return (arrival.with_values(topic=_opposite_topic(arrival.topic)),)
 
@@ -77,7 +77,9 @@ def _opposite_topic(topic: str) -> str:
 class Freeze(TimedFault):
     """Repeats the last value before the event, with new stamps."""
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals whose values stop changing during events, with their own stamps.
 
         A stream that begins during an event repeats its first value.
@@ -94,7 +96,7 @@ class Freeze(TimedFault):
 class Repeat(TimedFault):
     """Each sample twice, with the same stamp."""
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample, twice."""
         return arrival, arrival
 
@@ -105,7 +107,7 @@ class Nan(TimedFault):
 
     sample_types = NUMBERS
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with NaN for every value."""
         values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
         return (arrival.with_values(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
@@ -121,7 +123,9 @@ class Late(TimedFault):
 
     delay_s: Annotated[float, float_field(0.001, 60)] = 0.25
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals that are delayed during events: their stamps do not change, and they never overtake each other."""
         for arrival in stream:
             late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)
@@ -133,7 +137,9 @@ class Late(TimedFault):
 class OutOfOrder(TimedFault):
     """Samples that arrive out of order: of every two, the later arrives first."""
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals of which, during events, the second of every two overtakes the first; both then arrive together."""
         for arrival in stream:
             overtaken = memory.pop("held", None)
@@ -145,7 +151,7 @@ class OutOfOrder(TimedFault):
             else:
                 yield arrival
 
-    def flush(self, memory: Memory) -> Iterable[Arrival]:
+    def flush(self, memory: Memory) -> Iterable[SampleInTransit]:
         """A held-back arrival that nothing overtook before the end."""
         return tuple(memory.values())
 
@@ -160,7 +166,7 @@ class ClockJump(TimedFault):
 
     jump_s: Annotated[float, float_field(-3600, 3600)]
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with an offset in its stamp."""
         return (arrival.with_values(t_ns=arrival.item.t_ns + round(self.jump_s * 1e9)),)
 
@@ -184,7 +190,7 @@ class Saturation(TimedFault):
         """Whether the full scale of the part is known."""
         return stream.kind in self.sample_types and bool(full_scales(stream.part))
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with clipped values."""
         scales = full_scales(event.part)
         levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
@@ -219,7 +225,7 @@ class Offset(TimedFault):
         )
         return stream.kind in self.sample_types and not any(wrong_offsets)
 
-    def corrupt(self, arrival: Arrival, event: Event) -> Iterable[Arrival]:
+    def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with the offset."""
         item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
         if isinstance(item, Insole):
@@ -263,7 +269,9 @@ class DeadCell(TimedFault):
     cell: Annotated[str, enum_field((*CELLS, "all"))] = "heel"
     stuck: Annotated[bool, bool_field()] = False
 
-    def process(self, stream: Iterable[Arrival], events: EventsOfTopic, memory: Memory) -> Iterator[Arrival]:
+    def process(
+        self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
+    ) -> Iterator[SampleInTransit]:
         """Arrivals in which, during events, the cell reads 0 or its value at the start of the event."""
         cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:

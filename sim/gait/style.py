@@ -95,7 +95,7 @@ def leg_length(size: Wearer) -> float:
 
 
 def pace(speed_mps: float, size: Wearer) -> float:
-    """Dimensionless speed, the root of the Froude number."""
+    """Dimensionless speed of a walker, v / √(g l) with the leg length l: the root of the Froude number."""
     return float(speed_mps / np.sqrt(NOMINAL_GRAVITY_MPS2 * leg_length(size)))
 
 

@@ -30,7 +30,7 @@ class Figure:
         high: Largest one.
         scale: From the file's unit to SI.
         ideal: What an ideal twin of the part has instead, in SI; None: what the part itself has.
-        words: The valid words, where the value is one.
+        choices: The valid words, where the value is one.
         count: Number of values where it is a list; 0 for one.
     """
 
@@ -39,14 +39,14 @@ class Figure:
     high: float = math.inf
     scale: float = 1.0
     ideal: Any = None
-    words: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()
     count: int = 0
 
     @property
     def type(self) -> Any:
         """Type of the value in the file: bare, or `{value: ..., source: ...}`."""
-        if self.words:
-            bare: Any = Annotated[str, enum_field(self.words)]
+        if self.choices:
+            bare: Any = Annotated[str, enum_field(self.choices)]
         else:
             bare = Annotated[float, float_field(self.low, self.high, scale=self.scale)]
             if self.count:
@@ -108,7 +108,7 @@ def word(key: str, *words: str, ideal: str | None = None) -> Any:
         words: The valid words.
         ideal: Word of an ideal part; None: the part's own.
     """
-    return _field(Figure(key=key, words=words, ideal=ideal), words[0])
+    return _field(Figure(key=key, choices=words, ideal=ideal), words[0])
 
 
 def _field(entry: Figure, default: Any) -> Any:

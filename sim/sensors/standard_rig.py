@@ -119,7 +119,7 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
 
 def _own_exo(config: TwinConfig) -> OwnExo | None:
     """The custom exoskeleton of the wearer; None without one."""
-    return config.exo.own if config.exo is not None else None
+    return config.exo.user_exo if config.exo is not None else None
 
 
 def _group_config(config: TwinConfig, group: str) -> SensorConfig:

@@ -80,8 +80,8 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     """
     spec.compiler.degree = False  # as in the leaf files
     size = fit_wearer(person, exo is not None)
-    if exo is not None and exo.own is not None:
-        size = replace(size, exo=exo.own)
+    if exo is not None and exo.user_exo is not None:
+        size = replace(size, exo=exo.user_exo)
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
     trunk_scale = body.trunk_m / 0.826

@@ -215,10 +215,10 @@ def modules(exo: Exo) -> dict[str, Module]:
     Raises:
         ConfigError: Unknown mode, joints that the mode does not power, or assistance of hips that have no modules.
     """
-    if exo.own is not None:
-        if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(exo.own.modules):
-            raise ConfigError("exo", "drive", exo.drive, f"idle, or motors.hip_l and .hip_r in {exo.own.rig}")
-        return dict(exo.own.modules)
+    if exo.user_exo is not None:
+        if exo.drive == "assist" and not {"hip_l", "hip_r"} <= set(exo.user_exo.modules):
+            raise ConfigError("exo", "drive", exo.drive, f"idle, or motors.hip_l and .hip_r in {exo.user_exo.rig}")
+        return dict(exo.user_exo.modules)
     if exo.mode not in _CHOICES:
         raise ConfigError("exo", "mode", exo.mode, ", ".join(map(str, _CHOICES)))
     choices = _CHOICES[exo.mode]

@@ -365,7 +365,7 @@ def _block(kind: str, material: str, width: float, height: float, at: _Frame) ->
 
 
 def _long_table(at: _Frame) -> Iterator[Landmark]:
-    """A board on two sides."""
+    """Yields the parts of a long table: its board, and the two boards that carry it."""
     below, side = at.z + _TABLE_HEIGHT_M - _BOARD_M, _TABLE_WIDTH_M / 2 - 0.1
     yield at.box("wood", LENGTHS_M["table"], _TABLE_WIDTH_M, below, below + _BOARD_M)
     for left in (-side, side):

@@ -143,7 +143,17 @@ class Solid:
     def box(
         cls, *, x: float, y: float, length: float, width: float, bottom: float, top: float, yaw: float = 0.0
     ) -> Self:
-        """A solid with a level top at height `top`."""
+        """A box with a level top.
+
+        Args:
+            x: Centre in the world, m.
+            y: Centre in the world, m.
+            length: Along its own x axis, m.
+            width: Along its own y axis, m.
+            bottom: Height of its underside, m.
+            top: Height of its top, m.
+            yaw: Rotation about the vertical, rad.
+        """
         return cls(x=x, y=y, length=length, width=width, bottom=bottom, start=top, end=top, yaw=yaw)
 
 

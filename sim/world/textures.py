@@ -46,7 +46,7 @@ def brick(rng: np.random.Generator) -> Pixels:
 
 
 def stone(rng: np.random.Generator) -> Pixels:
-    """Grey granite blocks of 0.4 m by 0.2 m for side faces."""
+    """Draws grey granite blocks of 0.4 m by 0.2 m, for the side faces of terrain."""
     block_x, block_y, joint = _slabs(columns=5, rows=10, shift=0.5, joint_m=0.010)
     tone = 0.47 + 0.05 * rng.standard_normal((10, 5))[block_y, block_x] + 0.05 * _noise(rng, 0.9)
     tone += _pebbles(rng, count=7000, radius=(1.0, 3.0), contrast=0.15)
@@ -54,18 +54,18 @@ def stone(rng: np.random.Generator) -> Pixels:
 
 
 def grass(rng: np.random.Generator) -> Pixels:
-    """Lawn."""
+    """Draws a lawn."""
     return _paint(0.40 + 0.05 * _noise(rng, 1.0) + 0.05 * _noise(rng, 0.3), (0.80, 1.06, 0.50))
 
 
 def leaves(rng: np.random.Generator) -> Pixels:
-    """Trimmed hedge."""
+    """Draws the leaves of a trimmed hedge."""
     tone = 0.30 + 0.04 * _noise(rng, 1.0) + _pebbles(rng, count=16000, radius=(2.0, 7.0), contrast=0.16)
     return _paint(tone, (0.66, 1.06, 0.46))
 
 
 def plaster(rng: np.random.Generator) -> Pixels:
-    """Warm white wall with scattered marks."""
+    """Draws a warm white wall with scattered marks."""
     tone = 0.78 + 0.025 * _noise(rng, 1.3) + _pebbles(rng, count=2500, radius=(1.5, 5.0), contrast=0.13)
     return _paint(tone, (1.0, 0.96, 0.88))
 

@@ -23,14 +23,18 @@ CAMERAS = {"camera-rgb": "/head/color", "camera-slam-left": "/head/slam_left", "
 
 
 def read_aria_vrs(path: Path, notes: Notes) -> Source:
-    """The IMUs and cameras of Aria glasses.
+    """Reads the IMUs and cameras of Aria glasses, without their calibrations.
 
     Args:
-        path: The file.
+        path: The `.vrs` file.
         notes: Collects what is assumed.
 
+    Returns:
+        Streams under the topics of `IMUS` and `CAMERAS`, stamped by the device's clock; other streams are listed as
+        unread. The rig is empty, so that poses and lenses must be given with `--rig`.
+
     Raises:
-        StrideTwinError: The package is not installed, or cannot read the file.
+        StrideTwinError: The package `projectaria_tools` is not installed, or cannot read the file.
     """
     with explain_import_error(f"{path}: recordings of Aria glasses need their own reader", EXTRA):
         from projectaria_tools.core import data_provider
@@ -57,6 +61,7 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
 
 
 def _read_imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
+    """Reads all samples of an IMU stream: rates in rad/s, specific forces in m/s², both in the sensor's frame."""
     samples = [provider.get_imu_data_by_index(stream, i) for i in range(provider.get_num_data(stream))]
     t_ns = np.array([sample.capture_timestamp_ns for sample in samples], np.int64)
     columns = {
@@ -67,6 +72,8 @@ def _read_imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
 
 
 def _to_image_stream(provider: Any, stream: Any, t_ns: Stamps) -> ImageStream:
+    """A stream of 8-bit images with stamps (N,) ns, which Meta's package decodes one by one on request."""
+
     def load(topic: str, i: int) -> Image:
         image, _ = provider.get_image_data_by_index(stream, i)
         return Image(topic=topic, t_ns=int(t_ns[i]), pixels=np.ascontiguousarray(image.to_numpy_array(), np.uint8))

@@ -35,7 +35,25 @@ def with_assumed_calibration(
     notes: Notes,
     registered: Collection[str] = (),
 ) -> Rig:
-    """A rig with a calibration for every existing IMU and camera, and for nothing else."""
+    """Completes a rig, so that every IMU and camera of an import has a calibration, and no other sensor has one.
+
+    A missing calibration is replaced by that of a consumer part (IMU) or of a pinhole with the focal length of the
+    first Kinect (camera), at the origin of the body that the topic implies. A warning reports each assumption.
+
+    Args:
+        rig: Known calibrations, by topic.
+        blocks: Small streams by topic.
+        images: Image streams by topic.
+        notes: Collects the warnings.
+        registered: Topics of depth that is known to be registered to colour.
+
+    Returns:
+        The calibrations of the streams in `blocks` and `images`. A depth stream belongs to the colour camera that it is
+        registered to, or is a camera of its own.
+
+    Raises:
+        ConfigError: The images of a camera have another size than its calibration, unless lenient.
+    """
     imus = {
         t: rig.imus[t] if t in rig.imus else _assume_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
     }
@@ -59,7 +77,7 @@ def body_of(topic: str) -> str:
     return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
 
 
-def first_image_size(images: ImageStream) -> tuple[int, int] | None:
+def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
     """(width, height) of the first image, None if it cannot be read."""
     try:
         first = images.load("", 0)
@@ -70,6 +88,7 @@ def first_image_size(images: ImageStream) -> tuple[int, int] | None:
 
 
 def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
+    """A consumer IMU at the origin of the body that the topic implies, at the mean rate of its stamps (N,) ns."""
     notes.warn(
         f"{topic}: no calibration; assumed the noise of a consumer IMU ({math.degrees(_GYRO_NOISE):.3g} °/s/√Hz, "
         f"{_ACCEL_NOISE:.2g} m/s²/√Hz) at the origin of {body_of(topic)}; {GIVE}"
@@ -87,7 +106,8 @@ def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
 
 
 def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
-    size = first_image_size(images)
+    """The known calibration of a camera after a check of the image size, or an assumed one without distortion."""
+    size = read_first_image_size(images)
     if topic not in rig.cameras:
         return _assume_camera(topic, images, size or (640, 480), notes)
     camera = rig.cameras[topic]
@@ -98,16 +118,25 @@ def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) 
 
 
 def _assume_camera(topic: str, images: ImageStream, size: tuple[int, int], notes: Notes) -> CameraCalibration:
+    """A pinhole whose focal length is 525/640 of the image width, with its centre in the middle of the image."""
     width, height = size
     focal = _FOCAL_PER_WIDTH * width
     notes.warn(f"{topic}: no calibration; assumed a pinhole of focal length {focal:.0f} px, {GIVE}")
-    return pinhole(topic, size, (focal, focal, (width - 1) / 2, (height - 1) / 2), mean_rate(images.t_ns))
+    return make_pinhole(topic, size, (focal, focal, (width - 1) / 2, (height - 1) / 2), mean_rate(images.t_ns))
 
 
-def pinhole(
+def make_pinhole(
     topic: str, size: tuple[int, int], intrinsics: tuple[float, float, float, float], rate_hz: float, depth: str = ""
 ) -> CameraCalibration:
-    """A camera without distortion at the origin of its body, which its topic implies; `depth` is its depth stream."""
+    """A camera without distortion at the origin of the body that its topic implies.
+
+    Args:
+        topic: Topic of its images.
+        size: (width, height) in pixels.
+        intrinsics: (fu, fv, pu, pv) in pixels.
+        rate_hz: Rate of its images.
+        depth: Topic of the depth that is registered to it; "" without one.
+    """
     return CameraCalibration(
         topic=topic,
         part="",
@@ -121,6 +150,7 @@ def pinhole(
 
 
 def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
+    """Warns of a focal length or a principal point that no usual lens has for images of the camera's size."""
     fu, fv, pu, pv = camera.intrinsics
     is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
     if not (is_lens and 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8):
@@ -136,12 +166,16 @@ def _add_depth(
     notes: Notes,
     is_registered: bool,
 ) -> None:
-    """Registers a depth stream to the colour camera of equal size beside it, or makes it a separate camera."""
+    """Adds a depth stream to `cameras`: to the colour camera that it is registered to, or as a camera of its own.
+
+    A stream counts as registered if the rig says so, if `is_registered`, or if the colour images have its size and its
+    intrinsics do not differ from theirs; the last is reported as an assumption if its intrinsics are unknown.
+    """
     registered_camera = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
     if registered_camera is not None:  # a camera whose colour was not recorded
         cameras[registered_camera.topic] = _camera_or_default(rig, registered_camera.topic, images[topic], notes)
         return
-    size = first_image_size(images[topic])
+    size = read_first_image_size(images[topic])
     depth_camera = rig.cameras.get(topic)
     for name, camera in cameras.items():
         same = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
@@ -159,7 +193,7 @@ def _add_depth(
 def _drop_missing_references(
     camera: CameraCalibration, imus: Mapping[str, ImuCalibration], images: Mapping[str, ImageStream]
 ) -> CameraCalibration:
-    """Removes references to missing streams; a camera without an IMU gets one of its body."""
+    """A camera without references to streams that are missing, and with an IMU of its own body if there is one."""
     beside = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
     imu = camera.imu_topic if camera.imu_topic in beside else (beside[0] if beside else "")
     depth = camera.depth_topic if camera.depth_topic in images else ""

@@ -20,7 +20,7 @@ from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
-from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, header_stamp
+from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
 
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
@@ -34,7 +34,7 @@ _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
 
 
-def bag_names(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
+def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     """Our topic for each of a bag's topics that has one.
 
     Args:
@@ -88,7 +88,12 @@ POSES = frozenset(
 
 
 def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
-    """Stamp (ns), position (m) and quaternion (w, x, y, z) of one message."""
+    """Reads one message of a type in `POSES`, as they give the ground truth in bags.
+
+    Returns:
+        Stamp in ns (0 if the header has none), position (x, y, z) in m and quaternion (w, x, y, z) of the message's
+        frame in its parent frame.
+    """
     if hasattr(message, "transform"):
         p, q = message.transform.translation, message.transform.rotation
     else:
@@ -100,7 +105,14 @@ def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
 
 @dataclass(frozen=True)
 class Channel:
-    """A stream of a bag: its topic, and the type, encoding and text of its message definition."""
+    """A stream of a bag.
+
+    Attributes:
+        topic: Name of the stream.
+        typename: ROS 2 name of its message type, such as `sensor_msgs/msg/Imu`.
+        encoding: Language of `definition`: `ros2msg` or `ros2idl`.
+        definition: Definition of the message type; "" if the bag has none.
+    """
 
     topic: str
     typename: str
@@ -109,7 +121,7 @@ class Channel:
 
 
 class Bag(Protocol):
-    """An open bag.
+    """An open bag of ROS messages; `McapBag` and `RosBag` in `bag_files` are the two kinds.
 
     Attributes:
         channels: Its streams.
@@ -117,10 +129,10 @@ class Bag(Protocol):
 
     channels: list[Channel]
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
 
-    def payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: Any) -> bytes:
         """CDR bytes of one message, read again."""
 
 
@@ -128,7 +140,13 @@ _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
 
 
 class _Stream:
-    """Messages of one topic: for images the first payload and the keys of all, otherwise every payload.
+    """The messages of one topic while a bag is read.
+
+    Of images, only the first payload is kept, to detect their kind, and the key by which each can be read again; of
+    other types, every payload.
+
+    Attributes:
+        times: Stamp of each message in ns, from its header or else the log time.
 
     Raises:
         ValueError: The message definition cannot be parsed.
@@ -147,22 +165,36 @@ class _Stream:
         self.keys: list[Any] = []
 
     def add(self, log_time: int, payload: bytes, key: Any) -> None:
-        """Adds a message."""
+        """Keeps what is needed of a message: its stamp, its key, and the payload unless it is a later image.
+
+        Args:
+            log_time: Log time, ns, which is the stamp of a message without header.
+            payload: CDR bytes.
+            key: By which the bag finds the message again.
+        """
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
         has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER
-        self.times.append((header_stamp(payload) if has_stamp else 0) or log_time)
+        self.times.append((read_header_stamp(payload) if has_stamp else 0) or log_time)
         self.keys.append(key)
 
 
 def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
-    """Reads the streams of a bag.
+    """Reads the streams of a bag: small ones into memory, images as streams that are read on request.
+
+    Args:
+        bag: The open bag.
+        kind: Name of its format, one of `FILE_FORMATS`.
+        notes: Collects problems.
+
+    Returns:
+        Streams by the bag's topics, with our topic of each (`assign_bag_topics`), and the calibrations of its cameras.
 
     Raises:
-        StrideTwinError: The bag cannot be read, unless lenient.
+        StrideTwinError: The bag cannot be read, or a topic cannot be decoded, unless lenient.
     """
     streams, unread = _open_streams(bag, notes)
-    for topic, log_time, payload, key in bag.messages(set(streams)):
+    for topic, log_time, payload, key in bag.read_messages(set(streams)):
         streams[topic].add(log_time, payload, key)
     images: dict[str, ImageStream] = {}
     blocks: dict[str, Block[Any]] = {}
@@ -189,9 +221,9 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
         kind=kind,
         blocks=blocks,
         images=images,
-        rig=calibration.rig(blocks, images, frames),
+        rig=calibration.build_rig(blocks, images, frames),
         unread=unread,
-        names=bag_names({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
+        names=assign_bag_topics({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
         assumed=calibration.assumed,
     )
 
@@ -216,13 +248,19 @@ def _open_streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str,
 
 
 def _to_messages(stream: _Stream) -> Messages:
+    """The collected payloads of a topic as `Messages`: one buffer with the offset, length and stamp of each."""
     lengths = np.array([len(p) for p in stream.payloads], np.int64)
     starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
 def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
-    """Metres per unit of depth by the name of a sensor, such as `/device_0/sensor_0`."""
+    """Reads the depth units that RealSense's own files contain.
+
+    Returns:
+        Metres per unit by the name of a sensor, such as `/device_0/sensor_0`; 0.001 in place of a value that is not
+        between 0 and 1.
+    """
     units = {}
     for topic, stream in streams.items():
         if stream.payloads and (matched := _DEPTH_UNITS.fullmatch(topic)):
@@ -235,11 +273,12 @@ def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
 
 
 def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
+    """A stream of images that are read from the bag again on request; depth is scaled by `units_m`, metres per unit."""
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        image = reader.image(bag.payload(source, keys[i]), int(times[i]), topic)
+        image = reader.image(bag.read_payload(source, keys[i]), int(times[i]), topic)
         if isinstance(image, Depth) and units_m != _MILLIMETRE:
             return replace(image, depth=image.depth * np.float32(units_m / _MILLIMETRE))
         return image
@@ -248,7 +287,13 @@ def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: fl
 
 
 def _read_extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
-    """Handles messages that are not samples themselves: calibrations, mounts, and poses."""
+    """Reads messages that are not samples themselves.
+
+    CameraInfo and /tf_static go into `calibration`; poses become a block of odometry in `blocks`.
+
+    Raises:
+        ValueError: A message lacks fields of its type.
+    """
     c = stream.channel
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:

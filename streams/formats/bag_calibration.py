@@ -30,7 +30,10 @@ _CLOSE = 0.01  # px, largest error of a ray's pixel
 def fit_radtan(
     intrinsics: tuple[float, float, float, float], distortion: Array, size: tuple[int, int]
 ) -> tuple[Array, float]:
-    """The radtan coefficients closest to a lens of ROS's rational model, over the whole image.
+    """Fits the four coefficients of `radtan` to a lens of ROS's rational model, by least squares over the image.
+
+    A grid of pixels is undistorted by fixed-point iteration with the rational model; the coefficients are the linear
+    least-squares solution for the offset in pixels between each pixel and its ray.
 
     Args:
         intrinsics: (fu, fv, pu, pv) in pixels.
@@ -38,8 +41,9 @@ def fit_radtan(
         size: (width, height) in pixels.
 
     Returns:
-        k1, k2, p1, p2, and the largest error of a point of the image, px. Corners without a ray, as higher terms cause,
-        do not count; infinite if they are a large part of the image.
+        k1, k2, p1, p2, and the largest error of a point of the image in pixels. Points without a ray, which higher
+        terms cause in corners, do not count; if they are more than 20 % of the image, the error is infinite and the
+        coefficients are the given ones.
     """
     fu, fv, pu, pv = intrinsics
     focal = np.array([fu, fv])
@@ -105,10 +109,10 @@ _BEYOND = 1e-6  # coefficients after the fourth below this count as 0
 
 
 class BagCalibration:
-    """Collects calibrations, and builds a rig from them.
+    """Collects the calibrations in a bag's messages, and builds a rig of its cameras from them.
 
     Attributes:
-        assumed: Assumptions in a camera's calibration, by topic.
+        assumed: What is assumed in a camera's calibration, as text by topic.
     """
 
     def __init__(self, notes: Notes) -> None:
@@ -118,7 +122,12 @@ class BagCalibration:
         self._parents: dict[str, tuple[str, Array]] = {}
 
     def add_camera_info(self, topic: str, message: Any) -> None:
-        """Adds a CameraInfo; drivers publish a focal length of 0 for an uncalibrated camera."""
+        """Adds a camera's intrinsics; those of an uncalibrated camera (focal length 0) are reported and not used.
+
+        Args:
+            topic: Topic of the message, such as `/camera/camera_info`.
+            message: A CameraInfo of ROS 1 or ROS 2.
+        """
         K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
             # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
@@ -127,7 +136,7 @@ class BagCalibration:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
     def add_transforms(self, message: Any) -> None:
-        """Adds static transforms, T_parent_child."""
+        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])
@@ -139,15 +148,20 @@ class BagCalibration:
                 T[:3, 3] = p.x, p.y, p.z
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
 
-    def rig(
+    def build_rig(
         self, blocks: Mapping[str, Block[Any]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
     ) -> Rig:
-        """The cameras with a CameraInfo.
+        """Builds a rig of the cameras that have a CameraInfo.
 
         Args:
-            blocks: Small streams by topic; the frame of the IMU beside a camera is taken as the body's.
+            blocks: Small streams by topic. The frame of the IMU whose topic has most in common with a camera's is taken
+                as the frame of the body.
             images: Image streams by topic.
             frames: Frame that each topic's messages name.
+
+        Returns:
+            The cameras by topic. Without a chain of transforms to the IMU, a camera is assumed at the IMU with its
+            orientation, which `assumed` says.
         """
         imus = [t for t, b in blocks.items() if b.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
@@ -163,13 +177,16 @@ class BagCalibration:
         return Rig(cameras=cameras)
 
     def _find_info(self, topic: str) -> Any:
+        """The CameraInfo whose topic is the longest beginning of an image's topic; None without one."""
         near = [base for base in self._infos if topic == base or topic.startswith(base + "/")]
         return self._infos[max(near, key=len)] if near else None
 
     def _add_assumption(self, topic: str, text: str) -> None:
+        """Adds a text to what is assumed of a camera."""
         self.assumed[topic] = f"{self.assumed[topic]}; {text}" if topic in self.assumed else text
 
     def _to_camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
+        """A camera from its CameraInfo; T is the pose of the optical frame in the IMU's frame, m."""
         K, d = _read_field(info, "k"), _read_field(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())
@@ -192,7 +209,7 @@ class BagCalibration:
         )
 
     def _read_rectified_intrinsics(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
-        """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of P, without distortion."""
+        """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of the matrix P, or `raw` without one."""
         P = _read_field(info, "p")
         if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
             return float(P[0]), float(P[5]), float(P[2]), float(P[6])
@@ -210,7 +227,20 @@ class BagCalibration:
         intrinsics: tuple[float, float, float, float],
         size: tuple[int, int],
     ) -> tuple[str, Array]:
-        """Model and (4,) coefficients; models with more terms are fitted, unsupported ones are reported."""
+        """The distortion model of ours for the one that a CameraInfo names.
+
+        Args:
+            topic: Topic that assumptions are reported for.
+            model_name: The CameraInfo's name of the model.
+            model: Our name of it; None for an unknown one.
+            d: Coefficients, any number of them.
+            intrinsics: (fu, fv, pu, pv) in pixels.
+            size: (width, height) in pixels.
+
+        Returns:
+            Name of our model and its (4,) coefficients. A rational model is fitted by `fit_radtan`; of an unsupported
+            one the first four are used. Both are reported as assumptions.
+        """
         sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
         four = np.zeros(4)
         four[: len(d[:4])] = sound[:4]
@@ -228,7 +258,7 @@ class BagCalibration:
         return model or "radtan", four
 
     def _find_transform(self, target: str, source: str) -> Array | None:
-        """T_target_source along the tree of static transforms, None if they are not connected."""
+        """T_target_source along the tree of static transforms; None if they are not connected, or one is unnamed."""
         a, b = self._transform_to_root(target.strip("/")), self._transform_to_root(source.strip("/"))
         if a is None or b is None or a[0] != b[0] or not target or not source:
             return None
@@ -238,6 +268,7 @@ class BagCalibration:
         return T
 
     def _transform_to_root(self, frame: str) -> tuple[str, Array] | None:
+        """The root of the tree of static transforms above a frame, and T_root_frame; None if they form a loop."""
         T, seen = np.eye(4), {frame}
         while frame in self._parents:
             frame, step = self._parents[frame]
@@ -249,5 +280,5 @@ class BagCalibration:
 
 
 def _read_field(info: Any, name: str) -> Array:
-    """A field of a CameraInfo; ROS 1 uses capital letters."""
+    """A field of a CameraInfo as an array, named by the capital letter in ROS 1; empty if it is missing."""
     return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)

@@ -40,10 +40,17 @@ _LOOSE = struct.Struct("<HIqq")
 
 
 class McapBag:
-    """The messages of MCAP files, with CRC checks.
+    """The messages of MCAP files, unpacked with checks of their CRCs.
+
+    Args:
+        paths: The files of one bag, in order.
+        notes: Collects damage and missing CRCs.
 
     Attributes:
         channels: Streams of CDR messages.
+
+    Raises:
+        StrideTwinError: A file cannot be read, or is damaged, unless lenient.
     """
 
     def __init__(self, paths: list[Path], notes: Notes) -> None:
@@ -60,7 +67,7 @@ class McapBag:
                         self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
@@ -80,8 +87,13 @@ class McapBag:
                         at = offset + 9 + _LOOSE.size, len(body) - _LOOSE.size
                         yield topic, log_time, body[_LOOSE.size :], (i, -1, *at)
 
-    def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message, read again."""
+    def read_payload(self, topic: str, key: Any) -> bytes:
+        """The CDR bytes of one message, read again from its file.
+
+        Args:
+            topic: Not needed here: the key names the file.
+            key: As `read_messages` gave it: number of the file, offset of the chunk (-1 outside one), start and length.
+        """
         i, chunk, start, length = key
         if chunk < 0:
             with self._paths[i].open("rb") as file:
@@ -92,7 +104,7 @@ class McapBag:
         return self._cached[1][start : start + length]
 
     def _read_records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
-        """The records of a file, as far as they can be read."""
+        """Yields opcode, offset and body of the records of a file, as far as they can be read; damage is reported."""
         try:
             yield from top_records(path)
         except OSError as error:
@@ -104,6 +116,7 @@ class McapBag:
     def _unpack_record(
         self, path: Path, opcode: int, body: bytes, unpacking: Unpacking
     ) -> tuple[list[Any], dict[int, Any]]:
+        """The schemas and channels in a record, and the messages of a chunk by channel; both empty if it is damaged."""
         try:
             if opcode == Opcode.CHUNK and not parse_record(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
@@ -113,6 +126,7 @@ class McapBag:
             return [], {}
 
     def _register(self, i: int, record: Any, schemas: dict[int, records.Schema], channels: dict[str, Channel]) -> None:
+        """Adds a schema or a channel of file `i`; a topic's second publisher is used only if its type is the same."""
         if isinstance(record, records.Schema):
             schemas[record.id] = record
         elif record.id not in self._topics[i]:
@@ -136,10 +150,11 @@ _KINDS = {decompressors[kind.value]: kind for kind in Compression}
 
 
 def check_index(path: Path) -> None:
-    """Rejects an index whose headers, or their numbers, exceed the size of the file.
+    """Rejects a ROS 1 bag whose index declares more than the file can hold, before rosbags allocates memory for it.
 
     Raises:
-        ValueError: They do; or any exception of rosbags if the index cannot be read.
+        ValueError: A header is too long, or there are too many connections or chunks. Unreadable bytes raise any
+            exception of rosbags.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -162,7 +177,11 @@ def check_index(path: Path) -> None:
 
 
 class BoundedReader(rosbag1.Reader):
-    """The library's reader with limits: on the size of a chunk, on the total unpacked, and on repeated indexes."""
+    """Reader of rosbags for ROS 1 bags, with limits against files that unpack to endless data.
+
+    Limited are the size of a chunk, the total of unpacked bytes (1 GiB and 200 times the size of the file), and the
+    entries of all indexes (one per 12 bytes of the file).
+    """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -196,7 +215,11 @@ class BoundedReader(rosbag1.Reader):
         super().read_index_data(pos, indexes)
 
     def _unpack(self, kind: Compression, data: bytes) -> bytes:
-        """An unpacked chunk; it may be requested repeatedly if its messages alternate with another's."""
+        """Unpacks a chunk and counts its bytes towards the limit, again each time that alternating topics need it.
+
+        Raises:
+            ValueError: The chunk is damaged or too large, or the total exceeds the limit.
+        """
         if kind == Compression.NONE:
             return data
         unpacker: Any = bz2.BZ2Decompressor() if kind == Compression.BZ2 else lz4.frame.LZ4FrameDecompressor()
@@ -210,7 +233,11 @@ class BoundedReader(rosbag1.Reader):
 
 
 def _read_header(file: BinaryIO, size: int) -> Header:
-    """The header of the record at this position, checked, because the library allocates any declared length."""
+    """Reads the header of the record at the file's position, once its declared length is below the limits.
+
+    Raises:
+        ValueError: The header is longer than the file or than 1 MiB, which the library would allocate.
+    """
     length = int.from_bytes(file.read(4), "little")
     if length > min(size, _LONGEST_HEADER):
         raise ValueError(f"a header of {length} bytes: expected up to {_LONGEST_HEADER}")
@@ -222,10 +249,15 @@ _WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 
 
 class RosBag:
-    """The messages of a bag that rosbags reads; it stays open until it is garbage collected.
+    """The messages of a bag that rosbags reads, converted to CDR; it stays open until it is garbage collected.
+
+    Args:
+        path: A ROS 1 file, or the folder or file of a ROS 2 bag.
+        is_ros1: Whether the messages are those of ROS 1.
+        notes: Collects damage.
 
     Attributes:
-        channels: Its streams.
+        channels: Its streams; of several publishers of a topic, those of the type of the first.
 
     Raises:
         RecordingError: The bag cannot be opened.
@@ -246,7 +278,7 @@ class RosBag:
         types = {c.topic: c.typename for c in self.channels}
         self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
 
-    def messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
         counts: dict[tuple[int, int], int] = {}
@@ -267,8 +299,16 @@ class RosBag:
             nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
             yield connection.topic, time, payload, (connection, time, nth)
 
-    def payload(self, topic: str, key: Any) -> bytes:
-        """CDR bytes of one message, read again."""
+    def read_payload(self, topic: str, key: Any) -> bytes:
+        """The CDR bytes of one message, read again from the bag.
+
+        Args:
+            topic: Named by the error.
+            key: As `read_messages` gave it: connection, log time in ns, and number among its messages of that time.
+
+        Raises:
+            StrideTwinError: The bag has no such message any more.
+        """
         connection, time, nth = key
         with self._convert_errors():
             messages = self._reader.messages(connections=[connection], start=time, stop=time + 1)
@@ -278,9 +318,11 @@ class RosBag:
         raise StrideTwinError(f"{self.path}: {topic}: a previously read message is missing; has the file changed?")
 
     def _to_cdr(self, raw: bytes, typename: str) -> bytes:
+        """The CDR bytes of a message: converted from those of ROS 1, or the same."""
         return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
 
     def _to_channel(self, connection: Any) -> Channel:
+        """The stream of a connection; definitions that older ROS 2 bags lack are those of the standard types."""
         name = connection.msgtype
         text, encoding = connection.msgdef.data, "ros2msg"
         if connection.msgdef.format == MessageDefinitionFormat.IDL:
@@ -320,10 +362,12 @@ class RosBag:
 
 
 def _close(reader: Any) -> None:
+    """Closes a reader, when its bag is garbage collected."""
     reader.close()
 
 
 def _open_database(path: Path) -> closing[sqlite3.Connection]:
+    """Opens an SQLite file that is neither changed nor locked."""
     return closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True))
 
 

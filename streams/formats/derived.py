@@ -27,18 +27,21 @@ def to_odometry(
     file: object,
     T_body_source: Array | None = None,
 ) -> Block[Odometry]:
-    """Poses as a block of odometry; missing velocities are central differences.
+    """Converts poses to a block of odometry; missing velocities are central differences.
 
     Args:
         name: Topic.
         t_ns: (N,) stamps.
-        p: (N, 3) m, origin of the frame in the world.
-        q: (N, 4) quaternions (w, x, y, z), frame to world; normalised here.
-        v: (N, 3) m/s, or None.
+        p: (N, 3) m, origin of the source's frame in the world.
+        q: (N, 4) quaternions (w, x, y, z), source's frame to world; normalised here.
+        v: (N, 3) m/s in the world, or None.
         notes: Collects problems.
         file: Name of the source in errors.
-        T_body_source: (4, 4) pose of the source's frame in the wanted frame, m; the source's velocity, which is that of
-            another point, is then ignored. None: the frames are equal.
+        T_body_source: (4, 4) pose of the source's frame in the wanted frame, m; `v` is then ignored, because it is the
+            velocity of another point. None: the frames are equal.
+
+    Returns:
+        Position, attitude and velocity of the wanted frame in the world; angular rate in the wanted frame.
 
     Raises:
         ConfigError: A quaternion far from unit norm, unless lenient (its row is omitted).
@@ -78,7 +81,16 @@ def to_odometry(
 
 
 def _differentiate(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
-    """(2, N, 3) velocity in the world, and angular rate in the frame, from the neighbours of each pose."""
+    """Velocities and angular rates from the poses before and after each one (at the ends: from the pose itself).
+
+    Args:
+        t_ns: (N,) stamps that increase.
+        p: (N, 3) m in the world.
+        attitude: N rotations from the frame to the world.
+
+    Returns:
+        (2, N, 3): velocity in the world, m/s, and angular rate in the frame, rad/s.
+    """
     i = np.arange(len(t_ns))
     before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
     span = (t_ns[after] - t_ns[before])[:, None] * 1e-9
@@ -112,17 +124,20 @@ def join_gyro_and_accel(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str
 
 
 def imu_name(topic: str) -> str:
-    """Topic of the IMU that a gyroscope's stream is a part of."""
+    """Topic of the IMU that a stream `.../gyro` is a part of: `.../imu`."""
     return _GYRO.sub(_JOINED, topic)
 
 
 def join_at_gyro_stamps(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
-    """One IMU from two streams, with the force interpolated to those stamps of the rate that are within its own.
+    """Joins two streams to one IMU, with the force interpolated linearly to the stamps of the rate.
 
     Args:
         name: Topic of the IMU.
         gyro: Stream whose rates are used.
         accel: Stream whose forces are used; at least two samples.
+
+    Returns:
+        A sample for each stamp of `gyro` from the first to the last stamp of `accel`.
     """
     accel = accel[is_increasing(accel.t_ns)]
     t, force = accel.t_ns, accel.columns["specific_force"]

@@ -29,7 +29,13 @@ from stridetwin.streams.fields import Count, NotNegative, Number, Positive, Rigi
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
-from stridetwin.streams.formats.text_rows import Row, parse_nanoseconds, read_numbers, read_text_rows, write_text_rows
+from stridetwin.streams.formats.text_rows import (
+    TextRow,
+    parse_nanoseconds,
+    read_numbers,
+    read_text_rows,
+    write_text_rows,
+)
 from stridetwin.streams.kalibr import ImuNoise, write_rig
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -46,14 +52,14 @@ POSE_COLUMNS = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y"
 POSE_UNITS = ("m",) * 3 + ("",) * 4 + ("m s^-1",) * 3
 VELOCITY_COLUMNS = ("v_RS_R_x", "v_RS_R_y", "v_RS_R_z")
 GROUND_TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")
-TRUTH = "/truth/head/imu/odometry"
+TRUTH_TOPIC = "/truth/head/imu/odometry"
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
 
 
-def euroc_root(path: Path) -> Path | None:
-    """The folder with `imu0` or `cam0`: `path` itself or its subfolder `mav0`."""
+def find_euroc_root(path: Path) -> Path | None:
+    """The folder that has `imu0` or `cam0`: the subfolder `mav0` or `path` itself; None if neither has one."""
     for root in (path / "mav0", path):
         if any((root / name).is_dir() for name in ("imu0", "cam0")):
             return root
@@ -70,7 +76,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
-    root = euroc_root(path)
+    root = find_euroc_root(path)
     if root is None:
         raise ConfigError(path, "", "no imu0 and no cam0", "a folder in the ASL layout")
     blocks: dict[str, Block[Any]] = {}
@@ -83,17 +89,17 @@ def read_euroc(path: Path, notes: Notes) -> Source:
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
             if (imu := _read_sensor(folder, _ImuSensor)) is not None:
-                imus[topic] = imu.calibration(topic)
+                imus[topic] = imu.to_calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
             stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
             if not len(stream.t_ns):
                 continue
             images[topic] = stream
             if (camera := _read_sensor(folder, _CameraSensor)) is not None:
-                cameras[topic] = camera.calibration(topic)
+                cameras[topic] = camera.to_calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
     if truth is not None:
-        blocks[TRUTH] = _read_truth(root / truth / "data.csv", notes)
+        blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
     first = next(iter(imus), "")
     rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first) for t, c in cameras.items()})
     known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
@@ -102,6 +108,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
 
 
 def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
+    """Reads `data.csv` of an IMU: angular rate in rad/s and specific force in m/s²."""
     file = folder / "data.csv"
     header, rows = read_text_rows(file, ",")
     columns = _find_columns(file, header, IMU_COLUMNS, IMU_UNITS, notes)
@@ -112,6 +119,7 @@ def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
 
 
 def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
+    """Reads `data.csv` of a ground truth, with or without velocities, as odometry of the body's frame."""
     header, rows = read_text_rows(file, ",")
     names = [_split_unit(word)[0] for word in header]
     has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _count_columns(rows) > len(POSE_COLUMNS) + 3)
@@ -119,7 +127,7 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     columns = _find_columns(file, header, wanted, POSE_UNITS, notes)
     t_ns, table = read_numbers(file, rows, columns, parse_nanoseconds, notes)
     velocity = table[:, 7:10] if has_velocity else None
-    return to_odometry(TRUTH, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
+    return to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
 
 
 def _read_marker(folder: Path) -> Array | None:
@@ -131,7 +139,21 @@ def _read_marker(folder: Path) -> Array | None:
 def _find_columns(
     file: Path, header: list[str], wanted: Sequence[str], units: Sequence[str], notes: Notes
 ) -> list[tuple[str, int]]:
-    """Indices of the given columns, by the header's names, or in the published order without a header."""
+    """Finds columns by the names in the header, or (reported) in the published order if there is no header.
+
+    Args:
+        file: Named by errors.
+        header: Cells of the header, each a name and a unit in brackets; empty without a header.
+        wanted: Names of the columns.
+        units: Expected unit of each; further columns of `wanted` are not checked.
+        notes: Collects the warning.
+
+    Returns:
+        Name and index of each wanted column.
+
+    Raises:
+        ConfigError: A column is missing or occurs twice, or has another unit.
+    """
     where = f"{file.parent.name}/{file.name}"
     names, header_units = zip(*(_split_unit(word) for word in header)) if header else ((), ())
     if not header:
@@ -150,11 +172,13 @@ def _find_columns(
 
 
 def _split_unit(word: str) -> tuple[str, str]:
+    """Name and unit of a header's cell such as `a_RS_S_x [m s^-2]`; the unit is "" without one."""
     match = re.fullmatch(r"(\w+)\s*(?:\[(.*)\])?", word)
     return (match[1], (match[2] or "").strip()) if match else (word, "")
 
 
-def _count_columns(rows: list[Row]) -> int:
+def _count_columns(rows: list[TextRow]) -> int:
+    """Number of cells in the first row."""
     return len(rows[0].cells) if rows else 0
 
 
@@ -183,15 +207,19 @@ class _Sensor(BaseModel):
 
 
 class _ImuSensor(_Sensor, ImuNoise):
+    """A `sensor.yaml` of an IMU: pose, rate and noise densities."""
+
     rate_hz: Positive
 
-    def calibration(self, topic: str) -> ImuCalibration:
+    def to_calibration(self, topic: str) -> ImuCalibration:
         """The calibration of the IMU of a topic."""
         noise = {name: getattr(self, name) for name in ImuNoise.model_fields}
         return ImuCalibration(topic=topic, part=self.comment, rate_hz=self.rate_hz, mount=self.mount, **noise)
 
 
 class _CameraSensor(_Sensor):
+    """A `sensor.yaml` of a camera: pose, pinhole intrinsics, image size and distortion."""
+
     camera_model: Literal["pinhole"] = "pinhole"
     intrinsics: tuple[Positive, Positive, Number, Number]
     resolution: tuple[Count, Count]
@@ -199,7 +227,7 @@ class _CameraSensor(_Sensor):
     distortion_model: Annotated[str, enum_field(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
-    def calibration(self, topic: str) -> CameraCalibration:
+    def to_calibration(self, topic: str) -> CameraCalibration:
         """The calibration of the camera of a topic."""
         return CameraCalibration(
             topic=topic,
@@ -215,7 +243,11 @@ class _CameraSensor(_Sensor):
 
 
 def _read_sensor(folder: Path, kind: type[S]) -> S | None:
-    """The calibration of a sensor; None without its file."""
+    """The contents of `sensor.yaml` in a sensor's folder as `kind`; None without the file.
+
+    Raises:
+        StrideTwinError: The file is no YAML, or a value is invalid.
+    """
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
@@ -227,11 +259,12 @@ def _read_sensor(folder: Path, kind: type[S]) -> S | None:
 BASELINE_M = (0.001, 1.0)
 
 
-def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
-    """The calibration of a right camera beside a left one, its axes parallel, +x away.
+def make_right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
+    """The calibration of a virtual right camera: `baseline_m` along +x of the left one, with parallel axes.
 
     Raises:
-        ConfigError: An invalid baseline, or a left camera with distortion, so that the rows would not match.
+        ConfigError: The baseline is outside `BASELINE_M`, or the left camera has distortion, so that the rows of the
+            pair would not match.
     """
     low, high = BASELINE_M
     if not low <= baseline_m <= high:
@@ -247,12 +280,16 @@ def right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> Came
     return replace(left, topic=topic, part=part, mount=mount, distortion_model="radtan", depth_topic="")
 
 
-def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
-    """The right image.
+def render_right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
+    """Renders the image of a virtual right camera from the left image and its depth, for rectified stereo.
+
+    Each pixel moves left by its disparity fu·b/z, the nearest surface wins, and the left image is sampled bilinearly at
+    the place that each pixel of the right image comes from.
 
     Args:
         left: (H, W) or (H, W, 3) uint8.
-        depth: (H, W) m, registered to it; 0 = none, filled from the farther neighbour in the row.
+        depth: (H, W) m, registered to the left image; pixels without depth (0) take the disparity of the farther
+            neighbour in the row.
         focal_px: fu.
         baseline_m: Distance of the two cameras.
 
@@ -261,7 +298,7 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
     """
     with np.errstate(divide="ignore"):
         measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
-    disparity = np.nan_to_num(np.take_along_axis(measured, _background(measured), axis=1))
+    disparity = np.nan_to_num(np.take_along_axis(measured, _find_background(measured), axis=1))
     width = disparity.shape[1]
     rows: Any
     columns: Any
@@ -272,15 +309,22 @@ def right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_
         inside = (target >= 0) & (target < width)
         np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
     seen[~np.isfinite(seen)] = np.nan
-    from_column = _background(seen)
+    from_column = _find_background(seen)
     x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
     return cv2.remap(
         left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
 
 
-def _background(disparity: Array) -> NDArray[np.int64]:
-    """(H, W) source column of each pixel: itself, or in a hole (NaN) the farther of the row's two neighbours."""
+def _find_background(disparity: Array) -> NDArray[np.int64]:
+    """Finds where each pixel takes its disparity from: itself, or in a hole the farther of the row's two neighbours.
+
+    Args:
+        disparity: (H, W) pixels; NaN is a hole.
+
+    Returns:
+        (H, W) columns; a pixel of a row without any disparity keeps its own column.
+    """
     known = np.isfinite(disparity)
     at = np.arange(disparity.shape[1])
     before = np.maximum.accumulate(np.where(known, at, -1), axis=1)
@@ -323,7 +367,7 @@ def write_euroc(
     cameras = [camera]
     right = f"{camera.topic}{RIGHT_SUFFIX}"
     if stereo_baseline_m is not None:
-        cameras.append(right_camera(camera, stereo_baseline_m, right))
+        cameras.append(make_right_camera(camera, stereo_baseline_m, right))
         counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
     else:
         cameras += [recording.rig.cameras[right]] if right in recording.topics else []
@@ -338,6 +382,7 @@ def write_euroc(
 
 
 def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
+    """Writes `data.csv` and `sensor.yaml` of the IMU, whose frame is the body's; returns the number of rows."""
     block = recording.block(imu.topic)
     header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(IMU_COLUMNS, IMU_UNITS))]
     _write_csv(folder, header, block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
@@ -358,7 +403,14 @@ def _write_imu(recording: Recording, imu: ImuCalibration, folder: Path) -> int:
 def _write_stereo(
     recording: Recording, left: CameraCalibration, right: CameraCalibration, imu: ImuCalibration, root: Path
 ) -> dict[str, int]:
-    """Both cameras of a pair with a virtual right one: the images that have depth."""
+    """Writes `cam0` and the rendered `cam1`, both only of the images that have depth at the same stamp.
+
+    Returns:
+        Number of images by folder.
+
+    Raises:
+        ConfigError: The left camera has no depth.
+    """
     if left.depth_topic not in recording.topics:
         raise ConfigError(recording.path, f"depth of {left.topic}", left.depth_topic or None, "a camera with depth")
     times = np.intersect1d(recording.image_times(left.topic), recording.image_times(left.depth_topic))
@@ -372,7 +424,7 @@ def _write_stereo(
             if camera is right:
                 (depth,) = recording.images(left.depth_topic, t_ns=[t])
                 assert isinstance(depth, Depth)
-                pixels = right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
+                pixels = render_right_view(image.pixels, depth.depth, left.intrinsics[0], baseline)
                 image = Image(topic=right.topic, t_ns=t, pixels=pixels)
             yield image
 
@@ -380,6 +432,10 @@ def _write_stereo(
 
 
 def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
+    """Writes a camera's folder: the images as PNG, `data.csv` and `sensor.yaml`; returns the number of images.
+
+    The pose T_BS is that of the optical frame in the frame of `imu`.
+    """
     data = folder / "data"
     data.mkdir(parents=True)
     rows = ["#timestamp [ns],filename"]
@@ -404,6 +460,7 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
 
 
 def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
+    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows."""
     c = recording.block(topic).columns
     t_ns = recording.block(topic).t_ns
     biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]
@@ -419,6 +476,7 @@ def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
 
 
 def _write_csv(folder: Path, header: list[str], t_ns: Stamps, *columns: Array) -> None:
+    """Writes `data.csv` in a new folder: stamps (N,) ns and columns (N, ...) side by side."""
     folder.mkdir(parents=True)
     write_text_rows(folder / "data.csv", f"#{','.join(header)}", ",", t_ns.tolist(), np.column_stack(columns))
 
@@ -432,8 +490,10 @@ def _with_both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibrat
 
 
 def _format_transform(T: Array) -> str:
+    """A transform (4, 4) as the lines of YAML that OpenCV's matrices have in this layout."""
     return f"T_BS:\n  cols: 4\n  rows: 4\n  data: [{', '.join(repr(float(v)) for v in T.ravel())}]"
 
 
 def _quote(text: str) -> str:
+    """A text as a quoted YAML string."""
     return "'" + text.replace("'", "''") + "'"

@@ -72,7 +72,13 @@ class Streams:
 
 
 def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Streams:
-    """Mapping of a source's streams, given the topics of its names."""
+    """The mapping of a source's streams to our topics, as `match_rig` needs it.
+
+    Args:
+        source: The imported source.
+        topics: Our topic of each of the source's names.
+        numbered: Whether the source has sensors without topics.
+    """
     return Streams(
         topics=topics,
         names={n: source.names.get(n, n) for n in topics},
@@ -83,13 +89,13 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
 
 
 def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool) -> Rig:
-    """A rig whose sensors get other topics, and the bodies that these imply.
+    """Renames the sensors of a rig, and moves each to the body that its new topic implies.
 
     Args:
         rig: The rig.
         topic_of: New topic by the old one.
-        bodies_are_known: Whether the rig knows the body of each sensor; then it only changes if the new topic implies
-            another body than the old topic.
+        bodies_are_known: Whether the rig knows the body of each sensor; then a body only changes if the new topic
+            implies another one than the old topic.
     """
 
     def rename(item: Any) -> Any:
@@ -111,7 +117,7 @@ def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool)
 
 
 def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> tuple[Rig, list[str]]:
-    """A rig given for a source, under our topics.
+    """Assigns the sensors of a given rig to a source's streams, and renames them to our topics.
 
     Values that a plain Kalibr file does not contain (the IMU's pose on the body, rates, the depth stream of a camera)
     keep their known values.
@@ -175,7 +181,7 @@ def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: St
 
 
 def _mount_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
-    """A plain calibration, whose body is the IMU itself, moved to the known mount of the IMU."""
+    """An IMU of a plain calibration, whose body is the IMU itself, at the known mount or else at its body's origin."""
     if known is None:
         return replace(imu, mount=Mount(body=body_of(imu.topic)))
     return replace(imu, mount=known.mount, part=imu.part or known.part)
@@ -184,7 +190,14 @@ def _mount_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibrat
 def _mount_camera(
     camera: CameraCalibration, known: CameraCalibration | None, mounts: Mapping[str, Mount], imus: tuple[str, ...]
 ) -> CameraCalibration:
-    """A plain calibration, mounted in its IMU's frame, moved to the known mount of that IMU."""
+    """A camera of a plain calibration, which gives its pose in the IMU's frame, as mounted on the body.
+
+    Args:
+        camera: The given calibration.
+        known: Known calibration of the camera, whose rate, depth stream and read-out time are kept.
+        mounts: Known mount of each IMU, by topic.
+        imus: Topics of the source's IMUs, for a camera that names none.
+    """
     candidates = [
         camera.imu_topic,
         known.imu_topic if known else "",

@@ -60,7 +60,7 @@ def write_image(path: Path, sample: Image) -> None:
 
 
 def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
-    """Writes a PNG of 16 bits; depth out of range becomes 0, none."""
+    """Writes depth as a PNG of 16 bits with `per_metre` units per metre; depth out of its range becomes 0, none."""
     units = np.rint(sample.depth * np.float32(per_metre))
     _write_pixels(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
 
@@ -79,6 +79,11 @@ def png_is_sound(data: bytes) -> bool:
 
 
 def _read_pixels(path: Path) -> NDArray[Any]:
+    """Decodes an image file of up to `MOST_PIXELS`: (H, W) grey or (H, W, C) in OpenCV's order BGR.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is damaged.
+    """
     data = read_bytes(path, LARGEST_IMAGE)
     try:
         sound = png_is_sound(data) if data.startswith(_PNG) else len(data) > 0
@@ -93,6 +98,7 @@ def _read_pixels(path: Path) -> NDArray[Any]:
 
 
 def _write_pixels(path: Path, pixels: NDArray[Any]) -> None:
+    """Writes pixels in the format that the suffix names, such as `.png`."""
     done, data = cv2.imencode(path.suffix, pixels)
     if not done:
         raise StrideTwinError(f"{path}: cannot be written: OpenCV refuses {pixels.dtype} {pixels.shape}")
@@ -130,7 +136,7 @@ def read_image_list(
             notes.invalid(error)
     if not listed:
         notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
-    return image_stream(select_existing(file.name, folder, listed, notes), per_metre)
+    return open_image_stream(select_existing(file.name, folder, listed, notes), per_metre)
 
 
 def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], notes: Notes) -> list[tuple[int, Path]]:
@@ -151,8 +157,13 @@ def select_existing(place: str, folder: Path, listed: list[tuple[int, Path]], no
     return existing_files
 
 
-def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
-    """Image files, each with its stamp, as a stream: of depth with `per_metre` units per metre, otherwise of colour."""
+def open_image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) -> ImageStream:
+    """A stream of image files, which are read one by one on request.
+
+    Args:
+        files: Stamp in ns and path of each image.
+        per_metre: Units of depth per metre; None for colour or grey.
+    """
 
     def load(topic: str, i: int) -> Image | Depth:
         t_ns, path = files[i]
@@ -163,6 +174,11 @@ def image_stream(files: list[tuple[int, Path]], per_metre: float | None = None) 
 
 
 def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
+    """The path of an image that a list names.
+
+    Raises:
+        ConfigError: The name is empty, absolute, or leads out of the folder.
+    """
     where, valid = f"line {line}, filename", f"an image inside {folder.name}/"
     parts = PurePath(name).parts
     if not parts or "\0" in name or ".." in parts or PurePath(name).is_absolute():
@@ -171,6 +187,7 @@ def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
 
 
 def _is_file(path: Path) -> bool:
+    """Whether there is a file of this name; false for a name that the system refuses."""
     try:
         return path.is_file()
     except OSError:  # a name too long for the file system
@@ -178,10 +195,10 @@ def _is_file(path: Path) -> bool:
 
 
 def choose_camera(recording: Recording, topic: str | None) -> CameraCalibration:
-    """The camera of a topic, or the first one with depth (otherwise the first one).
+    """Chooses the camera of an export: that of the topic, else the first with depth, else the first of all.
 
     Raises:
-        ConfigError: Unknown camera; the message lists the known ones.
+        ConfigError: The topic is no recorded camera (the message lists them), or there is none.
     """
     recorded_cameras = [c for t, c in recording.rig.cameras.items() if t in recording.topics]
     names = ", ".join(c.topic for c in recorded_cameras) or "none (a recording with images)"

@@ -19,7 +19,7 @@ _FEWEST = 10  # samples needed to know a period
 
 
 def bridge_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
-    """A stream of equal samples without repeated stamps, and with samples in its short gaps.
+    """Makes a stream of samples even: without repeated stamps, and with samples in its short gaps.
 
     Repeated rows are left out. Other rows with the stamp of the row before, such as the samples of one packet, are
     spread evenly over the time until the next stamp. Gaps of up to `LONGEST_S` are filled with linear interpolation;
@@ -41,6 +41,7 @@ def bridge_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
 
 
 def _drop_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    """Leaves out each row that equals the row before it in its stamp and in every column."""
     same = np.diff(block.t_ns) == 0
     for column in block.columns.values():
         same &= np.all(np.diff(column, axis=0).reshape(len(same), -1) == 0, axis=1)
@@ -51,6 +52,7 @@ def _drop_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any
 
 
 def _spread_repeated_stamps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period."""
     t_ns = block.t_ns
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
     if len(first) == len(t_ns):
@@ -64,6 +66,10 @@ def _spread_repeated_stamps(name: str, block: Block[Any], notes: Notes) -> Block
 
 
 def _fill_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    """Inserts samples where a step is more than 1.6 median periods long and up to `LONGEST_S`, by linear interpolation.
+
+    A long step next to a step that is as much shorter is a late stamp, not a gap. Longer gaps are reported.
+    """
     t_ns = block.t_ns
     steps = np.diff(t_ns)
     period = float(np.median(steps))
@@ -95,6 +101,7 @@ def _insert_stamps(t_ns: Stamps, missing: Stamps) -> Stamps:
 
 
 def _interpolate(stamps: Stamps, t_ns: Stamps, column: Array) -> Array:
+    """Values of a column (N, ...) at the given stamps (M,) ns, linear between those at `t_ns` (N,): (M, ...)."""
     since, known = (stamps - t_ns[0]).astype(np.float64), (t_ns - t_ns[0]).astype(np.float64)
     flat = column.reshape(len(t_ns), -1)
     values = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])

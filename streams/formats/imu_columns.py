@@ -124,13 +124,16 @@ _UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
 
 
 def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
-    """The columns of a table.
+    """Finds the columns of time, force and rate of a table by its header.
 
     Args:
         path: Named by errors.
         header: Name, and unit in brackets, of each column.
         sensors: Sensor of each column, of a header with two rows.
         quantity: What bare columns `x`, `y`, `z` are, as the file's name implies: `accel`, `gyro` or "".
+
+    Returns:
+        Indices and factors to SI; no signals if no column is a force or a rate.
 
     Raises:
         ConfigError: An axis or a unit is missing.
@@ -156,7 +159,7 @@ def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (),
 
 
 def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -> Columns:
-    """The columns that a mapping names.
+    """Finds the columns that the user's mapping names, for a table whose header is not understood.
 
     Args:
         path: Named by errors.
@@ -164,7 +167,7 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
         mapping: Column and unit in brackets, such as `Acc X[g]`, of `t` (may be missing), `ax` ... `gz`.
 
     Raises:
-        ConfigError: An unknown column or unit; names what is there.
+        ConfigError: An unknown column or unit, or only some axes of a quantity; names what is valid.
     """
     places: dict[str, int] = {}
     units: dict[str, str] = {}
@@ -199,10 +202,10 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
 
 
 def parse_mapping(text: str) -> dict[str, str]:
-    """The mapping of an option, `t=Time[ms],ax=...`.
+    """The mapping in the text of the option `--columns`, such as `t=Time[ms],ax=Acc X[g]`.
 
     Raises:
-        ConfigError: It has another form.
+        ConfigError: The text has another form, or a key other than `t` and `ax` to `gz`.
     """
     mapping = {}
     for part in text.split(","):
@@ -237,12 +240,14 @@ def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[st
 
 
 def _split_unit(cell: str) -> tuple[str, str]:
+    """Name of a header's cell in lower case with `_` between its words, and the unit in brackets ("" without one)."""
     matched = _UNIT.fullmatch(cell)
     name, unit = (matched[1], matched[2]) if matched else (cell, "")
     return re.sub(r"[^a-z0-9]+", "_", name.strip().lower()).strip("_"), unit
 
 
 def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
+    """The units that a kind of file leaves out of its header, by the column names that are typical of the kind."""
     if has_sensors:
         return GAITMAP
     if "sampletimefine" in names or "packetcounter" in names:
@@ -255,7 +260,14 @@ def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
 
 
 def _classify_column(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple[str, str]:
-    """Quantity and axis of a column; "" for any other."""
+    """Quantity (`accel` or `gyro`) and axis of a column; two empty texts for any other, such as force without gravity.
+
+    Args:
+        name: Name of the column, as `_split_unit` gives it.
+        unit: Unit in its header; "" without one.
+        quantity: What bare columns `x`, `y`, `z` are.
+        names: Names of all columns.
+    """
     known = unit_of(unit)
     if _WITHOUT_GRAVITY.search(name):
         return "", ""
@@ -279,6 +291,11 @@ def _to_signal(
     named: Sequence[tuple[str, str]],
     dialect: Dialect,
 ) -> Signal:
+    """Three columns as a signal, with the factor of their common unit to SI.
+
+    Raises:
+        ConfigError: An axis is missing, the units differ, or there is none.
+    """
     if lacking := [axis for axis in AXES if axis not in axes]:
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)

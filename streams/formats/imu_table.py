@@ -21,7 +21,7 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
 from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_folder_parts, read_text_table
 from stridetwin.streams.formats.tum import LATEST_S
-from stridetwin.streams.plausible import implausible_imu
+from stridetwin.streams.plausible import find_implausible_values
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
@@ -31,7 +31,7 @@ _COLUMNS = {ACCEL: "specific_force", GYRO: "angular_rate"}
 
 
 def read_imu_table(path: str | Path, topic: str = "/foot/imu", request: TableRequest | None = None) -> Block[Imu]:
-    """The one IMU of a table or a folder of tables; see `read_imu_tables`.
+    """Reads the IMU of a table or a folder of tables that has only one; `read_imu_tables` reads several.
 
     Args:
         path: `.npz` with `t` (N,), `accel` (N, 3) and `gyro` (N, 3), or a text table with a header.
@@ -52,7 +52,7 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu", request: TableReq
 
 
 def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str, Block[Imu]]:
-    """The IMUs of a table or a folder of tables, by the name of the sensor in the source; "" for the only one.
+    """Reads all IMUs of a table or a folder of tables.
 
     Args:
         path: `.npz`, a text table (`imu_text.SUFFIXES`), or a folder of text tables.
@@ -60,7 +60,8 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
         notes: Collects what was assumed and bridged.
 
     Returns:
-        Samples in m/s² and rad/s. Where force and rate have stamps of their own, the force is interpolated.
+        Samples in m/s² and rad/s, by the name of the sensor in the source; "" for the only one. Where force and rate
+        have stamps of their own, the force is interpolated to those of the rate.
 
     Raises:
         StrideTwinError: A table cannot be read, or is invalid; names file, column, row and value.
@@ -83,6 +84,11 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
 
 
 def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes: Notes) -> Block[Imu]:
+    """Joins the force and the rate of one sensor to a checked IMU without short gaps.
+
+    Raises:
+        ConfigError: One of them is missing, a number or a stamp is invalid, or the values are no IMU's.
+    """
     for quantity in (ACCEL, GYRO):
         if quantity not in parts:
             (only_part,) = parts.values()
@@ -115,16 +121,22 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
-    for implausible in implausible_imu(block):
+    for implausible in find_implausible_values(block):
         raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
     return block
 
 
 def _to_nanoseconds(t: Array) -> Stamps:
+    """Stamps (N,) ns of times (N,) s."""
     return np.rint(t * 1e9).astype(np.int64)
 
 
 def _read_npz(path: Path) -> tuple[Array, Array, Array]:
+    """Reads `t` (N,) s, `accel` (N, 3) m/s² and `gyro` (N, 3) rad/s of a `.npz` file.
+
+    Raises:
+        StrideTwinError: The file is damaged, too large unpacked, or an array is missing or has another shape.
+    """
     try:
         _check_packing(path)
         with np.load(path, allow_pickle=False) as table:
@@ -160,6 +172,7 @@ def _check_packing(path: Path) -> None:
 
 
 def _check_numbers(part: TablePart) -> None:
+    """Rejects a table of fewer than `MIN_ROWS` rows, or with a number that is not finite."""
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
@@ -171,6 +184,7 @@ def _check_numbers(part: TablePart) -> None:
 
 
 def _check_times(part: TablePart) -> None:
+    """Rejects stamps that decrease, are negative or later than `LATEST_S`, or are all equal."""
     path, t = part.file, part.t
     step = np.diff(t)
     if np.any(step < 0):

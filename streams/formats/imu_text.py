@@ -113,6 +113,15 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
 def _read_scalars(
     path: Path, text: Iterator[str], request: TableRequest, notes: Notes, quantity: str
 ) -> list[TablePart]:
+    """Reads a table with one number per cell, as CSV of any separator or Xsens' `.txt`.
+
+    Times are the column of stamps, Xsens' counter divided by its rate, or the row's number divided by the rate in the
+    request.
+
+    Raises:
+        ConfigError: A cell is no number, or stamps, an axis or a unit are missing.
+        csv.Error: The text is no table.
+    """
     comments: list[str] = []
     first = ""
     for first in text:
@@ -181,7 +190,13 @@ def _unwrap_counter(counts: Array, name: str) -> Array:
 
 
 def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> float:
-    """Factor of the stamps to s; without a unit, the only one that gives a rate of an IMU."""
+    """Finds the factor from the table's stamps (N,) to s.
+
+    Without a unit it is the first of s, ms, µs and ns that gives a rate of an IMU, which is reported.
+
+    Raises:
+        ConfigError: No unit does, or the column only numbers the rows.
+    """
     if columns.time_unit:
         return UNITS[TIME][columns.time_unit]
     assert columns.time is not None
@@ -200,7 +215,18 @@ def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> f
 def _read_numbers(
     path: Path, header: Sequence[str], rows: Iterable[list[str]], wanted: Sequence[int], decimal: str
 ) -> Array:
-    """(N, K) numbers of some columns."""
+    """Reads some columns of the rows that are not empty as numbers: (N, K).
+
+    Args:
+        path: Named by errors.
+        header: Name of every column.
+        rows: Cells of each row.
+        wanted: (K,) indices of the columns.
+        decimal: Decimal separator in place of the point; "" for the point.
+
+    Raises:
+        ConfigError: A cell is missing or no number.
+    """
     table, row = array("d"), 0
     for line in rows:
         if not any(line):
@@ -216,6 +242,7 @@ def _read_numbers(
 
 
 def _is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma."""
     try:
         float(cell.replace(",", "."))
     except ValueError:
@@ -224,7 +251,13 @@ def _is_number(cell: str) -> bool:
 
 
 def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TablePart]:
-    """A table of OpenSim with vectors `x,y,z` in its cells, one column per sensor."""
+    """Reads OpenSim's table with vectors `x,y,z` in its cells, one column per sensor.
+
+    Args:
+        path: Named by errors.
+        text: Lines of the file.
+        quantity: `accel` or `gyro`, which the file's name tells; "" is refused.
+    """
     keys: dict[str, str] = {}
     for line in text:
         if line.strip().lower() == "endheader":
@@ -260,10 +293,18 @@ def is_imu_folder(path: Path) -> bool:
 
 
 def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[TablePart]:
-    """The forces and rates of the tables in a folder; those of one sensor have the same name.
+    """Reads the forces and rates of all tables in a folder; those of one sensor have the same sensor name.
+
+    Gravity in a table of its own is added to forces without it, and the sign of an iPhone's forces is corrected; both
+    are reported.
+
+    Args:
+        path: The folder.
+        request: See `TableRequest`.
+        notes: Collects what was assumed.
 
     Raises:
-        StrideTwinError: A table cannot be read, or only forces without gravity are there.
+        StrideTwinError: A table cannot be read, or all forces are without gravity.
     """
     parts: list[TablePart] = []
     for file in _list_tables(path):
@@ -288,12 +329,17 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
 
 
 def _add_gravity(force: TablePart, gravity: TablePart) -> TablePart:
+    """A force with gravity (both m/s²) interpolated to its stamps and added."""
     added = np.column_stack([np.interp(force.t, gravity.t, gravity.values[:, k]) for k in range(3)])
     return replace(force, values=force.values + added)
 
 
 def _list_tables(path: Path) -> list[Path]:
-    """The tables of forces and rates in a folder; forces with gravity before those that get it added."""
+    """Lists the tables of forces and rates in a folder by their names.
+
+    Tables of orientation, magnetic field and forces without gravity are left out; `TotalAcceleration.csv` stands for
+    all forces where it exists.
+    """
     files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and quantity_of(f.stem)]
     files = [f for f in files if not _OTHER.search(f.name) and not _WITHOUT_GRAVITY.search(f.name)]
     if (path / _TOTAL).is_file():

@@ -25,10 +25,10 @@ from stridetwin.streams.bounded import LARGEST_TEXT, read_bytes, read_text
 from stridetwin.streams.bounded_images import check_pixels
 from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.fields import Count, Number, Positive
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import to_odometry
-from stridetwin.streams.formats.image_files import image_stream, select_existing
-from stridetwin.streams.formats.text_rows import Row, read_camera_matrix, read_numbers, read_text_rows
+from stridetwin.streams.formats.image_files import open_image_stream, select_existing
+from stridetwin.streams.formats.text_rows import TextRow, read_camera_matrix, read_numbers, read_text_rows
 from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
@@ -65,6 +65,9 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
         notes: Collects problems.
         per_metre: Units of the depth images per metre.
 
+    Returns:
+        Colour, depth, IMU and ARKit's path as far as their files exist, and both cameras' calibrations.
+
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
@@ -74,10 +77,10 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     images: dict[str, ImageStream] = {}
     if (path / VIDEO).is_file():
         frames = _Frames(path / VIDEO, t_ns)
-        images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.image)
+        images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.load_image)
     listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), table[:, 0].tolist())]
     if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
-        images[DEPTH] = image_stream(depth_files, per_metre)
+        images[DEPTH] = open_image_stream(depth_files, per_metre)
     poses = _to_path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
     blocks: dict[str, Block[Any]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
@@ -85,12 +88,18 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     return Source(kind="strayscanner", blocks=blocks, images=images, rig=_read_stray_rig(path, images, IMU in blocks))
 
 
-def _read_table(file: Path) -> tuple[list[str], list[Row]]:
+def _read_table(file: Path) -> tuple[list[str], list[TextRow]]:
+    """The cells of the first row of a CSV file, its header, and the rows below; both empty for an empty file."""
     _, rows = read_text_rows(file, ",")
     return (rows[0].cells, rows[1:]) if rows else ([], [])
 
 
 def _find_columns(file: Path, header: list[str], names: tuple[str, ...]) -> list[tuple[str, int]]:
+    """Name and index of each wanted column in a header.
+
+    Raises:
+        ConfigError: The header lacks a column.
+    """
     for name in names:
         if name not in header:
             raise ConfigError(file, "header", ",".join(header), f"the columns timestamp, {', '.join(names)}")
@@ -98,6 +107,11 @@ def _find_columns(file: Path, header: list[str], names: tuple[str, ...]) -> list
 
 
 def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
+    """Reads `imu.csv`: specific forces in m/s² with the sign that an IMU has, and rates in rad/s, in the device's axes.
+
+    The file's forces have the opposite sign. They are in g if their median magnitude is below `_MOST_IN_G`, else in
+    m/s²; which one is reported.
+    """
     header, rows = _read_table(file)
     rates = next((names for names in _RATES if names[0] in header), _RATES[0])
     places = _find_columns(file, header, (*_FORCE, *rates))
@@ -112,22 +126,23 @@ def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
 
 
 def _read_stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
+    """The calibration of a StrayScanner folder: its camera matrix, for the image size of the video."""
     fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
     # without the video, the centre of the image is all that gives its size
-    size = (first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
+    size = (read_first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
     return _to_rig(images, (fu, fv, pu, pv), size, imu)
 
 
 class _Frames:
-    """The first frames of a video, with stamps (N,) ns: decoded in order and, where asked for again, from the start."""
+    """The frames of a video with stamps (N,) ns, decoded in order; going back decodes again from the start."""
 
     def __init__(self, path: Path, t_ns: Stamps) -> None:
         self._path, self._t_ns = path, t_ns
         self._frames: Iterator[Any] = iter(())
         self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
 
-    def image(self, topic: str, number: int) -> Image:
-        """One frame.
+    def load_image(self, topic: str, number: int) -> Image:
+        """Loads frame `number` of the video as an image of a topic.
 
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
@@ -135,7 +150,11 @@ class _Frames:
         return Image(topic=topic, t_ns=int(self._t_ns[number]), pixels=self._decode_frame(number))
 
     def _decode_frame(self, number: int) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB."""
+        """Decodes frame `number`: (H, W, 3) RGB; the last frame is kept for a second request.
+
+        Raises:
+            StrideTwinError: The video cannot be decoded, or has fewer frames.
+        """
         if number == self._next - 1:
             return self._last
         if self._next < 0 or number < self._next:
@@ -155,6 +174,7 @@ class _Frames:
         return self._last
 
     def _decode(self) -> Iterator[Any]:
+        """Yields the frames of the video from its start."""
         import av  # takes long to import: only where it is needed
 
         with av.open(str(self._path)) as container:
@@ -162,7 +182,18 @@ class _Frames:
 
 
 class _Metadata(BaseModel):
-    """What is read of the metadata; poses are x, y, z, w of the rotation and the position, m."""
+    """The fields of Record3D's metadata that are read.
+
+    Attributes:
+        w: Width of the colour images, pixels.
+        h: Height of the colour images, pixels.
+        dw: Width of the depth images, pixels.
+        dh: Height of the depth images, pixels.
+        fps: Frame rate, used where stamps are missing.
+        K: Camera matrix of the colour images, by columns.
+        poses: Quaternion (x, y, z, w) and position in m of each frame in ARKit's world.
+        frameTimestamps: Stamp of each frame in s.
+    """
 
     w: Count
     h: Count
@@ -185,6 +216,9 @@ def read_record3d(path: Path, notes: Notes) -> Source:
     Args:
         path: The folder.
         notes: Collects problems.
+
+    Returns:
+        Colour and depth as far as their files exist, ARKit's path of the optical frame, and the cameras' calibrations.
 
     Raises:
         StrideTwinError: A file cannot be read, a value in it is invalid, or depth is compressed and its package is not
@@ -210,7 +244,7 @@ def read_record3d(path: Path, notes: Notes) -> Source:
         listed = [(t, path / "rgbd" / f"{i}.{suffix}") for i, t in enumerate(t_ns.tolist())]
         if image_files := select_existing("rgbd", path / "rgbd", listed, notes):
             images[topic] = (
-                image_stream(image_files)
+                open_image_stream(image_files)
                 if topic == COLOR
                 else _to_depth_stream(image_files, (metadata.dh, metadata.dw))
             )
@@ -221,6 +255,7 @@ def read_record3d(path: Path, notes: Notes) -> Source:
 
 
 def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> ImageStream:
+    """A stream of depth files of the given (height, width), read on request; the first is read at once as a check."""
     check_pixels(shape[1], shape[0])
     _read_depth(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
 
@@ -233,7 +268,12 @@ def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> I
 
 
 def _read_depth(file: Path, shape: tuple[int, int]) -> Any:
-    """(H, W) m of a file of float32, compressed or not."""
+    """Reads a depth file of float32: (H, W) m, NaN where there is none.
+
+    Raises:
+        StrideTwinError: The file is damaged or of another size, or is compressed with LZFSE and `lzfse` is not
+            installed.
+    """
     size = 4 * shape[0] * shape[1]
     data = read_bytes(file, size + 4096)
     if data.startswith(_LZFSE):
@@ -251,7 +291,7 @@ def _read_depth(file: Path, shape: tuple[int, int]) -> Any:
 def _to_path(
     images: dict[str, ImageStream], t_ns: Stamps, p: Array, q: Array, optical: bool, notes: Notes, file: object
 ) -> Block[Odometry]:
-    """Poses of the camera's optical frame in a world with z up: ARKit's estimate, not the truth.
+    """ARKit's estimate of the camera's path as odometry of the optical frame in a world with z up.
 
     Args:
         images: Colour or depth, whose cameras are in one place; the topic is named after the first that is there.
@@ -279,7 +319,9 @@ def _to_path(
 def _to_rig(
     images: dict[str, ImageStream], intrinsics: tuple[float, float, float, float], size: tuple[int, int], imu: bool
 ) -> Rig:
-    """The colour camera, and the depth camera with the same view and its own size of image.
+    """The calibrations of the colour and the depth camera, which have one view and different image sizes.
+
+    Intrinsics scale with the size s of an image: f' = s f, p' = s (p + 0.5) - 0.5, for pixel centres at whole numbers.
 
     Args:
         images: Colour and depth, if they are there.
@@ -289,11 +331,11 @@ def _to_rig(
     """
     cameras: dict[str, CameraCalibration] = {}
     for topic, stream in images.items():
-        stream_size = first_image_size(stream) or size
+        stream_size = read_first_image_size(stream) or size
         su, sv = stream_size[0] / size[0], stream_size[1] / size[1]
         fu, fv, pu, pv = intrinsics
         scaled = (su * fu, sv * fv, su * (pu + 0.5) - 0.5, sv * (pv + 0.5) - 0.5)
-        camera = pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
+        camera = make_pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
         if imu:
             T = np.eye(4)
             T[:3, :3] = R_DEVICE_OPTICAL

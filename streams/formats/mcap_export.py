@@ -41,6 +41,7 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
 
 
 def _write_samples(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
+    """Writes the samples second by second, so that a recording of any length needs the memory of its small streams."""
     blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
     times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
@@ -95,11 +96,12 @@ def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = 
 
 
 def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str, int]:
+    """Copies an MCAP file into a bag's folder and describes it in `metadata.yaml`; returns the messages by topic."""
     file = f"{name}.mcap"
     shutil.copyfile(source, folder / file)
     counts = {c.topic: 0 for c in bag.channels}
     first, last = 2**63 - 1, 0
-    for topic, t_ns, _, _ in bag.messages(set(counts)):
+    for topic, t_ns, _, _ in bag.read_messages(set(counts)):
         counts[topic] += 1
         first, last = min(first, t_ns), max(last, t_ns)
     span = {"duration": {"nanoseconds": max(0, last - first)}, "message_count": sum(counts.values())}
@@ -135,6 +137,7 @@ def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str
 
 
 def _write_sqlite(bag: McapBag, folder: Path, name: str) -> dict[str, int]:
+    """Writes all messages of a bag into `NAME.db3` with `metadata.yaml`; returns the messages by topic."""
     counts = {c.topic: 0 for c in bag.channels}
     with TemporaryDirectory(dir=folder) as temporary:
         inner = Path(temporary) / name  # the library creates the folder itself, and names the file after it
@@ -142,7 +145,7 @@ def _write_sqlite(bag: McapBag, folder: Path, name: str) -> dict[str, int]:
             connections = {
                 c.topic: writer.add_connection(c.topic, c.typename, typestore=typestore()) for c in bag.channels
             }
-            for topic, t_ns, payload, _ in bag.messages(set(counts)):
+            for topic, t_ns, payload, _ in bag.read_messages(set(counts)):
                 writer.write(connections[topic], t_ns, payload)
                 counts[topic] += 1
         for file in inner.iterdir():

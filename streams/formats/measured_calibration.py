@@ -28,8 +28,8 @@ samples lie above the share `PILE` of it. Slow rotations also dwell at their pea
 def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     """Estimates the calibration of an unknown IMU from its own samples; 0 stands for what they do not determine.
 
-    Noise densities and the gyro bias come from the quietest window of 0.5 s, ranges from samples that pile up at a
-    usual full scale.
+    The noise densities and the gyro bias come from the quietest window of `REST_S`, provided that the sensor rests
+    there; ranges come from samples that pile up at a usual full scale.
 
     Args:
         block: A whole recording.
@@ -41,7 +41,7 @@ def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     rest_window = _find_rest(rate, force, max(round(REST_S * rate_hz), 8))
     gyro, accel, bias = 0.0, 0.0, 0.0
     if rest_window is not None:
-        gyro, accel = (_noise_density(x[rest_window], resolution(x), rate_hz) for x in (rate, force))
+        gyro, accel = (_estimate_noise_density(x[rest_window], measure_resolution(x), rate_hz) for x in (rate, force))
         mean = float(np.linalg.norm(rate[rest_window].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
@@ -71,20 +71,27 @@ def _find_rest(rate: Array, force: Array, n: int) -> slice | None:
     return window if quiet else None
 
 
-def _noise_density(x: Array, count: float, rate_hz: float) -> float:
-    """Density of the white noise of (N, 3) samples, unit/√Hz, from their differences; at least that of the counts."""
+def _estimate_noise_density(x: Array, count: float, rate_hz: float) -> float:
+    """Density of the white noise of samples (N, 3), in their unit per √Hz.
+
+    It is sd(x[k+1] - x[k]) / √2 / √rate; quantisation by steps of `count` sets the least noise, count / √12.
+    """
     white = np.diff(x, axis=0).std(axis=0).mean() / np.sqrt(2.0)
     return float(max(white, count / np.sqrt(12.0)) / np.sqrt(rate_hz))
 
 
-def resolution(x: Array) -> float:
-    """Smallest difference between the values of a channel of (N, 3), the largest of the three channels."""
+def measure_resolution(x: Array) -> float:
+    """The quantisation step of samples (N, 3): the least difference within a channel, the largest of the three."""
     steps = [np.diff(np.unique(channel)) for channel in x.T]
     return float(max((step.min() for step in steps if len(step)), default=0.0))
 
 
 def _find_range(x: Array, full_scales: tuple[float, ...]) -> float:
-    """Magnitude at which samples (N, 3) are limited by one of the full scales; 0 if they are not limited."""
+    """The magnitude beyond which samples (N, 3) count as limited; 0 if they are not limited by a usual full scale.
+
+    Limited means: the largest magnitude is within 2 % of a full scale, and at least `LEAST_LIMITED` samples reach the
+    share `PILE` of that magnitude, which is returned.
+    """
     largest = float(abs(x).max())
     usual = any(abs(largest / full_scale - 1.0) <= FULL_SCALE_ERROR for full_scale in full_scales)
     return PILE * largest if usual and np.count_nonzero(abs(x) >= PILE * largest) >= LEAST_LIMITED else 0.0

@@ -23,7 +23,7 @@ from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import IMAGE_RATES_HZ, implausible_imu, implausible_rates
+from stridetwin.streams.plausible import IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
 from stridetwin.streams.recording.imported import ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
@@ -40,9 +40,9 @@ _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered 
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
 """First bytes of a file of each kind."""
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
-    "euroc": lambda path: euroc.euroc_root(path) is not None,
+    "euroc": lambda path: euroc.find_euroc_root(path) is not None,
     "tum": tum_rgbd.is_tum_rgbd,
-    "7scenes": lambda path: seven_scenes.frames_folder(path) is not None,
+    "7scenes": lambda path: seven_scenes.find_frames_folder(path) is not None,
     "strayscanner": iphone.is_stray_scanner,
     "record3d": iphone.is_record3d,
     "table": is_imu_folder,
@@ -82,7 +82,10 @@ class ImportOptions:
 
 
 def recognise(path: Path) -> str:
-    """Kind of a source, detected from its content.
+    """Detects the kind of a source from its content, or of a folder from its layout.
+
+    Returns:
+        One of `FILE_FORMATS`.
 
     Raises:
         StrideTwinError: The source does not exist or is not one of `FILE_FORMATS`.
@@ -192,6 +195,11 @@ def print_warnings(path: Path, warnings: Iterable[str]) -> None:
 
 
 def _recognise_folder(path: Path) -> str:
+    """The kind of a folder by its layout: a ROS 2 bag first, then the order of `_LAYOUTS`.
+
+    Raises:
+        StrideTwinError: The folder has none of these layouts.
+    """
     if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
         return "rosbag2"
     for kind, has_layout in _LAYOUTS.items():
@@ -208,6 +216,7 @@ def imu_topic(name: str) -> str:
 
 
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
+    """Reads a source of a known kind with the reader of that kind; topics are still the source's own."""
     if kind == "table":
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
@@ -222,7 +231,10 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
 def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
     """The path of our own MCAP file, which may be in a folder; None for anything else.
 
-    A damaged file counts, too, if nothing else is known about it: `Recording` gives the best error message.
+    Args:
+        path: File or folder.
+        is_plain: Whether neither topics nor a rig are given. Then a damaged MCAP file counts as ours, too, because
+            `Recording` gives the best error message.
     """
     files = _list_bag_files(path) if path.is_dir() else [path]
     return (
@@ -233,6 +245,7 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
 
 
 def _open_bag(path: Path, kind: str, notes: Notes) -> Bag:
+    """Opens a bag; the tables of SQLite files are checked first."""
     if kind == "mcap":
         return McapBag([path], notes)
     if kind == "rosbag1":
@@ -273,7 +286,15 @@ def _list_bag_files(path: Path) -> list[Path]:
 
 
 def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, str]:
-    """Our topic of every stream of a source, by its name in the source."""
+    """Our topic of every stream of a source, by its name in the source.
+
+    Args:
+        source: The source, whose `names` are the defaults.
+        requested: The user's topics, by a name in the source or by its default topic.
+
+    Raises:
+        ConfigError: An unknown name, an invalid topic, or one topic for two streams.
+    """
     names = [*source.blocks, *source.images]
     defaults = {name: source.names.get(name, name) for name in names}
     for old, new in requested.items():
@@ -299,6 +320,7 @@ def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: 
 
 
 def _bridge_inertial(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
+    """Bridges the gaps of an IMU or accelerometer whose numbers are all finite; returns other blocks unchanged."""
     return bridge_gaps(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
 
 
@@ -335,6 +357,7 @@ def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: S
 
 
 def _merge_rigs(rig: Rig, better: Rig) -> Rig:
+    """The calibrations of both rigs; those of `better` replace others of the same topic."""
     return Rig(
         imus={**rig.imus, **better.imus},
         cameras={**rig.cameras, **better.cameras},
@@ -348,11 +371,11 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
             sound = block[is_increasing(block.t_ns) & block.finite]
-            for implausible in implausible_imu(sound) if len(sound) >= _FEWEST else ():
+            for implausible in find_implausible_values(sound) if len(sound) >= _FEWEST else ():
                 notes.problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
-        for implausible in implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
             notes.problem(Problem(topic, int(rising[0]), str(implausible)))
 
 

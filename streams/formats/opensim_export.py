@@ -60,20 +60,21 @@ class Model:
     torque: Mapping[str, str]
 
 
-def _bilateral_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+def _mirror_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
+    """Coordinates of the trunk and of both sides' limbs, with the sides' suffixes on joint and coordinate."""
     both = {f"{joint}_{s}": (f"{coordinate}_{s}", sign) for joint, (coordinate, sign) in limbs.items() for s in _SIDES}
     return _TRUNK | both
 
 
 MODELS = {
     "rajagopal": Model(
-        coordinates=_bilateral_coordinates(_LEG | _ARM),
+        coordinates=_mirror_coordinates(_LEG | _ARM),
         p_hips_in_pelvis=(-0.056276, -0.07849, 0.0),
         force={s: f"ground_force_{s}_" for s in _SIDES},
         torque={s: f"ground_torque_{s}_" for s in _SIDES},
     ),
     "gait2392": Model(
-        coordinates=_bilateral_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
+        coordinates=_mirror_coordinates(_LEG | {"knee_flexion": ("knee_angle", -1.0)}),
         p_hips_in_pelvis=(-0.0707, -0.0661, 0.0),
         force={"r": "ground_force_", "l": "1_ground_force_"},
         torque={"r": "ground_torque_", "l": "1_ground_torque_"},
@@ -106,6 +107,10 @@ def write_opensim(recording: Recording, folder: Path, model: str = "rajagopal") 
 
 
 def _write_motion(recording: Recording, model: Model, path: Path) -> int:
+    """Writes pelvis and joint angles as `.mot` and returns the number of rows.
+
+    The pelvis has OpenSim's Euler angles: tilt about z, then list about x, then rotation about y.
+    """
     joints, pelvis = recording.block("/truth/joints"), recording.block("/truth/pelvis/odometry")
     at = np.clip(np.searchsorted(pelvis.t_ns, joints.t_ns), 0, len(pelvis) - 1)
     keep = pelvis.t_ns[at] == joints.t_ns
@@ -125,18 +130,26 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
 
 
 def _write_loads(recording: Recording, model: Model, sides: list[str], path: Path) -> int:
+    """Writes force, point and free torque of each foot as `.mot`, in OpenSim's axes; returns the number of rows."""
     t_ns = recording.block(f"/truth/foot_{sides[0]}/wrench").t_ns
     names: list[str] = []
     columns: list[Array] = []
     for side in sides:
         names += [f"{model.force[side]}{what}{axis}" for what in ("v", "p") for axis in "xyz"]
         names += [f"{model.torque[side]}{axis}" for axis in "xyz"]
-        columns += [part @ _R_OPENSIM_WORLD.T for part in _loads_at_pressure_centre(recording, side, t_ns)]
+        columns += [part @ _R_OPENSIM_WORLD.T for part in _compute_loads(recording, side, t_ns)]
     return _write_mot(path, "ground_reactions", names, t_ns, np.column_stack(columns), in_degrees=False)
 
 
-def _loads_at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
-    """(N, 3) force, point and free torque, world axes, at the stamps; 0 for an unloaded foot."""
+def _compute_loads(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[Array, Array, Array]:
+    """The loads of a foot at its centre of pressure, at the given stamps (N,) ns.
+
+    With the true force F and torque T at the foot's origin p and the centre of pressure c, the free torque is T + (p -
+    c) × F.
+
+    Returns:
+        (N, 3) force in N, point in m and free torque in N m, world axes; 0 for an unloaded foot.
+    """
     force, point, torque = (np.zeros((len(t_ns), 3)) for _ in range(3))
     if f"/truth/foot_{side}/cop" not in recording.topics:
         return force, point, torque
@@ -152,6 +165,7 @@ def _loads_at_pressure_centre(recording: Recording, side: str, t_ns: np.ndarray)
 
 
 def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, table: Array, *, in_degrees: bool) -> int:
+    """Writes a table (N, K) with OpenSim's header and times in s; returns N."""
     head = [name, "version=1", f"nRows={len(t_ns)}", f"nColumns={1 + len(columns)}"]
     head += [f"inDegrees={'yes' if in_degrees else 'no'}", "endheader", "\t".join(["time", *columns])]
     with path.open("w", encoding="ascii") as file:
@@ -161,6 +175,7 @@ def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, tabl
 
 
 def _format_external_loads(model: Model, sides: list[str]) -> str:
+    """The XML text that tells OpenSim which columns of `ground_reactions.mot` act on which foot."""
     forces = "".join(
         f"<ExternalForce name={quoteattr('ground_' + s)}><applied_to_body>calcn_{s}</applied_to_body>"
         "<force_expressed_in_body>ground</force_expressed_in_body>"

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import to_odometry
-from stridetwin.streams.formats.image_files import image_stream
+from stridetwin.streams.formats.image_files import open_image_stream
 from stridetwin.streams.formats.text_rows import read_camera_matrix, read_matrix
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
@@ -24,13 +24,13 @@ from stridetwin.streams.samples import Array, Block
 
 RATE_HZ = 30.0
 PER_METRE = 1000.0
-COLOR, DEPTH, TRUTH = "/head/color", "/head/depth", "/truth/head/color/odometry"
+COLOR, DEPTH, TRUTH_TOPIC = "/head/color", "/head/depth", "/truth/head/color/odometry"
 _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
 
-def frames_folder(path: Path) -> Path | None:
-    """The folder with the frames: `path`, or its first `seq-..`."""
+def find_frames_folder(path: Path) -> Path | None:
+    """The folder with the frames: `path`, or its first `seq-..` that has frames; None without any."""
     for folder in (path, *sorted(path.glob("seq-*"))):
         if folder.is_dir() and any(_FRAME.fullmatch(p.name) for p in folder.iterdir()):
             return folder
@@ -45,10 +45,13 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
         notes: Collects problems.
         per_metre: Units of the depth images per metre.
 
+    Returns:
+        Colour, depth and true poses of the camera, as far as there are files, with stamps at an assumed 30 Hz.
+
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
-    folder = frames_folder(path)
+    folder = find_frames_folder(path)
     if folder is None:
         raise ConfigError(path, "", "no frame-*.depth.png", "a folder in the 7-Scenes layout")
     frame_files: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
@@ -58,17 +61,18 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _warn_about_missing(frame_files, notes)
     images = {
-        topic: image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
+        topic: open_image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
         for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre))
         if files
     }
     blocks: dict[str, Block[Any]] = {}
     if frame_files["pose"]:
-        blocks[TRUTH] = _read_poses(frame_files["pose"], notes)
+        blocks[TRUTH_TOPIC] = _read_poses(frame_files["pose"], notes)
     return Source(kind="7scenes", blocks=blocks, images=images, rig=_read_rig(path, folder, images), unread={})
 
 
 def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -> None:
+    """Warns of numbers that are missing between the first and the last frame, for each kind of file."""
     frames = sorted({f for files in frame_files.values() for f in files})
     for what, files in frame_files.items():
         missing = [f for f in range(frames[0], frames[-1] + 1) if f not in files] if files else []
@@ -77,10 +81,12 @@ def _warn_about_missing(frame_files: dict[str, dict[int, Path]], notes: Notes) -
 
 
 def _to_stamp(frame: int) -> int:
+    """Stamp of a frame in ns at the assumed rate of 30 Hz."""
     return round(frame * 1e9 / RATE_HZ)
 
 
 def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
+    """Reads the pose files, by frame number, as odometry of the camera in the world."""
     stamps: list[int] = []
     poses: list[Array] = []
     for frame, file in sorted(files.items()):
@@ -93,10 +99,15 @@ def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
-    return to_odometry(TRUTH, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
+    return to_odometry(TRUTH_TOPIC, np.array(stamps, np.int64), T[:, :3, 3], q, None, notes, files[min(files)].parent)
 
 
 def _read_pose(file: Path) -> Array:
+    """Reads T_world_camera (4, 4) of one pose file.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is no rigid transform.
+    """
     T = read_matrix(file, None, 4)
     R = T[:3, :3]
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-2) and np.linalg.det(R) > 0 and np.allclose(T[3], (0, 0, 0, 1))):
@@ -105,8 +116,9 @@ def _read_pose(file: Path) -> Array:
 
 
 def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
-    depth_size = first_image_size(images[DEPTH]) if DEPTH in images else None
-    color_size = first_image_size(images[COLOR]) if COLOR in images else None
+    """The camera's calibration, from `camera-intrinsics.txt` or, for images of 640 x 480, as published; else empty."""
+    depth_size = read_first_image_size(images[DEPTH]) if DEPTH in images else None
+    color_size = read_first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size
     file = next((f for p in (folder, path) if (f := p / "camera-intrinsics.txt").is_file()), None)
     if size is None:
@@ -118,4 +130,4 @@ def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
     else:
         return Rig()
     topic = COLOR if size == color_size else DEPTH
-    return Rig(cameras={topic: pinhole(topic, size, intrinsics, RATE_HZ, DEPTH if DEPTH in images else "")})
+    return Rig(cameras={topic: make_pinhole(topic, size, intrinsics, RATE_HZ, DEPTH if DEPTH in images else "")})

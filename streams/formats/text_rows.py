@@ -18,8 +18,8 @@ from stridetwin.streams.samples import Array, Stamps
 LONGEST_STAMP = 19
 
 
-class Row(NamedTuple):
-    """One line.
+class TextRow(NamedTuple):
+    """A line of a text table, split into cells on request.
 
     Attributes:
         line: Its number in the file.
@@ -37,27 +37,31 @@ class Row(NamedTuple):
         return [*map(str.strip, self.text.split(self.separator))]
 
 
-def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[Row]]:
-    """The words of the last comment (`#`) above the data, and the rows; without a separator words end at blanks.
+def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[TextRow]]:
+    """Reads the rows of a text file, and the cells of the last comment (`#`) above them, which is their header.
+
+    Args:
+        path: The file.
+        separator: Between cells; None is any white space.
 
     Raises:
         StrideTwinError: The file cannot be read.
     """
     header: list[str] = []
-    rows: list[Row] = []
+    rows: list[TextRow] = []
     for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
         content, mark, comment = line.partition("#")
         if content := content.strip():
-            rows.append(Row(number, content, separator))
+            rows.append(TextRow(number, content, separator))
         elif mark and not rows:
-            header = Row(number, comment.strip(), separator).cells
+            header = TextRow(number, comment.strip(), separator).cells
     return header, rows
 
 
 def read_numbers(
-    path: Path, rows: list[Row], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
+    path: Path, rows: list[TextRow], columns: Sequence[tuple[str, int]], stamp: Callable[[str], int], notes: Notes
 ) -> tuple[Stamps, Array]:
-    """Stamps (N,) ns from the first word of each row, and the columns (N, K).
+    """Reads a stamp and some numbers of each row.
 
     Args:
         path: What errors call the file.
@@ -65,6 +69,9 @@ def read_numbers(
         columns: Name and index of each column.
         stamp: Converts a word to nanoseconds; ValueError for an invalid one.
         notes: Collects invalid rows, which are omitted when lenient.
+
+    Returns:
+        Stamps (N,) ns from the first cell of each row, and the columns (N, K).
 
     Raises:
         ConfigError: A word is not a number, or there is no row, unless lenient.
@@ -127,10 +134,10 @@ def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -
 
 
 def read_camera_matrix(path: Path, separator: str | None) -> tuple[float, float, float, float]:
-    """The intrinsics (fu, fv, pu, pv), pixels, of a camera matrix.
+    """Reads the intrinsics (fu, fv, pu, pv) in pixels from a file with a camera matrix.
 
     Raises:
-        StrideTwinError: The file cannot be read, or is no such matrix.
+        StrideTwinError: The file cannot be read, or is no camera matrix.
     """
     valid = "fx 0 cx / 0 fy cy / 0 0 1 in pixels, focal lengths above 0"
     K = read_matrix(path, separator, 3, valid)
@@ -151,7 +158,7 @@ def parse_nanoseconds(word: str) -> int:
     return value
 
 
-def _invalid_number_error(path: Path, row: Row, columns: Sequence[tuple[str, int]]) -> ConfigError:
+def _invalid_number_error(path: Path, row: TextRow, columns: Sequence[tuple[str, int]]) -> ConfigError:
     """The error about the first of these columns that is not a finite number."""
     cells = dict(enumerate(row.cells))
     name, at = next((name, at) for name, at in columns if not _is_finite(cells.get(at, "")))
@@ -159,6 +166,7 @@ def _invalid_number_error(path: Path, row: Row, columns: Sequence[tuple[str, int
 
 
 def _is_finite(word: str) -> bool:
+    """Whether a word is a finite number."""
     try:
         return math.isfinite(float(word))
     except ValueError:

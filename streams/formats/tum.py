@@ -50,7 +50,9 @@ def parse_seconds(word: str) -> int:
 
 
 def read_tum(path: str | Path) -> Trajectory:
-    """Reads a trajectory; `#` begins a comment. Quaternions are normalised.
+    """Reads a trajectory as stamps in ns, positions in m, and unit quaternions (w, x, y, z) of a frame in the world.
+
+    `#` begins a comment. Quaternions are normalised.
 
     Raises:
         StrideTwinError: The file cannot be read, or a row is invalid; names line, column and what is valid.
@@ -76,6 +78,11 @@ def read_tum(path: str | Path) -> Trajectory:
 
 
 def _parse_row(path: str | Path, number: int, cells: list[str]) -> list[float]:
+    """The eight numbers of a row.
+
+    Raises:
+        ConfigError: Another number of cells, a number out of range, or no unit quaternion.
+    """
     if len(cells) != len(_COLUMNS):
         raise ConfigError(path, f"line {number}", " ".join(cells), f"8 numbers: {' '.join(_COLUMNS)}")
     values: list[float] = []

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.assumed_calibration import first_image_size, pinhole
+from stridetwin.streams.formats.assumed_calibration import make_pinhole, read_first_image_size
 from stridetwin.streams.formats.derived import join_at_gyro_stamps, to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_depth, write_image
 from stridetwin.streams.formats.text_rows import read_numbers, read_text_rows, write_text_rows
@@ -32,7 +32,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
 COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelerometer", "/head/imu"
-TRUTH = "/truth/head/color/odometry"
+TRUTH_TOPIC = "/truth/head/color/odometry"
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PLAUSIBLE_M = (0.25, 15.0)
@@ -51,6 +51,9 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         notes: Collects problems.
         per_metre: Units of the depth images per metre.
 
+    Returns:
+        Images, inertial streams and true poses of the colour camera, as far as their files exist, and its calibration.
+
     Raises:
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
@@ -67,12 +70,12 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     if file.is_file():
         _, rows = read_text_rows(file, None)
         t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
-        blocks[TRUTH] = to_odometry(TRUTH, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
+        blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
     return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
 
 
 def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
-    """Accelerometer and IMU, if their files exist."""
+    """Reads the accelerometer, and an IMU from `imu.txt` or from `gyroscope.txt` with the accelerometer's forces."""
     blocks: dict[str, Block[Any]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
@@ -100,7 +103,7 @@ def _read_columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Sta
 
 
 def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
-    """Warns of a distance that no such camera measures, the effect of a wrong scale."""
+    """Warns if the median depth of the first image is one that no such camera measures, the effect of a wrong scale."""
     try:
         first = images.load(DEPTH, 0)
     except (StrideTwinError, IndexError):
@@ -114,9 +117,14 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
 
 
 def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
+    """The camera's calibration in `calibration.txt`, in pixels; empty without the file.
+
+    Raises:
+        ConfigError: The file has other contents than fx fy cx cy.
+    """
     file = path / "calibration.txt"
     topic = COLOR if COLOR in images else DEPTH
-    if not file.is_file() or topic not in images or (size := first_image_size(images[topic])) is None:
+    if not file.is_file() or topic not in images or (size := read_first_image_size(images[topic])) is None:
         return Rig()
     _, rows = read_text_rows(file, None)
     cells = [w for row in rows for w in row.cells]
@@ -128,7 +136,7 @@ def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
     if not sound:
         raise ConfigError(file, "calibration", " ".join(cells[:8]), "fx fy cx cy, focal lengths above 0")
     rate, depth = mean_rate(images[topic].t_ns), DEPTH if DEPTH in images else ""
-    return Rig(cameras={topic: pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
+    return Rig(cameras={topic: make_pinhole(topic, size, (fu, fv, pu, pv), rate, depth)})
 
 
 def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None = None) -> dict[str, int]:
@@ -163,7 +171,7 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
         both = np.column_stack((rate, force))
         write_text_rows(folder / "imu.txt", "# timestamp wx wy wz ax ay az", " ", stamps, both)
         counts |= {"accelerometer.txt": len(block), "imu.txt": len(block)}
-    path = camera_path(recording, camera)
+    path = find_camera_path(recording, camera)
     if path is not None:
         write_tum(path, folder / "groundtruth.txt")
         counts["groundtruth.txt"] = len(path)
@@ -172,8 +180,12 @@ def write_tum_rgbd(recording: Recording, folder: Path, camera_topic: str | None 
     return counts
 
 
-def camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
-    """Ground truth of a camera's optical frame: recorded, or from that of its IMU and their mounts."""
+def find_camera_path(recording: Recording, camera: CameraCalibration) -> Trajectory | None:
+    """The true path of a camera's optical frame: recorded, or computed from that of its IMU and both mounts.
+
+    Returns:
+        Poses of the optical frame in the world; None if neither is recorded.
+    """
     truth_topic = f"/truth{camera.topic}/odometry"
     T_frame_cam: Array = np.eye(4)
     if truth_topic not in recording.topics:
@@ -203,6 +215,7 @@ def _with_both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> R
 
 
 def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:
+    """Writes the images of a topic into `folder/name` and their list beside it; returns their number."""
     (folder / name).mkdir()
     rows = ["# timestamp filename"]
     for sample in recording.samples([topic]):

@@ -26,10 +26,10 @@ from stridetwin.streams.recording.ros_images import (
     IMAGES,
     RAW,
     CameraInfos,
-    camera_info_message,
-    depth_message,
-    image_message,
-    raw_image_message,
+    encode_camera_info,
+    encode_depth,
+    encode_image,
+    encode_raw_image,
     read_image_message,
 )
 from stridetwin.streams.recording.ros_samples import (
@@ -50,17 +50,20 @@ MOST_PIXELS = 1920 * 1200
 
 
 def rank_of(kind: type[Sample]) -> int:
-    """Rank among samples of one instant: IMUs, which close an interval, then other small samples, then images."""
+    """Rank of a kind of sample at one instant: 0 for IMUs, which close an interval, 2 for images, 1 for others."""
     return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
-class Encoder:
-    """Converts samples to ROS 2 messages.
+class MessageEncoder:
+    """Converts samples to ROS 2 messages, as `Sender` sends them.
 
     Args:
         rig: Its noise and ranges are part of the messages, as in recordings.
         depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None sends lossless images.
+
+    Raises:
+        ConfigError: An unknown depth encoding.
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
@@ -69,29 +72,34 @@ class Encoder:
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
-    def message(self, sample: Sample) -> Message:
-        """The ROS 2 message of a sample: an image by its encoding, any other sample by its topic's template."""
+    def encode(self, sample: Sample) -> Message:
+        """Converts a sample to its ROS 2 message.
+
+        A colour image becomes a CompressedImage (JPEG), or without a quality an Image with its pixels; depth becomes an
+        Image; any other sample fills the numbers of a message of its topic that is built once.
+        """
         if isinstance(sample, Image):
             typename = RAW if self._quality is None else COMPRESSED
-            payload = raw_image_message(sample) if self._quality is None else image_message(sample, self._quality)
+            payload = encode_raw_image(sample) if self._quality is None else encode_image(sample, self._quality)
         elif isinstance(sample, Depth):
-            typename, payload = RAW, depth_message(sample, self._depth_encoding)
+            typename, payload = RAW, encode_depth(sample, self._depth_encoding)
         else:
             typename, payload = self._encode_small(sample)
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
 
     def _encode_small(self, sample: Sample) -> tuple[str, bytes]:
+        """The ROS 2 type and the CDR bytes of a sample that is no image."""
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
-            self._templates[sample.topic] = mapping, *mapping.template(sample.topic, self._rig, block.constants)
+            self._templates[sample.topic] = mapping, *mapping.build_template(sample.topic, self._rig, block.constants)
         mapping, template, layout = self._templates[sample.topic]
         payload = bytearray(template)
         fill_rows(np.frombuffer(payload, layout.dtype), mapping, block)
         return mapping.typename, bytes(payload)
 
 
-class Decoder:
+class MessageDecoder:
     """Converts the ROS 2 messages of one topic to samples.
 
     Args:
@@ -109,7 +117,7 @@ class Decoder:
         self.topic, self.typename = topic, typename
         self._previous: tuple[MessageLayout, SampleMapping] | None = None
 
-    def sample(self, message: Message) -> Sample | None:
+    def decode(self, message: Message) -> Sample | None:
         """The sample in a message of the topic; None if one of its numbers is not finite.
 
         Raises:
@@ -134,6 +142,11 @@ class Decoder:
         return mapping.kind(topic=self.topic, t_ns=t_ns, **values, **mapping.constants(layout))
 
     def _parse_layout(self, payload: bytes) -> tuple[MessageLayout, SampleMapping]:
+        """Finds where the numbers of a message are, and the kind of sample that they are.
+
+        Raises:
+            ValueError: The bytes are no message of the type, or the kind differs from that of earlier messages.
+        """
         layout = layout_of(payload, self.typename, typestore())
         mapping = find_mapping(self.typename, np.frombuffer(payload, layout.dtype))
         if self._previous is not None and mapping.kind is not self._previous[1].kind:
@@ -142,6 +155,11 @@ class Decoder:
         return layout, mapping
 
     def _decode_image(self, message: Message) -> Image | Depth:
+        """Decodes an image or depth after a check of its declared size.
+
+        Raises:
+            ValueError: The bytes are no image of the type, or the image has more than `MOST_PIXELS`.
+        """
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == COMPRESSED:
@@ -180,7 +198,7 @@ class LiveRecorder:
         for typename in (CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
         self._file = McapWriter(path)
-        self._file.metadata(VERSION_RECORD, VERSION_VALUES)
+        self._file.append_metadata(VERSION_RECORD, VERSION_VALUES)
 
     def __enter__(self) -> Self:
         return self
@@ -195,13 +213,16 @@ class LiveRecorder:
             partial_path(self.path).unlink()
 
     def set_rig(self, rig: Rig, metadata: Mapping[str, str]) -> None:
-        """Sets rig and metadata of the senders: before their first message, and when further senders connect."""
+        """Writes rig and metadata of the senders into the file, if they differ from those written before.
+
+        Call it before the first message, and again when further senders connect.
+        """
         known = rig_to_yaml(rig), dict(metadata)
         if known == self._previous:
             return
         self._previous = known
-        self._file.attachment(RIG_NAME, "application/yaml", known[0].encode())
-        self._file.metadata(METADATA_NAME, known[1])
+        self._file.append_attachment(RIG_NAME, "application/yaml", known[0].encode())
+        self._file.append_metadata(METADATA_NAME, known[1])
         self._infos.rig = rig
 
     def write(self, message: Message, t_ns: int) -> None:
@@ -212,15 +233,15 @@ class LiveRecorder:
             t_ns: Stamp of its sample.
         """
         lane = IMAGE_LANE if message.typename in IMAGES else 0
-        if (camera := self._infos.camera_if_due(message.topic, t_ns)) is not None:
-            info = camera_info_message(camera, message.topic, t_ns)
-            self._file.message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
-        self._file.message(message.topic, message.typename, message.payload, t_ns, lane)
+        if (camera := self._infos.find_due_camera(message.topic, t_ns)) is not None:
+            info = encode_camera_info(camera, message.topic, t_ns)
+            self._file.append_message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
+        self._file.append_message(message.topic, message.typename, message.payload, t_ns, lane)
         self.count += 1
 
 
 def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message]:
-    """Messages of some topics in time order, at equal stamps IMUs first and images last.
+    """Yields the messages of some topics in time order, at equal stamps IMUs first and images last.
 
     Args:
         recording: The messages of an MCAP file are returned unchanged; for other sources images are lossless, and depth
@@ -229,8 +250,8 @@ def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message
     """
     if not recording.is_mcap:
         rig = recording.rig if recording.has_rig else Rig()
-        encoder = Encoder(rig, depth_encoding="32FC1", jpeg_quality=None)
-        yield from _sort_by_rank(map(encoder.message, recording.samples(topics)), recording)
+        encoder = MessageEncoder(rig, depth_encoding="32FC1", jpeg_quality=None)
+        yield from _sort_by_rank(map(encoder.encode, recording.samples(topics)), recording)
         return
     yield from recording.raw_messages(topics, rank_of)
 

@@ -18,8 +18,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.live.messages import Decoder, Message, rank_of
-from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, parse_json, read_message
+from stridetwin.streams.live.messages import Message, MessageDecoder, rank_of
+from stridetwin.streams.live.wire import Counts, Hello, WireError, ZenohLink, parse_json, read_message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
 
@@ -69,10 +69,10 @@ class Traffic:
 
 @dataclass(kw_only=True, eq=False)
 class _Sender:
-    """State of a sender, as the receiver knows it.
+    """What the receiver knows of a sender.
 
     Attributes:
-        epoch_ns: See `Hello`.
+        epoch_ns: System time at stamp 0, ns since 1970; None if unknown.
         expected: Number of the next sample, by topic.
         received: Samples that arrived, by topic.
         is_connected: Whether it may send.
@@ -85,14 +85,14 @@ class _Sender:
 
 
 class Receiver:
-    """Listens for senders; a context manager.
+    """Listens for senders, checks what they send, and queues it for `receive`; a context manager.
 
     Args:
         address: Host and port to listen at; port 0 takes a free one.
 
     Attributes:
         address: Where it listens.
-        traffic: By topic.
+        traffic: Counts of samples, by topic.
         refused: The first hundred refused senders, with reasons.
         refusals: Number of refusals.
 
@@ -102,7 +102,7 @@ class Receiver:
 
     def __init__(self, address: tuple[str, int]) -> None:
         self.address = address if address[1] else (address[0], _find_free_port(address[0]))
-        self._link = Link(listen=self.address)
+        self._link = ZenohLink(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
         self.traffic: dict[str, Traffic] = {}
         self.refused: list[str] = []
@@ -112,7 +112,7 @@ class Receiver:
         self._changed = threading.Condition()
         self._senders: dict[str, _Sender] = {}
         self._owner: dict[str, str] = {}
-        self._decoders: dict[str, Decoder] = {}
+        self._decoders: dict[str, MessageDecoder] = {}
         self._last_ns: dict[str, int] = {}
         self._has_ended = self._is_closed = False
 
@@ -133,8 +133,15 @@ class Receiver:
             self._changed.notify_all()
         self._link.close()
 
-    def take(self, timeout_s: float) -> list[Arrival | Hello]:
-        """New samples and hellos in the order of arrival; waits for them up to `timeout_s`."""
+    def receive(self, timeout_s: float) -> list[Arrival | Hello]:
+        """Takes all queued samples and hellos, in the order of arrival.
+
+        Args:
+            timeout_s: How long it waits if there are none.
+
+        Returns:
+            The items; empty after the time or once the receiver has `ended`.
+        """
         with self._changed:
             if not self._inbox and not self.ended:
                 self._changed.wait(timeout_s)
@@ -150,10 +157,16 @@ class Receiver:
         return self._has_ended and not self._inbox and not self._count_connected()
 
     def _count_connected(self) -> int:
+        """Number of senders that are connected and not refused."""
         return sum(sender.is_connected for sender in self._senders.values())
 
     def _answer_with(self, handle: Callable[[str, bytes], _Sender]) -> Callable[[str, bytes], tuple[str, bool]]:
-        """The answer to a query: what was received from the sender, or why it is refused."""
+        """Makes the answer to a query from a handler that returns the sender's state or raises an error.
+
+        Returns:
+            A function of the sender's ID and the query's body that returns a text and whether the query succeeded: as
+            JSON, the number of samples received from the sender by topic, or the reason why the sender is refused.
+        """
 
         def answer(name: str, body: bytes) -> tuple[str, bool]:
             try:
@@ -164,7 +177,11 @@ class Receiver:
         return answer
 
     def _on_hello(self, name: str, body: bytes) -> _Sender:
-        """Accepts a new sender, or a reconnecting one."""
+        """Accepts a new sender, or one that reconnects, and queues its hello.
+
+        Raises:
+            WireError: The hello or its rig is invalid, or there are `MOST_SENDERS` already.
+        """
         hello: Hello = parse_json(Hello, body, "hello")
         _ = hello.calibration  # an invalid one is refused
         with self._changed:
@@ -180,7 +197,11 @@ class Receiver:
         return sender
 
     def _on_end(self, name: str, body: bytes) -> _Sender:
-        """Settles what a sender had; it hangs up itself once it has the answer."""
+        """Counts the samples that a sender had and that did not arrive; the sender disconnects when it has the answer.
+
+        Raises:
+            WireError: The query is invalid, or the sender has not said hello.
+        """
         numbers = parse_json(Counts, body, "end")
         with self._changed:
             sender = self._senders.get(name)
@@ -193,13 +214,14 @@ class Receiver:
         return sender
 
     def _on_sample(self, name: str, item: zenoh.Sample) -> None:
+        """Decodes, checks, counts and queues a sample; the sender of an invalid one is refused."""
         since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
         sender = self._senders.get(name)
         if sender is None or not sender.is_connected:
             return  # not greeted, or refused
         try:
             message, number = read_message(item)
-            sample = self._decoder(name, message).sample(message)
+            sample = self._find_decoder(name, message).decode(message)
             if sample is not None and not 0 <= sample.t_ns < LATEST_NS:
                 raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
             with self._changed:
@@ -211,7 +233,11 @@ class Receiver:
             self._link.publish_text(f"{name}/refused", self._refuse(name, error))
 
     def _count_sample(self, sender: _Sender, topic: str, number: int, sample: Sample | None) -> bool:
-        """Counts a sample; returns whether it is passed on. The lock is held."""
+        """Counts a sample, and the gap before its number; the caller holds the lock.
+
+        Returns:
+            Whether the sample is passed on: its numbers are finite and its stamp is after the previous one.
+        """
         self._count_gap(sender, topic, number)
         sender.expected[topic] = max(number + 1, sender.expected.get(topic, 0))
         sender.received[topic] += 1
@@ -227,19 +253,32 @@ class Receiver:
         return False
 
     def _count_gap(self, sender: _Sender, topic: str, number: int) -> None:
-        """Counts the samples before a number that have not arrived."""
+        """Counts as lost the samples of a topic from the expected number up to the given one."""
         expected = sender.expected.get(topic, 0)
         if number > expected:
             self._traffic_of(topic).lost += number - expected
             sender.expected[topic] = number
 
     def _traffic_of(self, topic: str) -> Traffic:
+        """The counts of a topic, which begin at its first sample.
+
+        Raises:
+            WireError: There are too many topics.
+        """
         if topic not in self.traffic and len(self.traffic) >= MOST_SENDERS * MOST_TOPICS:
             raise WireError("too many topics")
         return self.traffic.setdefault(topic, Traffic())
 
-    def _decoder(self, name: str, message: Message) -> Decoder:
-        """The topic's decoder; a topic belongs to its first sender as long as that is connected."""
+    def _find_decoder(self, name: str, message: Message) -> MessageDecoder:
+        """The decoder of a message's topic; a topic belongs to its first sender as long as that is connected.
+
+        Args:
+            name: ID of the sender.
+            message: The message.
+
+        Raises:
+            WireError: Another sender has the topic, the sender has too many, or the type has changed.
+        """
         topic = message.topic
         with self._changed:
             if self._owner.setdefault(topic, name) != name:
@@ -249,13 +288,13 @@ class Receiver:
             known = self._decoders.get(topic)
             if known is None:
                 self._traffic_of(topic)
-                self._decoders[topic] = known = Decoder(topic, message.typename)
+                self._decoders[topic] = known = MessageDecoder(topic, message.typename)
         if known.typename != message.typename:
             raise WireError(f"{topic}: invalid type {message.typename[:60]}: expected {known.typename} as before")
         return known
 
     def _enqueue(self, item: Arrival | Hello, size: int = 0) -> None:
-        """Puts an item into the inbox; waits for space. The lock is held."""
+        """Puts an item of `size` bytes into the inbox; waits while the inbox is full. The caller holds the lock."""
         while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
             if self._is_closed:
                 return
@@ -265,6 +304,7 @@ class Receiver:
         self._changed.notify_all()
 
     def _disconnect(self, name: str) -> None:
+        """Marks a sender as disconnected, and frees its topics for others."""
         with self._changed:
             if name in self._senders:
                 self._senders[name].is_connected = False
@@ -272,7 +312,7 @@ class Receiver:
             self._changed.notify_all()
 
     def _refuse(self, name: str, error: Exception) -> str:
-        """Takes nothing more from a sender; returns the reason."""
+        """Takes nothing more from a sender because of an error; returns the reason as text."""
         is_expected = isinstance(error, StrideTwinError | ValueError)
         reason = str(error) if is_expected else f"{type(error).__name__}: {error}"
         with self._changed:
@@ -284,7 +324,7 @@ class Receiver:
 
 
 def _size_in_bytes(arrival: Arrival) -> int:
-    """Bytes of a message and its decoded image."""
+    """Bytes that a queued sample occupies: those of its message, and the pixels of its decoded image."""
     sample, size = arrival.sample, len(arrival.message.payload)
     if isinstance(sample, Image | Depth):
         size += (sample.pixels if isinstance(sample, Image) else sample.depth).nbytes
@@ -292,6 +332,7 @@ def _size_in_bytes(arrival: Arrival) -> int:
 
 
 def _find_free_port(host: str) -> int:
+    """A port at the host that no program listens at."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.create_server((host, 0), family=family) as taken:
         port: int = taken.getsockname()[1]
@@ -321,7 +362,7 @@ class Reorder:
         self.late: Counter[str] = Counter()
 
     def add(self, arrival: Arrival) -> None:
-        """Adds a sample; stamps increase within a stream."""
+        """Buffers a sample until `release_due` yields it; within a stream, stamps increase."""
         t_ns, topic = arrival.sample.t_ns, arrival.sample.topic
         if t_ns < self._released_ns:
             self.late[topic] += 1
@@ -329,8 +370,12 @@ class Reorder:
         self._count += 1
         heapq.heappush(self._heap, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
 
-    def ready(self, now_ns: int) -> Iterator[Arrival]:
-        """The released samples, in order, at a time on the clock of `Arrival.since_ns`."""
+    def release_due(self, now_ns: int) -> Iterator[Arrival]:
+        """Yields the samples that are released, in the order of their stamps.
+
+        Args:
+            now_ns: Present time on the clock of `Arrival.since_ns`, `time.perf_counter_ns()`.
+        """
         while self._heap:
             t_ns, since_ns = self._heap[0][0][0], self._heap[0][2].since_ns
             passed = min(self._newest.values()) >= t_ns or max(self._newest.values()) - t_ns >= self._window_ns
@@ -343,11 +388,12 @@ class Reorder:
         while self._heap:
             yield self._pop()
 
-    def due_s(self, now_ns: int) -> float | None:
+    def compute_wait_s(self, now_ns: int) -> float | None:
         """Seconds until the oldest sample is released; None if the buffer is empty."""
         return max(0.0, (self._heap[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._heap else None
 
     def _pop(self) -> Arrival:
+        """Takes the sample with the earliest stamp; later arrivals with an earlier stamp count as late."""
         arrival = heapq.heappop(self._heap)[2]
         self._released_ns = max(self._released_ns, arrival.sample.t_ns)
         return arrival

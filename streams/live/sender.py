@@ -12,14 +12,14 @@ from typing import Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Encoder, Message
+from stridetwin.streams.live.messages import Message, MessageEncoder
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
     Counts,
     Hello,
-    Link,
     WireError,
+    ZenohLink,
     check_message,
     parse_json,
 )
@@ -41,8 +41,8 @@ class Sender:
 
     Args:
         rig: Calibration of the sensors.
-        address: Host and port.
-        metadata: See `Hello`.
+        address: Host and port of the receiver.
+        metadata: Texts for the receiver's recording, such as the geometry of an exoskeleton.
         epoch_ns: System time at stamp 0; 0 for stamps that are system time (`time.time_ns()`), None if unknown.
         encoder: Conversion of samples to messages; by default as in recordings.
         lossless: `send` waits while a queue is full.
@@ -51,6 +51,9 @@ class Sender:
     Attributes:
         sent: Messages sent, by topic.
         dropped: Messages dropped, by topic.
+
+    Raises:
+        WireError: Rig and metadata are too large.
     """
 
     def __init__(
@@ -60,7 +63,7 @@ class Sender:
         *,
         metadata: Mapping[str, str] | None = None,
         epoch_ns: int | None = None,
-        encoder: Encoder | None = None,
+        encoder: MessageEncoder | None = None,
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
@@ -69,7 +72,7 @@ class Sender:
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
         if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
             raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
-        self._encoder = encoder or Encoder(rig)
+        self._encoder = encoder or MessageEncoder(rig)
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self._queues: dict[str, deque[tuple[int, int, Message]]] = {}  # order among all, number in the topic
@@ -102,12 +105,12 @@ class Sender:
             self._raise_failure()
 
     def send(self, item: Sample | Message) -> None:
-        """Sends a sample, or an existing message unchanged.
+        """Queues a sample for sending, or an existing message, which is sent unchanged.
 
         Raises:
-            WireError: The receiver has refused us, or was never reachable; or the message is invalid.
+            WireError: The receiver has refused this sender, or was never reachable; or the message is invalid.
         """
-        message = item if isinstance(item, Message) else self._encoder.message(item)
+        message = item if isinstance(item, Message) else self._encoder.encode(item)
         check_message(message)
         topic, most = message.topic, IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
         with self._changed:
@@ -124,12 +127,14 @@ class Sender:
             self._changed.notify_all()
 
     def _raise_failure(self) -> None:
+        """Raises the error of the sending thread, if it has failed."""
         if self._failure:
             raise WireError(self._failure)
 
     def _run(self) -> None:
+        """The sending thread: delivers hello, messages and end until the end is answered or sending fails."""
         try:
-            link = Link(connect=self._address)
+            link = ZenohLink(connect=self._address)
             try:
                 link.subscribe(f"{link.name}/refused", lambda _, sample: self._on_refusal(sample.payload.to_string()))
                 link.watch_presence("receiver/*", self._on_receiver)
@@ -143,7 +148,11 @@ class Sender:
             self._fail(str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}")
 
     def _has_receiver(self) -> bool:
-        """Waits until a receiver is present; returns false if there is none in time or it refuses."""
+        """Waits until a receiver is present.
+
+        Returns:
+            False if none appears within `patience_s`, or sending has failed.
+        """
         with self._changed:
             since = time.monotonic()
             while not self._receiver and not self._failure:
@@ -153,8 +162,12 @@ class Sender:
                 self._changed.wait(min(_POLL_S, self._patience_s))
             return not self._failure
 
-    def _deliver(self, link: Link) -> bool:
-        """Sends the hello, the next message or the end; returns whether it was the end."""
+    def _deliver(self, link: ZenohLink) -> bool:
+        """Sends the next item: the hello to a new receiver, then the oldest queued message, at last the end.
+
+        Returns:
+            Whether the end was sent and answered.
+        """
         with self._changed:
             is_greeted = self._is_greeted
             waiting = [topic for topic, queue in self._queues.items() if queue]
@@ -176,7 +189,8 @@ class Sender:
             return self._count_losses(link.query(f"{link.name}/end", json.dumps(self._numbers)))
         return False
 
-    def _greet(self, link: Link) -> None:
+    def _greet(self, link: ZenohLink) -> None:
+        """Sends the hello with the number of the next sample of each topic; it is repeated until it is answered."""
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
             if self._receiver != self._greeted_receiver:  # another one than before
@@ -187,7 +201,14 @@ class Sender:
             self._is_greeted = False
 
     def _count_losses(self, answer: bytes | None) -> bool:
-        """Counts the samples that the receiver has not received as dropped; returns whether it has answered."""
+        """Moves messages that the receiver lacks from `sent` to `dropped`.
+
+        Args:
+            answer: The receiver's counts by topic as JSON; None if the connection was lost.
+
+        Returns:
+            Whether the receiver has answered.
+        """
         if answer is None:
             return False
         received = parse_json(Counts, answer, "answer")
@@ -199,6 +220,7 @@ class Sender:
         return True
 
     def _on_receiver(self, key: str, is_present: bool) -> None:
+        """Notes that a receiver has appeared or disappeared; a new one is greeted."""
         name = key.rpartition("/")[2]
         with self._changed:
             if is_present or self._receiver == name:
@@ -206,9 +228,11 @@ class Sender:
                 self._changed.notify_all()
 
     def _on_refusal(self, reason: str) -> None:
+        """Stops sending because the receiver refuses it."""
         self._fail(f"{self._address_text} refuses: {reason}")
 
     def _fail(self, reason: str) -> None:
+        """Stops sending; the first reason is kept for the error that `send` raises."""
         with self._changed:
             self._failure = self._failure or reason
             self._changed.notify_all()

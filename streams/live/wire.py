@@ -112,10 +112,18 @@ class Hello(BaseModel):
 
 
 def parse_json(kind: Any, body: bytes, what: str) -> Any:
-    """A `Hello` or `Counts` from the JSON of a query.
+    """Parses the JSON body of a query.
+
+    Args:
+        kind: `Hello` or `Counts`.
+        body: The bytes.
+        what: Name of the query in errors.
+
+    Returns:
+        The value, of type `kind`.
 
     Raises:
-        WireError: The body is not one; names the first invalid field.
+        WireError: The body is too long or no such value; names the first invalid field.
     """
     if len(body) > LARGEST_HELLO:
         raise WireError(f"invalid {what} of {len(body)} bytes: expected up to {LARGEST_HELLO}")
@@ -128,10 +136,10 @@ def parse_json(kind: Any, body: bytes, what: str) -> Any:
 
 
 def check_message(message: Message) -> None:
-    """Checks topic, stamp and size.
+    """Checks topic, stamp, type and size of a message before it is sent or decoded.
 
     Raises:
-        WireError: One is invalid.
+        WireError: One of them is invalid.
     """
     topic, typename, size = message.topic, message.typename, len(message.payload)
     if len(topic) > 255 or not (topic.isascii() and topic.isprintable() and _TOPIC.fullmatch(topic)):
@@ -145,10 +153,10 @@ def check_message(message: Message) -> None:
 
 
 def read_message(sample: zenoh.Sample) -> tuple[Message, int]:
-    """A message and its number.
+    """Reads the message in a Zenoh sample, and its number among those of its topic.
 
     Raises:
-        WireError: The sample is not a message.
+        WireError: The sample has another form, or the message is invalid.
     """
     topic = "/" + str(sample.key_expr).split("/", 3)[3]
     mark, encoding = bytes(sample.attachment or b""), str(sample.encoding)
@@ -161,7 +169,7 @@ def read_message(sample: zenoh.Sample) -> tuple[Message, int]:
     return message, number
 
 
-class Link:
+class ZenohLink:
     """A Zenoh session whose only connections are those of one address.
 
     Callbacks run in the thread that reads the connection: in order, and while one waits, the other end waits, too.
@@ -208,31 +216,36 @@ class Link:
         )
 
     def publish_text(self, key: str, text: str) -> None:
-        """Publishes a text."""
+        """Publishes a text under a key, without waiting for an answer."""
         self._session.put(f"{_ROOT}/{key}", text)
 
     def subscribe(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
-        """Calls a function with the sender's ID and each sample of a key."""
+        """Calls `act` with the sender's ID and the sample for each sample whose key matches."""
         self._session.declare_subscriber(f"{_ROOT}/{key}", self._to_callback(lambda s: act(_sender_id(s.key_expr), s)))
 
     def on_disconnect(self, act: Callable[[str], None]) -> None:
-        """Calls a function with the Zenoh ID of each peer whose connection ends."""
+        """Calls `act` with the Zenoh ID of each peer whose connection ends."""
         put = self._zenoh.SampleKind.PUT
         handler = self._to_callback(lambda event: None if event.kind == put else act(str(event.transport.zid)))
         self._session.info.declare_transport_events_listener(handler)
 
     def declare_presence(self, key: str) -> None:
-        """Shows a token while the connection lasts."""
+        """Shows a liveliness token under a key as long as this session is open."""
         self._tokens.append(self._session.liveliness().declare_token(f"{_ROOT}/{key}"))
 
     def watch_presence(self, key: str, act: Callable[[str, bool], None]) -> None:
-        """Calls a function with the key of each token that appears (true) or disappears."""
+        """Calls `act` with the key of each liveliness token that appears (true) or disappears (false)."""
         put = self._zenoh.SampleKind.PUT
         handler = self._to_callback(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
         self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
 
     def answer_queries(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
-        """Answers queries of a key: a function takes the sender's ID and the body; returns a reply and its success."""
+        """Answers the queries of a key.
+
+        Args:
+            key: The key, which may have wildcards.
+            act: Function of the sender's ID and the body; returns a text and whether it is a reply or an error.
+        """
 
         def reply(query: zenoh.Query) -> None:
             answer, done = act(
@@ -247,10 +260,13 @@ class Link:
         self._session.declare_queryable(f"{_ROOT}/{key}", self._to_callback(reply))
 
     def query(self, key: str, body: str) -> bytes | None:
-        """The receiver's answer to a query; None if the connection is lost.
+        """Sends a query, and waits up to a minute for the answer.
+
+        Returns:
+            The answer; None if the connection was lost.
 
         Raises:
-            WireError: It refuses.
+            WireError: The receiver refuses; the message is its reason.
         """
         for reply in self._session.get(f"{_ROOT}/{key}", payload=body, timeout=_ANSWER_S):
             if reply.ok is not None:
@@ -260,10 +276,12 @@ class Link:
         return None
 
     def _to_callback(self, act: Callable[[Any], None]) -> Any:
+        """A Zenoh handler that calls `act` in Zenoh's own thread, so that a slow function slows the other end down."""
         return self._zenoh.handlers.Callback(act, indirect=False)
 
 
 def _endpoints(address: tuple[str, int] | None) -> list[str]:
+    """Zenoh's name of a TCP address, in a list; empty for None."""
     if address is None:
         return []
     host, port = address
@@ -271,6 +289,7 @@ def _endpoints(address: tuple[str, int] | None) -> list[str]:
 
 
 def _sender_id(key: zenoh.KeyExpr) -> str:
+    """The sender's ID in a key `stridetwin/ID/...`."""
     return str(key).split("/")[1]
 
 

@@ -62,18 +62,32 @@ class MessageLayout:
         return ((0, self.head), *((at, struct.pack(word, value)) for at, value in self.lengths))
 
     def fits(self, messages: NDArray[np.void]) -> bool:
-        """Whether all of `messages`, (N,) raw items of this item size, have this layout."""
+        """Whether all of `messages`, (N,) raw items of this item size, have this layout: equal lengths everywhere."""
         data = messages.view(np.uint8).reshape(len(messages), -1)
         return all(bool(np.all(data[:, at : at + 4] == np.frombuffer(word, np.uint8))) for at, word in self.marks)
 
     def fits_message(self, payload: bytes) -> bool:
-        """Whether one message has this layout; much faster than `fits`."""
+        """Whether one message has this layout; much faster than `fits` for one."""
         same_size = len(payload) == self.dtype.itemsize
         return same_size and all(payload.startswith(word, at) for at, word in self.marks)
 
 
 class _LayoutParser:
-    """One pass over a serialised message that records the offset of everything."""
+    """Records the offsets of numbers, lengths and strings in one pass over a serialised message.
+
+    Args:
+        payload: CDR bytes.
+        store: Definitions of the types.
+
+    Attributes:
+        at: Offset of the next byte.
+        fields: NumPy type and offset of each number, array or vector, by its dotted path.
+        lengths: Offset and value of every length.
+        strings: Every string by its dotted path.
+
+    Raises:
+        ValueError: The bytes do not begin with plain CDR encapsulation.
+    """
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
         if len(payload) < ENCAPSULATION or payload[0] != 0 or payload[1] not in (0, 1):
@@ -89,7 +103,7 @@ class _LayoutParser:
         """Moves to the next multiple of `size` bytes after the encapsulation header."""
         self.at += -(self.at - ENCAPSULATION) % size
 
-    def length(self) -> int:
+    def read_length(self) -> int:
         """Reads the length of a string or sequence, u32, and records its offset."""
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
@@ -99,15 +113,21 @@ class _LayoutParser:
         self.at += 4
         return int(value)
 
-    def string(self) -> str:
+    def read_string(self) -> str:
         """Reads a string: its length with the terminating NUL, then UTF-8."""
-        n = self.length()
+        n = self.read_length()
         text = self.payload[self.at : self.at + n].rstrip(b"\0").decode()
         self.at += n
         return text
 
-    def numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
-        """Records the offset and the NumPy type of `shape` numbers of the ROS type `base`, and skips them."""
+    def record_numbers(self, path: str, base: str, shape: tuple[int, ...]) -> None:
+        """Records the offset and the NumPy type of numbers, and skips them.
+
+        Args:
+            path: Dotted path of the field.
+            base: ROS type of each number, such as `float64`.
+            shape: Shape of the array; empty for one number.
+        """
         form = np.dtype(self.order + _CODES[base])
         count = int(np.prod(shape))
         if count:
@@ -115,46 +135,56 @@ class _LayoutParser:
         self.fields[path] = ((form, shape) if shape else form, self.at)
         self.at += count * form.itemsize
 
-    def message(self, path: str, typename: str) -> None:
-        """Walks through a message; one of float64s alone becomes a single vector."""
+    def record_message(self, path: str, typename: str) -> None:
+        """Records everything in a message; one of float64s alone, such as a vector or quaternion, becomes one field."""
         members = self.store.fielddefs[typename][1]
         if path and all(d[0] == Nodetype.BASE and d[1][0] == "float64" for _, d in members):
-            self.numbers(path, "float64", (len(members),))
+            self.record_numbers(path, "float64", (len(members),))
             return
         for name, description in members:
-            self.member(f"{path}.{name}" if path else name, description)
+            self.record_member(f"{path}.{name}" if path else name, description)
 
-    def member(self, path: str, description: Any) -> None:
-        """Walks through a field of a message, by rosbags' description of its type."""
+    def record_member(self, path: str, description: Any) -> None:
+        """Records a field of a message: a number, string, message, or an array or sequence of these.
+
+        Args:
+            path: Dotted path of the field.
+            description: rosbags' description of its type.
+        """
         node, detail = description
         if node == Nodetype.NAME:
-            self.message(path, detail)
+            self.record_message(path, detail)
         elif node == Nodetype.BASE:
             if detail[0] == "string":
-                self.strings[path] = self.string()
+                self.strings[path] = self.read_string()
             else:
-                self.numbers(path, detail[0], ())
+                self.record_numbers(path, detail[0], ())
         else:
             inner, size = detail
-            count = size if node == Nodetype.ARRAY else self.length()
+            count = size if node == Nodetype.ARRAY else self.read_length()
             if inner[0] == Nodetype.NAME:
                 for i in range(count):
-                    self.message(f"{path}.{i}", inner[1])
+                    self.record_message(f"{path}.{i}", inner[1])
             elif inner[1][0] == "string":
-                self.strings[path] = [self.string() for _ in range(count)]
+                self.strings[path] = [self.read_string() for _ in range(count)]
             else:
-                self.numbers(path, inner[1][0], (count,))
+                self.record_numbers(path, inner[1][0], (count,))
 
 
 def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
     """Finds the layout of one serialised message in one pass over its bytes.
+
+    Args:
+        payload: CDR bytes.
+        typename: ROS 2 type, such as `sensor_msgs/msg/Imu`.
+        store: Definitions of the types.
 
     Raises:
         ValueError: The bytes are not a message of this type.
     """
     parser = _LayoutParser(payload, store)
     try:
-        parser.message("", typename)
+        parser.record_message("", typename)
     except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: an undefined type
         raise ValueError(f"not a {typename}: {error}") from error
     if not parser.at <= len(payload) < parser.at + 4:

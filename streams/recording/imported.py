@@ -55,10 +55,18 @@ class Source:
 
 
 class ImportedContents:
-    """The streams of a source, checked like those of a recording; the `Contents` of a `Recording`.
+    """The streams of an imported source, checked like those of a recording; the `Contents` of a `Recording`.
+
+    Args:
+        blocks: Small streams by topic.
+        images: Image streams by topic.
+        rig: Calibration of the streams.
+        metadata: Texts about the source.
+        unread: Type of every stream that is not read.
+        notes: Collects problems.
 
     Raises:
-        RecordingError: Stamps that do not increase or numbers that are not finite, unless lenient.
+        RecordingError: There is no sample; or stamps do not increase or numbers are not finite, unless lenient.
     """
 
     def __init__(
@@ -90,25 +98,25 @@ class ImportedContents:
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
-        """All samples of some topics without images."""
+        """All samples of the topics, as one block each; for topics without images."""
         return {topic: self._blocks[topic] for topic in topics}
 
     def times(self, topic: str) -> Stamps:
-        """(N,) ns."""
+        """Stamps of a topic's samples or images, (N,) ns."""
         return self._blocks[topic].t_ns if topic in self._blocks else self._images[topic].t_ns
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """The requested images that exist, by number."""
+        """Loads images of a topic by number; those that do not exist or (when lenient) are damaged are missing."""
         count = len(self._images[topic].t_ns)
         loaded = {i: self._load_image(topic, i) for i in sorted(set(indices)) if 0 <= i < count}
         return {i: image for i, image in loaded.items() if image is not None}
 
     def image_times(self, topic: str) -> Stamps | None:
-        """(N,) ns, None for a topic without images."""
+        """Stamps of a topic's images, (N,) ns; None for a topic without images."""
         return self._images[topic].t_ns if topic in self._images else None
 
     def _iterate_topic(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
-        """A topic's samples after their stamps and the topic's rank among equal stamps."""
+        """Yields a topic's samples, each after its stamp and `order`, the topic's rank among equal stamps."""
         if topic in self._blocks:
             for sample in self._blocks[topic]:
                 yield sample.t_ns, order, sample
@@ -118,6 +126,7 @@ class ImportedContents:
                     yield image.t_ns, order, image
 
     def _load_image(self, topic: str, i: int) -> Image | Depth | None:
+        """Loads image i of a topic; None if it is damaged, when lenient."""
         images = self._images[topic]
         try:
             return images.load(topic, i)
@@ -128,6 +137,7 @@ class ImportedContents:
         return None
 
     def _drop_invalid_samples(self, topic: str, block: Block[Any]) -> Block[Any]:
+        """The samples of a block with finite numbers and increasing stamps; others are reported as problems."""
         keep = self._check_stamps(topic, block.t_ns)
         sound = block.finite
         if not sound.all():
@@ -136,6 +146,7 @@ class ImportedContents:
         return block[keep & sound]
 
     def _drop_late_images(self, topic: str, images: ImageStream) -> ImageStream:
+        """The images with increasing stamps; others are reported as problems."""
         keep = self._check_stamps(topic, images.t_ns)
         if keep.all():
             return images
@@ -144,6 +155,11 @@ class ImportedContents:
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
     def _check_stamps(self, topic: str, t_ns: Stamps) -> Mask:
+        """Reports stamps out of range or not after the previous one as problems.
+
+        Returns:
+            (N,) whether each sample is valid.
+        """
         on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
         if not on_clock.all():
             at = int(np.argmin(on_clock))
@@ -160,4 +176,5 @@ class ImportedContents:
 
 
 def _to_topic_info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:
+    """Summary of a topic from the stamps (N,) ns of its samples."""
     return TopicInfo(kind, len(t_ns), int(t_ns[0]), int(t_ns[-1]))

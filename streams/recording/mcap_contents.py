@@ -19,7 +19,7 @@ from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps, is_i
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """One message, stored or in transit.
+    """A ROS 2 message, stored in a recording or in transit between two programs.
 
     Attributes:
         t_ns: Its stamp.
@@ -40,7 +40,10 @@ Order = tuple[int, str]
 
 
 class McapContents(RecordingIndex):
-    """Contents of a `Recording` from an MCAP file."""
+    """The samples of an MCAP file with standard ROS 2 messages; the `Contents` of a `Recording`.
+
+    Samples are streamed chunk by chunk, so that a file of any length needs the memory of one chunk per topic.
+    """
 
     def __init__(self, path: Path, lenient: bool) -> None:
         super().__init__(path, lenient)
@@ -53,14 +56,24 @@ class McapContents(RecordingIndex):
         return self._merge_by_time(order, self._chunk_samples)
 
     def messages(self, topics: Sequence[str], rank_of: Callable[[type[Sample]], int]) -> Iterator[Message]:
-        """Messages of the topics in time order, as stored; at equal stamps by the rank of the kind of their samples."""
+        """Yields the stored messages of the topics in time order.
+
+        Args:
+            topics: Topics to return.
+            rank_of: Rank of a kind of sample among those of one instant.
+        """
         order = {topic: (rank_of(self.topics[topic].kind), topic) for topic in topics}
         return self._merge_by_time(order, self._chunk_messages)
 
     def _merge_by_time(
         self, order: Mapping[str, Order], read: Callable[[ChunkInfo, list[str]], Iterator[tuple[str, Iterator[Item]]]]
     ) -> Iterator[Item]:
-        """The items of the topics of all chunks in time order, at equal stamps in a given one."""
+        """Yields the items of the topics in time order, merged over chunks that overlap in time.
+
+        Args:
+            order: Rank of each topic at equal stamps.
+            read: Reads some topics of a chunk: pairs of a topic and its items.
+        """
         parts = [
             (min(c.parts[t].first for t in chunk_topics), i, chunk_topics, c)
             for i, c in enumerate(self.chunks)
@@ -75,7 +88,7 @@ class McapContents(RecordingIndex):
         yield from _pop_until(heap, None)
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
-        """All samples of some topics without images, in one pass over the file."""
+        """All samples of the topics, as one block each, in one pass over the file; for topics without images."""
         parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
         missing = [topic for topic in topics if topic not in self._kept]
         for chunk in self.chunks if missing else ():
@@ -85,7 +98,7 @@ class McapContents(RecordingIndex):
         return {topic: concatenate_blocks(blocks) for topic, blocks in parts.items()}
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
-        """The requested images that exist, by number."""
+        """Reads images of a topic by number; those that do not exist or (when lenient) are damaged are missing."""
         images: dict[int, Image | Depth] = {}
         chunks, ends = self._chunks_with_images(topic)
         wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
@@ -104,11 +117,11 @@ class McapContents(RecordingIndex):
         return self._chunks_of[topic]
 
     def image_times(self, topic: str) -> Stamps | None:
-        """(N,) ns, None for a topic without images."""
+        """Stamps of a topic's images, (N,) ns; None for a topic without images."""
         return self.times(topic) if self.readers[topic].is_image else None
 
     def times(self, topic: str) -> Stamps:
-        """(N,) ns, from the index."""
+        """Stamps of a topic's samples, (N,) ns, which are known from the first pass over the file."""
         return self._times[topic]
 
     def _read_messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
@@ -123,6 +136,7 @@ class McapContents(RecordingIndex):
         return {topic: named[topic] for topic in topics}
 
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
+        """Yields each topic of a chunk with its samples; images are decoded one by one on request."""
         for topic, messages in self._read_messages(chunk, topics).items():
             reader = self.readers[topic]
             if reader.is_image:
@@ -134,27 +148,31 @@ class McapContents(RecordingIndex):
                 yield topic, iter(self._decode_valid_block(reader, messages, chunk.parts[topic]))
 
     def _chunk_messages(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Message]]]:
+        """Yields each topic of a chunk with its messages as stored."""
         for topic, messages in self._read_messages(chunk, topics).items():
             yield topic, self._iterate_messages(self.readers[topic], messages, chunk.parts[topic])
 
     def _iterate_messages(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Iterator[Message]:
+        """Yields the messages of a topic in a chunk whose stamps increase, with their stamps."""
         times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
         for i in np.flatnonzero(is_increasing(times, part.before)).tolist():
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
     def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Any]:
+        """The samples of a topic in a chunk with increasing stamps and finite numbers (ground truth may have NaN)."""
         block = reader.block(messages)
         keep = is_increasing(block.t_ns, part.before)
         return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]
 
     def _select_ordered_images(self, topic: str, messages: Messages, part: ChunkPart) -> Messages:
+        """The messages of an image topic in a chunk whose stamps increase, with the stamps in place of log times."""
         t = self.readers[topic].times(messages)
         keep = is_increasing(t, part.before)
         return replace(messages, log_time=t).select(np.flatnonzero(keep))
 
     def _decode_images(self, topic: str, messages: Messages) -> Iterator[Image | Depth]:
-        """Decodes images one at a time, on request."""
+        """Yields the images of a topic one by one; a damaged one is reported, and (when lenient) left out."""
         for i, t in enumerate(messages.log_time.tolist()):
             try:
                 yield self.readers[topic].image(messages.payload(i), t)
@@ -163,7 +181,12 @@ class McapContents(RecordingIndex):
 
 
 def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yields the number of each group with its values; `groups` (N,) is sorted and assigns `values` (N,) to groups."""
+    """Yields each group's number with its values.
+
+    Args:
+        values: (N,) values.
+        groups: (N,) number of the group of each value, sorted.
+    """
     edges = np.flatnonzero(np.diff(groups)) + 1
     for first, part in zip(np.concatenate(([0], edges)), np.split(values, edges)):
         if len(part):

@@ -38,8 +38,8 @@ _RECORD_HEAD = np.dtype(
 )
 
 
-def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
-    """N message records with copies of `payload`.
+def build_message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
+    """Builds N message records that are copies of one serialised message, to be filled with numbers column by column.
 
     Args:
         channel: Channel they belong to.
@@ -67,7 +67,14 @@ def message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDAr
 
 
 class _OpenChunk:
-    """A chunk that still accepts messages."""
+    """A chunk that still accepts messages.
+
+    Attributes:
+        parts: Records, in order.
+        size: Bytes of all records.
+        entries: Log time and offset of each message, by channel.
+        times: Log time of the earliest and of the latest message, ns.
+    """
 
     def __init__(self) -> None:
         self.parts: list[memoryview] = []
@@ -76,7 +83,13 @@ class _OpenChunk:
         self.times = (0, 0)
 
     def add(self, channel: int, times: NDArray[np.uint64], data: memoryview) -> None:
-        """Appends equal-sized message records of one channel."""
+        """Appends equal-sized message records of one channel.
+
+        Args:
+            channel: The channel.
+            times: (N,) log times, ns, in order.
+            data: The N records.
+        """
         first, last = int(times[0]), int(times[-1])
         if self.entries:
             first, last = min(first, self.times[0]), max(last, self.times[1])
@@ -120,7 +133,7 @@ class McapWriter:
         self._append(MAGIC)
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
-    def channel(self, topic: str, typename: str) -> int:
+    def register_channel(self, topic: str, typename: str) -> int:
         """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
         if topic not in self._channels:
             schema = next((s for s in self._schemas if s.name == typename), None)
@@ -133,14 +146,16 @@ class McapWriter:
             self._append(_encode(channel))
         return self._channels[topic].id
 
-    def message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
+    def append_message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
         """Appends one message to a lane."""
         layout = np.dtype(f"V{len(payload)}")
-        rows, _ = message_rows(self.channel(topic, typename), payload, layout, np.array([t_ns], np.int64))
-        self.messages(rows, lane)
+        rows, _ = build_message_rows(
+            self.register_channel(topic, typename), payload, layout, np.array([t_ns], np.int64)
+        )
+        self.append_messages(rows, lane)
 
-    def messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
-        """Appends records made by `message_rows` to a lane, and splits them over chunks as they fill up."""
+    def append_messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
+        """Appends records made by `build_message_rows` to a lane, and splits them over chunks as they fill up."""
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]
@@ -159,8 +174,8 @@ class McapWriter:
             if chunk.size >= CHUNK_BYTES - size:
                 self._finish_chunk(lane)
 
-    def attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Appends an attachment."""
+    def append_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Appends an attachment, such as the calibration, and lists it in the summary."""
         body = _encode(records.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
             records.AttachmentIndex(
@@ -176,15 +191,15 @@ class McapWriter:
         self._append(body)
         self._file.flush()
 
-    def metadata(self, name: str, values: dict[str, str]) -> None:
-        """Appends a metadata record."""
+    def append_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Appends a metadata record of texts by name, and lists it in the summary."""
         body = _encode(records.Metadata(name=name, metadata=values))
         self._metadata_indexes.append(records.MetadataIndex(offset=self._file.tell(), length=len(body), name=name))
         self._append(body)
         self._file.flush()
 
     def finish(self) -> None:
-        """Writes the open chunks, the summary and the footer, closes the file and gives it its name."""
+        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name."""
         self._finish_chunks()
         self._append(_encode(records.DataEnd(self._crc)))
         start = self._file.tell()
@@ -221,15 +236,17 @@ class McapWriter:
         os.replace(partial_path(self._path), self._path)
 
     def abandon(self) -> None:
-        """Writes the open chunks and closes the hidden file without a summary."""
+        """Gives the file up: writes open chunks and closes the hidden file, which stays readable without a summary."""
         self._finish_chunks()
         self._file.close()
 
     def _finish_chunks(self) -> None:
+        """Writes the open chunks of all lanes."""
         for lane in sorted(self._lanes):
             self._finish_chunk(lane)
 
     def _finish_chunk(self, lane: int) -> None:
+        """Compresses the open chunk of a lane, and appends it with the index of its messages."""
         done = self._lanes.pop(lane)
         data = b"".join(done.parts)
         first, last = done.times
@@ -275,11 +292,13 @@ class McapWriter:
         self._times = min(earliest, first), max(latest, last)
 
     def _append(self, data: bytes) -> None:
+        """Appends bytes to the data section, and to its CRC."""
         self._crc = zlib.crc32(data, self._crc)
         self._file.write(data)
 
 
 def _encode(record: records.McapRecord) -> bytes:
+    """The bytes of a record of the `mcap` library."""
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -75,7 +75,7 @@ class Recording:
 
     @property
     def rig(self) -> Rig:
-        """The calibration stored with it.
+        """The calibration of the sensors, as stored with the recording.
 
         Raises:
             RecordingError: The recording has none.
@@ -86,7 +86,7 @@ class Recording:
 
     @property
     def has_rig(self) -> bool:
-        """Whether a calibration is stored with it."""
+        """Whether a calibration is stored with the recording."""
         return self._contents.rig is not None
 
     @property
@@ -142,7 +142,7 @@ class Recording:
         return self._contents.blocks(wanted)
 
     def times(self, topic: str) -> Stamps:
-        """(N,) ns, stamps of a topic's samples, which are not decoded for that.
+        """Stamps of a topic's samples, (N,) ns; the samples are not decoded for that.
 
         Raises:
             RecordingError: Unknown topic.
@@ -173,7 +173,15 @@ class Recording:
     def images(
         self, topic: str, indices: Sequence[int] | None = None, t_ns: Sequence[int] | None = None
     ) -> list[Image | Depth]:
-        """Some images of a topic, by number or nearest to the given times (all by default).
+        """Reads some images of a topic: by number, or those nearest to given times, or all.
+
+        Args:
+            topic: Topic of colour, grey or depth images.
+            indices: Numbers of the images, from 0.
+            t_ns: Times, ns; used in place of `indices`.
+
+        Returns:
+            One image per number or time, in their order.
 
         Raises:
             RecordingError: Unknown topic or image, or the topic carries no images.
@@ -189,7 +197,7 @@ class Recording:
         return [images[i] for i in wanted]
 
     def image_times(self, topic: str) -> Stamps:
-        """(N,) ns, stamps of a topic's images.
+        """Stamps of a topic's images, (N,) ns.
 
         Raises:
             RecordingError: Unknown topic, or it carries no images.
@@ -201,6 +209,11 @@ class Recording:
         return times
 
     def _check_topic(self, topic: str) -> None:
+        """Refuses a topic that the recording lacks.
+
+        Raises:
+            RecordingError: There is none of this name; the message lists the topics.
+        """
         if topic not in self.topics:
             topics = ", ".join(sorted(self.topics)) or "none"
             raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}")

@@ -34,11 +34,12 @@ _PIXELS = {
 
 
 def _header(topic: str, t_ns: int) -> dict[str, Any]:
+    """The fields of a message's header: stamp, and the topic as frame."""
     sec, nanosec = divmod(t_ns, 1_000_000_000)
     return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
 
 
-def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
+def encode_pixels(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
     """An image's pixels as a JPEG of the given quality, or (None) as a lossless PNG."""
     pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
@@ -48,15 +49,26 @@ def image_data(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uin
     return np.asarray(data, np.uint8).ravel()
 
 
-def image_message(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
-    """An image in a CompressedImage, with its `image_data` if already known."""
-    data = image_data(sample.pixels, quality) if data is None else data
+def encode_image(sample: Image, quality: int | None, data: NDArray[np.uint8] | None = None) -> bytes:
+    """The CDR bytes of a CompressedImage.
+
+    Args:
+        sample: The image.
+        quality: 0 to 100 for JPEG; None for a lossless PNG.
+        data: The encoded pixels (`encode_pixels`), if they are known already.
+    """
+    data = encode_pixels(sample.pixels, quality) if data is None else data
     form = "png" if quality is None else "jpeg"
     return serialise(COMPRESSED, _header(sample.topic, sample.t_ns) | {"format": form, "data": data})
 
 
-def depth_message(sample: Depth, encoding: str) -> bytes:
-    """A depth image as an Image: 16UC1 in mm as in the RealSense driver, or 32FC1 in m; 0 = none."""
+def encode_depth(sample: Depth, encoding: str) -> bytes:
+    """The CDR bytes of an Image with depth.
+
+    Args:
+        sample: Depth in m; 0 is none.
+        encoding: `16UC1` (mm as in the RealSense driver; 65.535 m and more become 0) or `32FC1` (m).
+    """
     if encoding == "16UC1":
         # Rounds to 16 bits in one step; NaN gives 0.
         mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
@@ -66,15 +78,15 @@ def depth_message(sample: Depth, encoding: str) -> bytes:
     return _encode_raw_message(sample, pixels, encoding)
 
 
-def raw_image_message(sample: Image) -> bytes:
-    """A colour or grey image in an Image, every pixel as it is."""
+def encode_raw_image(sample: Image) -> bytes:
+    """The CDR bytes of an Image with every pixel of a colour or grey image as it is."""
     return _encode_raw_message(
         sample, np.ascontiguousarray(sample.pixels), "mono8" if sample.pixels.ndim == 2 else "rgb8"
     )
 
 
 def _encode_raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: str) -> bytes:
-    """An Image of contiguous pixels (H, W) or (H, W, 3)."""
+    """The CDR bytes of an Image message with contiguous pixels (H, W) or (H, W, 3)."""
     height, width = pixels.shape[:2]
     values = {
         "height": height,
@@ -86,8 +98,8 @@ def _encode_raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: s
     return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
 
 
-def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
-    """A camera's intrinsics, under ROS's names, for the image topic `topic`."""
+def encode_camera_info(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
+    """The CDR bytes of a CameraInfo with a camera's intrinsics, under ROS's names, for the image topic `topic`."""
     fu, fv, pu, pv = camera.intrinsics
     is_radtan = camera.distortion_model == "radtan"
     values = {
@@ -103,7 +115,7 @@ def camera_info_message(camera: CameraCalibration, topic: str, t_ns: int) -> byt
 
 
 class CameraInfos:
-    """Which cameras' intrinsics are due beside their images: with the first one, and once a second after that.
+    """Decides when a camera's intrinsics are written beside its images: with the first one, then once a second.
 
     Args:
         rig: Calibration of the cameras; may be replaced later.
@@ -113,8 +125,8 @@ class CameraInfos:
         self.rig = rig
         self._next_ns: dict[str, int] = {}
 
-    def camera_if_due(self, topic: str, t_ns: int) -> CameraCalibration | None:
-        """The camera of a topic of images or of depth, if its intrinsics are to be written with the one at `t_ns`."""
+    def find_due_camera(self, topic: str, t_ns: int) -> CameraCalibration | None:
+        """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None."""
         of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
         camera = of_depth.get(topic, self.rig.cameras.get(topic))
         if camera is None or t_ns < self._next_ns.get(topic, 0):
@@ -124,10 +136,15 @@ class CameraInfos:
 
 
 def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
-    """Whether a topic with the first message `payload` carries colour (or grey) or depth.
+    """Whether a topic carries colour (or grey) images or depth, from the encoding in its first message.
+
+    Args:
+        payload: CDR bytes of the first message.
+        typename: `COMPRESSED` or `RAW`.
+        store: Definitions of the types.
 
     Raises:
-        ValueError: The encoding is not supported.
+        ValueError: The bytes are not a message of this type.
     """
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
@@ -136,7 +153,17 @@ def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] |
 
 
 def read_image_message(payload: bytes, typename: str, store: Typestore, topic: str, t_ns: int) -> Image | Depth:
-    """The sample in a CompressedImage or Image message.
+    """Decodes a CompressedImage or Image message.
+
+    Args:
+        payload: CDR bytes.
+        typename: `COMPRESSED` or `RAW`.
+        store: Definitions of the types.
+        topic: Topic of the sample.
+        t_ns: Stamp of the sample.
+
+    Returns:
+        Colour (RGB) or grey pixels of 8 bits, or depth in m with 0 for none.
 
     Raises:
         ValueError: The encoding is not supported, or the data is damaged.
@@ -168,6 +195,7 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
 
 
 def _mm_to_metres(mm: NDArray[Any]) -> NDArray[np.float32]:
+    """Depth in m from mm; 65535 means none, as 0 does."""
     return np.where(mm == 65535, 0, mm).astype(np.float32) / np.float32(1000.0)
 
 

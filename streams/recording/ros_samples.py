@@ -71,14 +71,18 @@ class SampleMapping:
     frame: str = ""
     constants: Callable[[MessageLayout], dict[str, Any]] = lambda _: {}
 
-    def values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
-        """The values that are equal in all messages of a topic, by dotted path."""
+    def collect_values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+        """The values that are equal in all messages of a topic, by dotted path, such as the frame."""
         frame = {"header.frame_id": self.frame or frame_id(topic)}
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
-    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
-        """One serialised message of a topic, and the layout of its numbers."""
-        payload = serialise(self.typename, self.values(topic, rig, constants))
+    def build_template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
+        """Builds a message of a topic with zeros for its numbers, and finds where these are.
+
+        Returns:
+            CDR bytes, and the layout of the numbers.
+        """
+        payload = serialise(self.typename, self.collect_values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
 
@@ -99,7 +103,7 @@ def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def block_of(samples: Sequence[Sample]) -> Block[Any]:
-    """Samples of one topic as a block."""
+    """Collects samples of one topic and kind, of one or more stamps, in a block; their texts become its constants."""
     first = samples[0]
     names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
     constants = {n: getattr(first, n) for n in names if isinstance(getattr(first, n), tuple)}
@@ -118,22 +122,27 @@ def frame_id(topic: str) -> str:
 
 
 def _conjugate(q: Array) -> Array:
+    """Conjugates of unit quaternions (N, 4), (w, x, y, z): the inverse rotations."""
     return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def _to_xyzw(q: Array) -> Array:
+    """Quaternions (N, 4) in ROS's order (x, y, z, w), from ours (w, x, y, z)."""
     return q[:, [1, 2, 3, 0]]
 
 
 def _to_wxyz(q: Array) -> Array:
+    """Quaternions (N, 4) in our order (w, x, y, z), from ROS's (x, y, z, w)."""
     return q[:, [3, 0, 1, 2]].astype(np.float64)
 
 
 def _to_float64(values: NDArray[Any]) -> Array:
+    """The values in double precision."""
     return values.astype(np.float64)
 
 
 def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+    """Covariances of an Imu message: noise density² × rate, (rad/s)² and (m/s²)²; empty for an IMU outside the rig."""
     if topic not in rig.imus:
         return {}
     imu = rig.imus[topic]
@@ -144,17 +153,20 @@ def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
 
 
 def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+    """Field of view (rad) and range (m) of a Range message, from the rig; 0 if unknown."""
     parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
     return {k: parameters.get(v, 0.0) for k, v in named.items()}
 
 
 def _read_range(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Distances in m; those out of range, which REP-117 marks by an infinity, become 0."""
     distance = _to_float64(rows["range"])
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
 def _encoder_joint(topic: str, *_: object) -> dict[str, Any]:
+    """The joint's name of a JointState of one encoder, from its topic."""
     return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
 
@@ -165,22 +177,26 @@ def joint_name(topic: str) -> str:
 
 
 def _joint_values(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+    """The joints' names of a JointState, with zeros in place of their values."""
     names = list(constants["names"])
     zeros = np.zeros(len(names))
     return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}
 
 
 def _read_joints(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Position, velocity and torque of joints; a quantity that the messages lack is 0."""
     position = _to_float64(rows["position"])
     parts = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}
     return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
 
 
 def _child_frame(topic: str, *_: object) -> dict[str, Any]:
+    """The child frame of an Odometry message: that of the topic."""
     return {"child_frame_id": frame_id(topic)}
 
 
 def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
+    """Fields of Odometry messages; the velocity is rotated from the world to the child frame, as ROS defines it."""
     q = c["q_world_frame"]
     return {
         "pose.pose.position": c["p_frame_in_world"],
@@ -191,6 +207,7 @@ def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
 
 
 def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Columns of odometry; the velocity is rotated from the child frame, as ROS has it, to the world."""
     q = _to_wxyz(rows["pose.pose.orientation"])
     return {
         "p_frame_in_world": _to_float64(rows["pose.pose.position"]),
@@ -201,10 +218,12 @@ def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
 
 
 def _to_codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
+    """The number of each text among the names, as a Footprint message has it."""
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
 def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
+    """Fields of Footprint messages, with texts as numbers."""
     return {
         "foot": _to_codes(c["foot"], FEET),
         "terrain": _to_codes(c["terrain"], TERRAINS),
@@ -215,6 +234,7 @@ def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
 
 
 def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Columns of footprints, with numbers as texts."""
     return {
         "foot": np.array([FEET[i] for i in rows["foot"]], object),
         "p_foot_in_world": _to_float64(rows["pose.position"]),
@@ -225,7 +245,14 @@ def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
 
 
 def _map_fields(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> SampleMapping:
-    """A sample whose fields are message fields with another name."""
+    """The mapping of a sample whose columns are fields of the message under other names.
+
+    Args:
+        kind: The sample's type.
+        typename: The message's type.
+        paths: Dotted path of each column's field.
+        **more: Further attributes of `SampleMapping`.
+    """
     return SampleMapping(
         kind,
         typename,
@@ -322,10 +349,10 @@ _BY_TYPE = {small.typename: small for small in SAMPLE_MAPPINGS.values()}
 
 
 def find_mapping(typename: str, first: Rows) -> SampleMapping:
-    """Sample type of a topic, from its first message (one row) by any writer.
+    """Finds the type of sample that a topic's messages are, from the first one (one row) by any writer.
 
-    An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a
-    joint state of one joint and nothing but its position is an encoder.
+    An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a joint
+    state of one joint and nothing but its position is an encoder.
     """
     if typename == "sensor_msgs/msg/Imu":
         has_orientation = first["orientation_covariance"][0, 0] != -1.0

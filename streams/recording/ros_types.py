@@ -28,7 +28,7 @@ _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*")
 
 
 class Definitions:
-    """The definitions of one file read so far; each takes time to parse."""
+    """Limits the definitions of one file, since each takes time to parse."""
 
     def __init__(self) -> None:
         self._known: set[str] = set()
@@ -99,7 +99,7 @@ OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
 
 @cache
 def typestore() -> Typestore:
-    """The types that are written: ROS 2 Jazzy's and those of `streams/recording/msgs`."""
+    """The types of our messages: those of ROS 2 Jazzy, and our own of `streams/recording/msgs`."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in OWN_TYPES:
         text = files(__package__).joinpath("msgs", f"{name}.msg").read_text(encoding="utf-8")
@@ -117,6 +117,11 @@ def definition(typename: str) -> str:
 @lru_cache(_MOST_STORES)
 def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
     """The types that a recording's own schema defines, which may be of another ROS release.
+
+    Args:
+        typename: Message type of the schema.
+        encoding: `ros2msg`, or IDL for any other.
+        text: Text of the schema.
 
     Raises:
         ValueError: The schema cannot be parsed.
@@ -137,7 +142,7 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
 
 
 def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
-    """The message in CDR bytes.
+    """The message in CDR bytes, as an object with the fields of its type.
 
     Raises:
         ValueError: The bytes are not a message of this type.
@@ -149,20 +154,22 @@ def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
 
 
 def _definition_or_empty(typename: str) -> str:
+    """The definition of a standard type or one of ours; "" for any other."""
     return definition(typename) if typename in typestore().fielddefs else ""
 
 
 def build_message(typename: str, values: Mapping[str, Any]) -> Any:
-    """A message of a type: zeros and empty strings, except for `values`, given by dotted path."""
+    """Builds a message of a type: zeros and empty strings, except for `values`, given by dotted path."""
     return _build_message(typename, "", values)
 
 
 def serialise(typename: str, values: Mapping[str, Any]) -> bytes:
-    """The little-endian CDR bytes of `message(typename, values)`."""
+    """The little-endian CDR bytes of a message with the given values, and zeros and empty strings elsewhere."""
     return bytes(typestore().serialize_cdr(build_message(typename, values), typename, little_endian=True))
 
 
 def _build_message(typename: str, path: str, values: Mapping[str, Any]) -> Any:
+    """Builds the message at a dotted path inside another one; "" is the outermost."""
     store = typestore()
     members = {}
     description: Any

@@ -22,13 +22,19 @@ _MOST_UNEQUAL = 20_000  # that are decoded one by one
 
 
 class TopicReader:
-    """Decodes one topic and caches the layout of its messages.
+    """Decodes one topic, and remembers the layout of its messages, by which thousands are decoded at once.
 
     Args:
         topic: Topic.
         typename: ROS 2 message type, one of `READABLE`.
         encoding: Encoding of the schema, `ros2msg` or `ros2idl`.
         definition: Text of the schema.
+
+    Attributes:
+        kind: Kind of the samples; None until the first message is read.
+
+    Raises:
+        ValueError: The schema cannot be parsed.
     """
 
     def __init__(self, topic: str, typename: str, encoding: str, definition: str) -> None:
@@ -44,10 +50,10 @@ class TopicReader:
         return self.typename in IMAGES
 
     def times(self, messages: Messages) -> Stamps:
-        """(N,) stamps of images, without decoding them."""
+        """Stamps of image messages, (N,) ns, from their headers, or log times if those are empty; decodes no image."""
         if self.kind is None:
             self.kind = self.image_kind(messages.payload(0))
-        t = np.array([header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
+        t = np.array([read_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
     def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
@@ -59,7 +65,12 @@ class TopicReader:
         return image_kind(payload, self.typename, self._store)
 
     def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
-        """One image, of this topic or (if an import renames it) of another.
+        """Decodes one image.
+
+        Args:
+            payload: CDR bytes.
+            t_ns: Stamp of the sample.
+            topic: Topic of the sample, if an import renames it; by default this one.
 
         Raises:
             ValueError: The message cannot be decoded.
@@ -67,10 +78,10 @@ class TopicReader:
         return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
     def block(self, messages: Messages) -> Block[Any]:
-        """All messages as one block, with unchecked stamps.
+        """Decodes all messages to one block; their stamps are not checked.
 
         Raises:
-            ValueError: A message does not have the topic's type.
+            ValueError: A message does not have the topic's type, or too many have unequal lengths.
         """
         if np.all(messages.lengths == messages.lengths[0]):
             rows = messages.rows()
@@ -85,11 +96,17 @@ class TopicReader:
         return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
     def _decode_single(self, messages: Messages, i: int) -> Block[Any]:
+        """Decodes message `i`, whose layout may differ from that of the others."""
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
     def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
+        """Decodes messages of one layout, as rows (N,), to a block.
+
+        Raises:
+            ValueError: A row has an invalid value, such as an unknown terrain.
+        """
         mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])
         self.kind = mapping.kind
         try:
@@ -106,7 +123,7 @@ class TopicReader:
 
 
 def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
-    """Blocks of one topic, one after the other.
+    """Joins blocks of one topic, one after the other.
 
     Raises:
         ValueError: Their constants or their columns' shapes differ.
@@ -124,8 +141,8 @@ def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
     )
 
 
-def header_stamp(payload: bytes) -> int:
-    """Stamp in the header at the beginning of a message, ns.
+def read_header_stamp(payload: bytes) -> int:
+    """Reads the stamp in the header at the beginning of a CDR message, ns.
 
     Raises:
         DamagedError: The message is too short.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.kalibr import rig_to_yaml
 from stridetwin.streams.recording.cdr import MessageLayout
-from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, message_rows
+from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter, build_message_rows
 from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, VERSION_VALUES
 from stridetwin.streams.recording.ros_images import (
     CAMERA_INFO,
@@ -24,10 +24,10 @@ from stridetwin.streams.recording.ros_images import (
     DEPTH_ENCODINGS,
     RAW,
     CameraInfos,
-    camera_info_message,
-    depth_message,
-    image_data,
-    image_message,
+    encode_camera_info,
+    encode_depth,
+    encode_image,
+    encode_pixels,
 )
 from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, block_of, fill_rows
 from stridetwin.streams.rig import Rig
@@ -49,6 +49,10 @@ class RecordingWriter:
         metadata: Stored inside as text (seed, versions, ...).
         depth_encoding: `16UC1` (mm, as in the RealSense driver) or `32FC1` (m, lossless).
         jpeg_quality: 0 to 100; None keeps every pixel (PNG, larger and slower).
+
+    Raises:
+        ConfigError: An unknown depth encoding.
+        RecordingError: The file cannot be written.
     """
 
     def __init__(
@@ -74,9 +78,9 @@ class RecordingWriter:
         self._pool = ThreadPoolExecutor(_ENCODERS)
         rig_yaml = rig_to_yaml(rig).encode()
         self._file = McapWriter(self.path)
-        self._file.metadata(VERSION_RECORD, VERSION_VALUES)
-        self._file.attachment(RIG_NAME, "application/yaml", rig_yaml)
-        self._file.metadata(METADATA_NAME, dict(metadata or {}))
+        self._file.append_metadata(VERSION_RECORD, VERSION_VALUES)
+        self._file.append_attachment(RIG_NAME, "application/yaml", rig_yaml)
+        self._file.append_metadata(METADATA_NAME, dict(metadata or {}))
 
     def __enter__(self) -> Self:
         return self
@@ -145,45 +149,52 @@ class RecordingWriter:
         return t_ns
 
     def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
+        """Appends a block as message records made from its topic's template.
+
+        Raises:
+            RecordingError: The block's constants differ from those of earlier blocks of the topic.
+        """
         mapping = SAMPLE_MAPPINGS[block.kind]
         if block.topic not in self._templates:
-            payload, layout = mapping.template(block.topic, self._rig, block.constants)
+            payload, layout = mapping.build_template(block.topic, self._rig, block.constants)
             self._templates[block.topic] = payload, layout, dict(block.constants)
         payload, layout, constants = self._templates[block.topic]
         if constants != dict(block.constants):
             raise RecordingError(f"{self.path}: {block.topic}: {dict(block.constants)} changed from {constants}")
-        channel = self._file.channel(block.topic, mapping.typename)
-        rows, payloads = message_rows(channel, payload, layout.dtype, log_ns)
+        channel = self._file.register_channel(block.topic, mapping.typename)
+        rows, payloads = build_message_rows(channel, payload, layout.dtype, log_ns)
         fill_rows(payloads, mapping, block)
-        self._file.messages(rows)
+        self._file.append_messages(rows)
 
     def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
-        if (camera := self._infos.camera_if_due(sample.topic, sample.t_ns)) is not None:
-            info = partial(camera_info_message, camera, sample.topic, sample.t_ns)
+        """Queues an image for encoding, and before it the camera's intrinsics if they are due."""
+        if (camera := self._infos.find_due_camera(sample.topic, sample.t_ns)) is not None:
+            info = partial(encode_camera_info, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
         if isinstance(sample, Image):
-            encode = partial(image_message, sample, self._quality, self._shared_image_data(sample))
+            encode = partial(encode_image, sample, self._quality, self._shared_image_data(sample))
             self._submit(sample.topic, COMPRESSED, encode, log_ns)
         else:
-            self._submit(sample.topic, RAW, partial(depth_message, sample, self._depth_encoding), log_ns)
+            self._submit(sample.topic, RAW, partial(encode_depth, sample, self._depth_encoding), log_ns)
         self._append_encoded(_IMAGES_IN_FLIGHT)
 
     def _shared_image_data(self, sample: Image) -> NDArray[np.uint8] | None:
-        """Encoded pixels of a read-only array: many images of a topic, with nothing in view, share it."""
+        """The encoded pixels of a read-only array, which many images of a topic share; None for a writeable one."""
         if sample.pixels.flags.writeable:
             return None
         pixels, data = self._shared.get(sample.topic, (None, None))
         if pixels is not sample.pixels or data is None:
-            data = image_data(sample.pixels, self._quality)
+            data = encode_pixels(sample.pixels, self._quality)
             self._shared[sample.topic] = sample.pixels, data
         return data
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
-        self._file.channel(topic, typename)  # numbered in the order of arrival
+        """Encodes a message in the pool; `_append_encoded` appends it later, in the order of submission."""
+        self._file.register_channel(topic, typename)  # numbered in the order of arrival
         self._queue.append((topic, typename, self._pool.submit(encode), log_ns))
 
     def _append_encoded(self, max_left: int) -> None:
-        """Appends encoded images in order, until `leave` are left in the queue."""
+        """Appends encoded images in order, until `max_left` are left in the queue."""
         while len(self._queue) > max_left:
             topic, typename, encoded, log_ns = self._queue.popleft()
-            self._file.message(topic, typename, encoded.result(), log_ns, lane=IMAGE_LANE)
+            self._file.append_message(topic, typename, encoded.result(), log_ns, lane=IMAGE_LANE)

@@ -171,8 +171,8 @@ def _no_power_error(config: TwinConfig) -> ConfigError:
     value, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
     if config.exo is not None:
         value = f"mode {config.exo.mode}"
-        if config.exo.own is not None:
-            value, valid = "no motors", f"motors in {config.exo.own.rig}"
+        if config.exo.user_exo is not None:
+            value, valid = "no motors", f"motors in {config.exo.user_exo.rig}"
     return ConfigError(config.name, "exo", value, valid)
 
 

@@ -15,7 +15,7 @@ from stridetwin.outputs.truth import FOOTPRINTS
 from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.jao2020.two_feet import METHODS, run_every_method, score_paths, true_start
+from stridetwin.studies.jao2020.two_feet import COMPARED_METHODS, run_every_method, score_paths, true_start
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
@@ -69,7 +69,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     summary: dict[str, Any] = {}
     for case in CASES:
         suffix = "" if case == "unclipped" else f"_{case}"
-        of = {m: [r["cases"][case][m] for r in results] for m in METHODS}
+        of = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
         for name, values in _summary(of).items():
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
@@ -125,6 +125,6 @@ def table(result: dict[str, Any]) -> list[str]:
             "nees": summary[f"end_nees{suffix}_mean"],
             "paper": {} if case == "half_blind" else paper_errors,
         }
-        rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in METHODS]
+        rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in COMPARED_METHODS]
         lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

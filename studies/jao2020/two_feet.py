@@ -23,7 +23,7 @@ from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 
 FEET = ("l", "r")
 PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
-METHODS = (*PUBLISHED, "proposed")
+COMPARED_METHODS = (*PUBLISHED, "proposed")
 _NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
 _ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
@@ -86,7 +86,7 @@ def true_start(truth: Mapping[str, TruePath]) -> dict[str, StartPose]:
 def run_every_method(
     rig: Rig, imus: Mapping[str, Block[Imu]], samples: Iterable[Sample], start: Mapping[str, StartPose]
 ) -> tuple[dict[str, FootPaths], int]:
-    """Estimates the paths of both feet by each of `METHODS`.
+    """Estimates the paths of both feet by each of `COMPARED_METHODS`.
 
     Args:
         rig: The nominal rig.

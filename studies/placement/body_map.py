@@ -238,7 +238,15 @@ def _viridis(share: Array) -> list[Any]:
 
 
 def _draw_mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
-    """Draws a dot at a pixel, with a thick outline around the best one."""
+    """Draws the mark of a place at a pixel: a square for a board, else a disc.
+
+    Args:
+        image: Changed in place.
+        at: (2,) pixel.
+        size: Half its width, pixels; the mark of the best place, `_BEST_PX`, has a thicker outline.
+        colour: Its colour.
+        board: Whether the place is that of a board.
+    """
     line = 2 if size == _BEST_PX else 1
     u, v = np.rint(16 * at).astype(int).tolist()
     if board:

@@ -176,6 +176,11 @@ class FreeField:
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
+    """The range of a free value.
+
+    Raises:
+        PydanticCustomError: The lower end is not below the upper one.
+    """
     if span[0] >= span[1]:
         raise field_error(list(span), "two numbers, the lower one first")
     return span

@@ -329,6 +329,7 @@ class Measure:
         return self._run(jobs, work, progress)
 
     def _run(self, jobs: Sequence[Job[Any]], work: Work[Any, Row], progress: Callable[[float], None]) -> list[Row]:
+        """Runs jobs, reusing stored rows; a walk that failed has a row with the reason."""
         self.keys += [job.key for job in jobs]
         results = Batch(jobs, self._rows).run(work, self._executor, progress, self._forecast)
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]

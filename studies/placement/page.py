@@ -150,6 +150,7 @@ def _best_label(searched: MeasuredPlaces) -> str:
 
 
 def _dot_px(count: int) -> int:
+    """Diameter of the dots of a figure, pixels: few are larger than many."""
     return _DOT_PX if count > _FEW_DOTS else 2 * _DOT_PX
 
 

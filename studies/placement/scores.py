@@ -125,11 +125,16 @@ class _Weighed(FileModel):
 
 
 def _short(node: object) -> object:
+    """The long form of a score that is given as text alone."""
     return {"score": node} if isinstance(node, str) else node
 
 
 def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
-    """Scores, each once; without weights only the first counts."""
+    """The scores of a placement with their weights; without weights the first has 1 and the others 0.
+
+    Raises:
+        PydanticCustomError: A score occurs twice, or none has a weight above 0.
+    """
     scores: list[PlaceScore] = []
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):

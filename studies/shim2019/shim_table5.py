@@ -289,4 +289,5 @@ def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, 
 
 
 def _percent(row: dict[str, float], name: str) -> str:
+    """A figure of a row as text; - if the row lacks it."""
     return f"{row[name]:.1f}" if name in row else "-"

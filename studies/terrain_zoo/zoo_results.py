@@ -21,12 +21,12 @@ _OURS, _PUBLISHED = METHODS
 _UNTUNED = "kinds that are not in the tuning set"
 _ALL = "all"
 
-Row = dict[str, Any]
+ZooRow = dict[str, Any]
 
 
-def collect(results: list[Row]) -> Row:
+def collect(results: list[ZooRow]) -> ZooRow:
     """Figures of modes and odometry: over all walks, over the kinds outside the tuning set, and by kind."""
-    groups: dict[str, Callable[[Row], bool]] = {
+    groups: dict[str, Callable[[ZooRow], bool]] = {
         _ALL: lambda row: True,
         _UNTUNED: lambda row: not WALK_KINDS[row["kind"]].tuned,
     }
@@ -43,11 +43,12 @@ def collect(results: list[Row]) -> Row:
     }
 
 
-def _scores(rows: Iterable[Row], method: str) -> list[ModeScores]:
+def _scores(rows: Iterable[ZooRow], method: str) -> list[ModeScores]:
+    """Scores of each walk by one method."""
     return [ModeScores.of(row["methods"][method]) for row in rows]
 
 
-def _figures(rows: list[Row]) -> Row:
+def _figures(rows: list[ZooRow]) -> ZooRow:
     """Figures of our method over walks, and the published method's share of right steps."""
     walks = _scores(rows, _OURS)
     steps = [step for walk in walks for step in walk.steps]
@@ -83,7 +84,7 @@ def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
 
 
-def _odometry(rows: list[Row]) -> Row:
+def _odometry(rows: list[ZooRow]) -> ZooRow:
     """Figures of the odometry over walks.
 
     Returns:
@@ -132,12 +133,12 @@ _ODOMETRY = (
 _WIDTH = 46
 
 
-def table(result: Row) -> list[str]:
+def table(result: ZooRow) -> list[str]:
     """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
     return [*overall_lines(result), "", *odometry_lines(result), "", *confusion_lines(result["summary"]["confusion"])]
 
 
-def overall_lines(result: Row) -> list[str]:
+def overall_lines(result: ZooRow) -> list[str]:
     """Figures of the modes by kind, as lines of text; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
@@ -150,7 +151,7 @@ def overall_lines(result: Row) -> list[str]:
     ]
 
 
-def odometry_lines(result: Row) -> list[str]:
+def odometry_lines(result: ZooRow) -> list[str]:
     """Figures of the odometry by kind, as lines of text."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
@@ -161,12 +162,13 @@ def odometry_lines(result: Row) -> list[str]:
 
 
 def _label(name: str) -> str:
+    """Description of a kind of walk for a table, with * for kinds outside the tuning set."""
     if name not in WALK_KINDS:
         return name
     return WALK_KINDS[name].description + ("" if WALK_KINDS[name].tuned else " *")
 
 
-def report(result: Row) -> str:
+def report(result: ZooRow) -> str:
     """The experiment as an HTML page."""
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}

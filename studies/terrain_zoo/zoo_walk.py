@@ -29,7 +29,9 @@ _EVERY = 20
 
 
 def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
-    """One walk; consecutive seeds are of consecutive kinds.
+    """Simulates the walk of a case on a drawn terrain, and runs the odometry and every predictor of modes on it.
+
+    Consecutive seeds are of consecutive kinds of terrain.
 
     Args:
         case: Its seed and options.

@@ -85,10 +85,10 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """`mode_figures`, and the predicted probabilities.
+    """Figures of the walks with one fault: those of `mode_figures`, and how sure the predictions were.
 
-    Also the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly (`wrong`), with
-    more than `SURE` (`sure_and_wrong`), and not predicted (`not_predicted`).
+    The latter are the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly
+    (`wrong`), with more than `SURE` (`sure_and_wrong`), and not predicted (`not_predicted`).
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]

@@ -133,6 +133,7 @@ def _cells(walks: Sequence[ScoredWalk]) -> dict[str, float]:
 
 
 def _cell_name(row: dict[str, Any]) -> str:
+    """Name of a combination of conditions, as text."""
     return " ".join(str(row[k]) for k in _CELL)
 
 
@@ -275,10 +276,19 @@ def methods(result: dict[str, Any]) -> list[str]:
 
 
 def _head(result: dict[str, Any]) -> str:
+    """Head of a table of text: a column per method, and the paper's."""
     return " " * _NAME + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
 
 
 def _rows(result: dict[str, Any], key: str, names: Sequence[str], paper_figures: dict[str, float]) -> list[str]:
+    """Rows of a table of text: a figure of each method, and the paper's.
+
+    Args:
+        result: Of the experiment.
+        key: Group of figures in the summary.
+        names: Names of the figures.
+        paper_figures: The paper's figures by name.
+    """
     columns = [result["summary"][m][key] for m in methods(result)]
     return [
         f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(paper_figures.get(name), 9)
@@ -287,6 +297,7 @@ def _rows(result: dict[str, Any], key: str, names: Sequence[str], paper_figures:
 
 
 def _cell(value: float | None, width: int = 12) -> str:
+    """A figure as text of a given width; - if it is missing."""
     return f"{'-':>{width}}" if value is None else f"{value:>{width}.2f}"
 
 
@@ -322,6 +333,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
+    """A table of HTML with names in the first column and numbers in the others."""
     return html_table(head, rows, range(1, len(head)))
 
 
@@ -331,6 +343,7 @@ def _two_lines(value: str, below: str) -> Markup:
 
 
 def _number(value: float | None) -> str:
+    """A figure as text; "" if it is missing."""
     return "" if value is None else f"{value:.2f}"
 
 

@@ -107,7 +107,7 @@ FORGETFUL = "single_image"
 
 
 def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
-    """One walk, by each method and by other installed estimators.
+    """Simulates the walk of a case and predicts its modes by each method, installed estimators included.
 
     Args:
         case: With one walk.
@@ -288,4 +288,5 @@ def trajectory(path: list[Odometry]) -> Trajectory:
 
 
 def _time(frame_ms: list[float]) -> Mapping[str, float]:
+    """Mean and 95th percentile of times, ms."""
     return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}

@@ -26,7 +26,7 @@ from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.walks import fell_at_s, record_walk
 
-METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
+ODOMETRY_METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
 FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
@@ -43,14 +43,14 @@ Maker = Callable[[str, Rig, str], Odometer]
 
 
 def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
-    """Builds one of `METHODS`, or an installed estimator of paths.
+    """Builds one of `ODOMETRY_METHODS`, or an installed estimator of paths.
 
     Args:
         name: The method or the estimator.
         rig: Nominal rig.
         mount: Mount of the camera: head or chest.
     """
-    if name in METHODS:
+    if name in ODOMETRY_METHODS:
         return Dvio(rig, options=Options(method=name, mount=mount))
     estimator_class = registry.estimator(name)
     return estimator_class(rig, options=Options(method=estimator_class.declaration.methods[0], mount=mount))
@@ -112,11 +112,11 @@ def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """Figures of each of `METHODS` and of other installed estimators on one walk, by name."""
+    """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name."""
     truth = true_path(recording, mount)
     return {
         name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for name in (*METHODS, *further_names)
+        for name in (*ODOMETRY_METHODS, *further_names)
     }
 
 

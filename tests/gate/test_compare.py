@@ -109,12 +109,14 @@ def test_other_walks_are_compared_as_groups_and_seldom_differ():
 
 def test_walks_in_only_one_table_are_left_out_and_counted():
     comparison = compare_scores(table(1, 20, first=5), table(1, 20), RULES)
-    assert comparison.words == "15 walks in both tables, compared in pairs; 10 walks in only one table are left out"
+    assert (
+        comparison.description == "15 walks in both tables, compared in pairs; 10 walks in only one table are left out"
+    )
 
 
 def test_few_walks_are_compared_by_their_means():
     comparison = compare_scores(table(1, 3, factor=1.2), table(1, 3), RULES)
-    assert "3 walks of the baseline, 3 now: fewer than 8, too few for statistics" in comparison.words
+    assert "3 walks of the baseline, 3 now: fewer than 8, too few for statistics" in comparison.description
     found = {x.metric: x for x in comparison.lines}
     assert found["ape_rmse_m"].method == TOLERANCE
     assert found["ape_rmse_m"].verdict == WORSE

@@ -62,7 +62,7 @@ def test_markdown_shows_what_changed_and_folds_the_rest(worse, fine):
 
 
 def test_the_table_names_what_is_worse_first(worse, fine):
-    assert "20 walks in both tables, compared in pairs" in worse.words
+    assert "20 walks in both tables, compared in pairs" in worse.description
     assert verdict_line(worse) == f"{len(worse.regressions)} of {len(worse.lines)} scores worse than the baseline"
     assert find_changes(worse)[0].verdict == "worse"
     assert verdict_line(fine) == f"none of {len(fine.lines)} scores is worse"

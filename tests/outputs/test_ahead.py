@@ -323,8 +323,8 @@ def test_rerun_gets_ground_steps_and_modes_over_time(evaluated, snapshots):
 
 
 def test_scores_are_listed_by_kind_and_compared_in_the_right_direction(evaluated):
-    found = ScoredChange(mode="RA", found=True, distance_m=0.003, slope_rad=0.01)
-    missed = ScoredChange(mode="SA", found=False)
+    found = ScoredChange(mode="RA", is_detected=True, distance_m=0.003, slope_rad=0.01)
+    missed = ScoredChange(mode="SA", is_detected=False)
     ground = map_figures(
         MapScores(
             changes=(found, missed),

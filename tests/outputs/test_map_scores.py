@@ -258,7 +258,7 @@ def change(mode, mapper, here=0.0, late_ns=0):
 def test_a_flight_is_scored_by_its_first_edge_and_its_sizes(mode, s, shift):
     edges = s + shift + np.array([0.0, 0.305, 0.61])
     found = change(mode, KnownMap(flights=(mapped_flight(s, 0.152, 0.305, edges, up=mode == "SA"),)))
-    assert found.found
+    assert found.is_detected
     assert found.distance_m == pytest.approx(shift, abs=1e-9)
     assert (found.riser_m, found.tread_m) == pytest.approx((0.002, 0.005), abs=1e-9)
     assert (found.riser_sd_m, found.tread_sd_m) == pytest.approx((0.001, 0.002))
@@ -275,12 +275,12 @@ def test_a_flight_elsewhere_of_the_other_direction_or_of_one_step_is_not_found(m
         mapped_flight(s, 0.15, 0.3, s + np.array([0.0]), up=up, steps=1),
     ):
         assert (
-            change(mode, KnownMap(flights=(wrong,))) == ScoredChange(mode=mode, found=False)
-            or not change(mode, KnownMap(flights=(wrong,))).found
+            change(mode, KnownMap(flights=(wrong,))) == ScoredChange(mode=mode, is_detected=False)
+            or not change(mode, KnownMap(flights=(wrong,))).is_detected
         )
-        assert change(mode, KnownMap(flights=(wrong, right))).found
-    assert change(mode, KnownMap(flights=(right,)), late_ns=190_000_000).found
-    assert not change(mode, KnownMap(flights=(right,)), late_ns=200_000_000).found
+        assert change(mode, KnownMap(flights=(wrong, right))).is_detected
+    assert change(mode, KnownMap(flights=(right,)), late_ns=190_000_000).is_detected
+    assert not change(mode, KnownMap(flights=(right,)), late_ns=200_000_000).is_detected
 
 
 def test_the_flight_with_the_most_steps_is_the_one_that_counts():
@@ -297,12 +297,12 @@ def test_a_ramp_is_scored_by_its_slope_and_the_nearest_slope_break():
 
     changes = (*breaks(RAMP - 0.5, RAMP + 0.03, RAMP + 0.4), *breaks(RAMP, kind="edge"))
     found = change("RA", KnownMap(here=here, slope=0.21, changes=changes), here)
-    assert found.found
+    assert found.is_detected
     assert (found.distance_m, found.slope_rad, found.slope_sd_rad) == pytest.approx((0.03, 0.01, 0.004), abs=1e-9)
     gentle = change("RA", KnownMap(here=here, slope=math.radians(4.9), changes=changes), here)
-    assert not gentle.found
+    assert not gentle.is_detected
     assert gentle.distance_m == pytest.approx(0.03)
-    assert not change("RA", KnownMap(here=here, changes=changes), here).found
+    assert not change("RA", KnownMap(here=here, changes=changes), here).is_detected
     assert change("RA", KnownMap(here=here, slope=-0.19, changes=changes), here).slope_rad == pytest.approx(-0.39)
 
 
@@ -314,9 +314,9 @@ def test_a_map_is_sampled_each_half_second():
 
 def test_figures_of_a_map_have_their_units():
     changes = (
-        ScoredChange(mode="SA", found=True, distance_m=0.003, riser_m=-0.002, tread_m=0.006),
-        ScoredChange(mode="RA", found=True, distance_m=-0.004, slope_rad=0.02),
-        ScoredChange(mode="SD", found=False),
+        ScoredChange(mode="SA", is_detected=True, distance_m=0.003, riser_m=-0.002, tread_m=0.006),
+        ScoredChange(mode="RA", is_detected=True, distance_m=-0.004, slope_rad=0.02),
+        ScoredChange(mode="SD", is_detected=False),
     )
     errors = np.array([0.1, -0.139, 0.141, -0.5, math.inf])
     figures = map_figures(
@@ -344,7 +344,7 @@ def test_figures_of_predicted_changes_have_their_units():
     approaches = [
         ScoredChange(
             mode="SA",
-            found=True,
+            is_detected=True,
             distance_m=-0.03,
             distance_sd_m=0.02,
             riser_m=0.003,
@@ -354,7 +354,7 @@ def test_figures_of_predicted_changes_have_their_units():
         ),
         ScoredChange(
             mode="SA",
-            found=True,
+            is_detected=True,
             distance_m=0.05,
             distance_sd_m=0.02,
             riser_m=0.03,
@@ -362,13 +362,22 @@ def test_figures_of_predicted_changes_have_their_units():
             tread_m=0.2,
             tread_sd_m=0.041,
         ),
-        ScoredChange(mode="SD", found=True, distance_m=0.01, distance_sd_m=0.02, riser_m=-0.005, riser_sd_m=0.001),
-        ScoredChange(mode="LG", found=True, distance_m=-0.07, distance_sd_m=0.01),
-        ScoredChange(mode="RA", found=True, distance_m=0.06, distance_sd_m=0.1, slope_rad=0.01, slope_sd_rad=0.02),
         ScoredChange(
-            mode="RD", found=True, distance_m=-0.08, distance_sd_m=0.1, slope_rad=-0.02, slope_sd_rad=math.radians(1.6)
+            mode="SD", is_detected=True, distance_m=0.01, distance_sd_m=0.02, riser_m=-0.005, riser_sd_m=0.001
         ),
-        ScoredChange(mode="RA", found=False),
+        ScoredChange(mode="LG", is_detected=True, distance_m=-0.07, distance_sd_m=0.01),
+        ScoredChange(
+            mode="RA", is_detected=True, distance_m=0.06, distance_sd_m=0.1, slope_rad=0.01, slope_sd_rad=0.02
+        ),
+        ScoredChange(
+            mode="RD",
+            is_detected=True,
+            distance_m=-0.08,
+            distance_sd_m=0.1,
+            slope_rad=-0.02,
+            slope_sd_rad=math.radians(1.6),
+        ),
+        ScoredChange(mode="RA", is_detected=False),
     ]
     f = mode_figures([ModeScores(steps=[], approaches=approaches)])
     assert f["changes"] == 7

@@ -74,7 +74,7 @@ def test_scores_survive_json():
                 forward_m=0.02,
             )
         ],
-        approaches=[ScoredChange(mode="SA", found=True, distance_m=0.01)],
+        approaches=[ScoredChange(mode="SA", is_detected=True, distance_m=0.01)],
     )
     rows = json.loads(json.dumps(scores.rows(), allow_nan=False))
     again = ModeScores.of(rows)
@@ -188,8 +188,8 @@ def test_the_lead_counts_from_when_a_prediction_stays_right(modes: tuple[str, ..
     assert step.lead_s == pytest.approx(lead_s)
 
 
-@pytest.mark.parametrize(("off_m", "found"), [(-0.03, True), (0.39, True), (0.41, False), (-0.41, False)])
-def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> None:
+@pytest.mark.parametrize(("off_m", "is_detected"), [(-0.03, True), (0.39, True), (0.41, False), (-0.41, False)])
+def test_beyond_a_turn_places_count_along_the_way(off_m: float, is_detected: bool) -> None:
     turned = layout(
         Level(length_m=3),
         Turn(angle_rad=math.pi / 2, radius_m=1.5),
@@ -229,8 +229,8 @@ def test_beyond_a_turn_places_count_along_the_way(off_m: float, found: bool) -> 
     still = Trajectory(t_ns=np.zeros(1, np.int64), **pose)
     scores = score_modes(prints, [estimate], MovingAlignment(still, still), turned, 0.27)
     approach = next(a for a in scores.approaches if a.mode == "RA")
-    assert approach.found == found
-    assert approach.distance_m == pytest.approx(off_m if found else math.nan, nan_ok=True)
+    assert approach.is_detected == is_detected
+    assert approach.distance_m == pytest.approx(off_m if is_detected else math.nan, nan_ok=True)
     assert [s.is_straddling for s in scores.steps] == [False] * (len(scores.steps) - 2) + [True, False]
 
 

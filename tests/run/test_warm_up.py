@@ -69,7 +69,7 @@ def read(recording, topics):
     decoders = {}
     for message in to_messages(recording, topics):
         decoder = decoders.setdefault(message.topic, Decoder(message.topic, message.typename))
-        yield decoder.sample(message)
+        yield decoder.decode(message)
 
 recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])
 chain = Chain(asked, synthetic_rig(), recording.metadata)

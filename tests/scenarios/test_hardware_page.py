@@ -18,7 +18,7 @@ from live_bridge import alive, free_port, outcome
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.kalibr import read_rig, rig_from_yaml, write_rig
 from stridetwin.streams.live import wire
-from stridetwin.streams.live.messages import Encoder
+from stridetwin.streams.live.messages import MessageEncoder
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import Imu
@@ -201,7 +201,7 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
     (text,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.S)
     plain = rig_from_yaml(text, "page")
     write_rig(plain, tmp_path / "rig.yaml")
-    encoder = Encoder(plain)
+    encoder = MessageEncoder(plain)
     samples = [
         Imu(
             topic="/foot_l/imu",
@@ -222,13 +222,13 @@ def test_a_ros_node_forwards_messages_as_they_are(tmp_path, monkeypatch):
         kind, callback = subscribed["/xsens/imu"]
         assert kind == "sensor_msgs/msg/Imu"
         for sample in samples:
-            callback(encoder.message(sample).payload)
+            callback(encoder.encode(sample).payload)
 
     recorded = tmp_path / "ros.mcap"
     made = alive(["--record", recorded], forward)
     assert made.data["streams"]["/foot_l/imu"]["received"] == 20
     block = Recording(recorded).block("/foot_l/imu")
     assert block.t_ns.tolist() == [s.t_ns for s in samples]
-    parsed = typestore().deserialize_cdr(encoder.message(samples[3]).payload, "sensor_msgs/msg/Imu")
+    parsed = typestore().deserialize_cdr(encoder.encode(samples[3]).payload, "sensor_msgs/msg/Imu")
     assert parsed.angular_velocity.x == pytest.approx(0.03)
     assert json.dumps(made.data)

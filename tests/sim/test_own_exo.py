@@ -27,7 +27,7 @@ def walked(model, physics, length_m):
         physics=physics,
         sensors=GROUPS,
         gait=Gait(stand_s=0.5),
-        exo=Exo(own=read_own_exo(model, RIG)),
+        exo=Exo(user_exo=read_own_exo(model, RIG)),
         dynamics=Dynamics() if physics == "dynamic" else None,
     )
     twin, columns = Twin(config, seed=1), {}
@@ -112,7 +112,7 @@ def test_its_sensors_say_what_it_does(kinematic):
 
 def test_a_scenario_names_model_and_rig():
     config = read_scenario(EXAMPLE / "walk.yaml").config
-    assert config.exo.own.description == "Four joints a leg, motors at hips and knees"
+    assert config.exo.user_exo.description == "Four joints a leg, motors at hips and knees"
 
 
 def test_a_mesh_may_be_flat(tmp_path):
@@ -293,7 +293,7 @@ def test_cuffs_that_do_not_hold_it_are_refused(tmp_path, old, new, said):
         name="own",
         route=Route(segments=(Level(length_m=1.0),)),
         sensors=(),
-        exo=Exo(own=read_own_exo(MODEL, tmp_path / "rig.yaml")),
+        exo=Exo(user_exo=read_own_exo(MODEL, tmp_path / "rig.yaml")),
     )
     with pytest.raises(ConfigError, match=said):
         Twin(config, 1)

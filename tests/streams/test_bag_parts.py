@@ -80,7 +80,7 @@ def streams():
 def rig_of(calibration):
     blocks, images = streams()
     frames = {"/cam/imu": "imu_frame", "/cam/color/image_raw": "color_optical"}
-    return calibration.rig(blocks, images, frames)
+    return calibration.build_rig(blocks, images, frames)
 
 
 def test_mounts_come_along_the_tree_of_static_transforms():
@@ -160,13 +160,13 @@ def test_rectified_images_go_with_p_and_no_distortion(topic):
     calibration.add_camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=P))
     blocks, images = streams()
     raw = images["/cam/color/image_raw"]
-    cameras = calibration.rig(blocks, {topic: raw, "/cam/color/image_raw": raw}, {}).cameras
+    cameras = calibration.build_rig(blocks, {topic: raw, "/cam/color/image_raw": raw}, {}).cameras
     assert cameras[topic].intrinsics == (380.0, 381.0, 310.0, 235.0)
     assert not any(cameras[topic].distortion)
     assert cameras["/cam/color/image_raw"].intrinsics == (400.0, 400.0, 320.0, 240.0)
     assert cameras["/cam/color/image_raw"].distortion[0] == -0.3
     calibration.add_camera_info("/cam/color/camera_info", info((-0.3, 0.1, 1e-3, 0, 0), p=np.zeros(12)))
-    camera = calibration.rig(blocks, {topic: raw}, {}).cameras[topic]
+    camera = calibration.build_rig(blocks, {topic: raw}, {}).cameras[topic]
     assert (camera.intrinsics[0], any(camera.distortion)) == (400.0, False)
     assert "has no P for rectified images" in calibration.assumed[topic]
 
@@ -177,7 +177,7 @@ def test_realsense_files_keep_calibrations_apart_from_images():
         calibration.add_camera_info(f"/device_0/sensor_1/{sensor}/info/camera_info", info(focal=focal))
     blocks, images = streams()
     topics = [f"/device_0/sensor_1/{sensor}/image/data" for sensor in ("Color_0", "Depth_0")]
-    cameras = calibration.rig(blocks, dict.fromkeys(topics, images["/cam/color/image_raw"]), {}).cameras
+    cameras = calibration.build_rig(blocks, dict.fromkeys(topics, images["/cam/color/image_raw"]), {}).cameras
     assert [cameras[t].intrinsics[0] for t in topics] == [610.0, 420.0]
 
 

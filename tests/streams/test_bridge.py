@@ -17,10 +17,10 @@ from test_wire import claimed_size, compressed, same
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Encoder, LiveRecorder, Message, to_messages
+from stridetwin.streams.live.messages import LiveRecorder, Message, MessageEncoder, to_messages
 from stridetwin.streams.live.receiver import MOST_SENDERS, Arrival, Receiver, Reorder
 from stridetwin.streams.live.sender import IMAGES_HELD, SAMPLES_HELD, Sender
-from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, Link, WireError
+from stridetwin.streams.live.wire import LARGEST, VERSION, Hello, WireError, ZenohLink
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image, Imu
 
@@ -39,7 +39,7 @@ def everything(receiver, seconds=10.0):
     """All that comes until the senders are done."""
     came, until = [], time.monotonic() + seconds
     while not receiver.ended and time.monotonic() < until:
-        came += receiver.take(0.05)
+        came += receiver.receive(0.05)
     return came
 
 
@@ -48,7 +48,7 @@ def take_until(receiver, came, enough, seconds=30.0):
     until = time.monotonic() + seconds
     while not enough():
         assert time.monotonic() < until
-        came += receiver.take(0.05)
+        came += receiver.receive(0.05)
 
 
 def test_every_kind_of_sample_comes_through_in_order():
@@ -96,7 +96,7 @@ def test_a_slow_receiver_counts_what_it_has_missed(monkeypatch):
     monkeypatch.setattr("stridetwin.streams.live.receiver.INBOX_COUNT", 3)
     rng = np.random.default_rng(0)
     with Receiver(LOCAL) as receiver:
-        with Sender(small_rig(), receiver.address, encoder=Encoder(small_rig(), jpeg_quality=None)) as sender:
+        with Sender(small_rig(), receiver.address, encoder=MessageEncoder(small_rig(), jpeg_quality=None)) as sender:
             for i in range(60):  # 2 MB each: the connection's own buffers hold a few
                 pixels = rng.integers(0, 256, (800, 900, 3), np.uint8)
                 sender.send(Image(topic="/head/color", t_ns=i + 1, pixels=pixels))
@@ -118,7 +118,7 @@ def test_a_lossless_sender_waits(monkeypatch):
             came = []
             for i in range(40):
                 sender.send(image(i))
-                came += receiver.take(0.0)
+                came += receiver.receive(0.0)
             take_until(receiver, came, lambda: len(came) == 41)
         came += everything(receiver)
     assert [a.sample.t_ns for a in came[1:]] == [image(i).t_ns for i in range(40)]
@@ -314,7 +314,7 @@ def test_only_the_given_address_is_listened_at_and_connected_to():
 @contextmanager
 def linked(address):
     """A peer that speaks Zenoh and is no sender of ours."""
-    link = Link(connect=address)
+    link = ZenohLink(connect=address)
     present = threading.Event()
     link.watch_presence("receiver/*", lambda *_: present.set())
     assert present.wait(10)
@@ -339,7 +339,7 @@ def refusal(link, receiver, *messages, hello=None):
 
 
 def test_topics_belong_to_one_sender_and_one_type():
-    message = Encoder(small_rig()).message(imu(0))
+    message = MessageEncoder(small_rig()).encode(imu(0))
     with Receiver(LOCAL) as receiver:
         with Sender(small_rig(), receiver.address) as first:
             first.send(imu(0))
@@ -401,7 +401,7 @@ def test_stamps_that_do_not_increase_and_numbers_that_are_none_are_left_out_and_
 
 
 def arrival(sample, since_ms=0):
-    message = Encoder(small_rig()).message(sample)
+    message = MessageEncoder(small_rig()).encode(sample)
     return Arrival(sample=sample, message=message, since_ns=since_ms * 1_000_000, travel_ns=None)
 
 
@@ -409,7 +409,7 @@ def test_streams_are_put_in_order_within_the_window():
     reorder = Reorder(0.010)
 
     def ready(now_ms):
-        return [a.sample.t_ns // 1_000_000 for a in reorder.ready(now_ms * 1_000_000)]
+        return [a.sample.t_ns // 1_000_000 for a in reorder.release_due(now_ms * 1_000_000)]
 
     reorder.add(arrival(imu(0)))
     assert ready(0) == [5]  # nothing else is known yet
@@ -421,7 +421,7 @@ def test_streams_are_put_in_order_within_the_window():
     reorder.add(arrival(imu(4)))
     assert ready(0) == [15]  # a stream is a window beyond it
     assert ready(9) == []
-    assert reorder.due_s(9_000_000) == pytest.approx(0.001)
+    assert reorder.compute_wait_s(9_000_000) == pytest.approx(0.001)
     assert ready(10) == [25]  # it has waited for a window
     reorder.add(arrival(imu(3, "/foot_l/imu")))
     assert ready(10) == [20]
@@ -438,7 +438,7 @@ from stridetwin.streams.live.receiver import Receiver
 with Receiver(("127.0.0.1", 0)) as receiver:
     print(receiver.address[1], flush=True)
     while not receiver.ended:
-        receiver.take(0.1)
+        receiver.receive(0.1)
     print(receiver.traffic["/head/imu"].received, receiver.refusals, flush=True)
 """
 

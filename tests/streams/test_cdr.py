@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rigs import every_small_block, small_rig
 
 from stridetwin.streams.recording.cdr import layout_of
-from stridetwin.streams.recording.mcap_writer import message_rows
+from stridetwin.streams.recording.mcap_writer import build_message_rows
 from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, fill_rows
 from stridetwin.streams.recording.ros_types import build_message, serialise, typestore
 
@@ -15,11 +15,11 @@ from stridetwin.streams.recording.ros_types import build_message, serialise, typ
 @pytest.mark.parametrize("block", every_small_block(5), ids=lambda b: b.kind.__name__)
 def test_rows_equal_the_reference_serialiser(block):
     small = SAMPLE_MAPPINGS[block.kind]
-    payload, layout = small.template(block.topic, small_rig(), block.constants)
-    rows, payloads = message_rows(1, payload, layout.dtype, block.t_ns)
+    payload, layout = small.build_template(block.topic, small_rig(), block.constants)
+    rows, payloads = build_message_rows(1, payload, layout.dtype, block.t_ns)
     fill_rows(payloads, small, block)
     for i in range(len(block)):
-        values = small.values(block.topic, small_rig(), block.constants)
+        values = small.collect_values(block.topic, small_rig(), block.constants)
         if "header.stamp.sec" in layout.dtype.names:
             values["header.stamp.sec"], values["header.stamp.nanosec"] = divmod(int(block.t_ns[i]), 10**9)
         expected = build_message(small.typename, values)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks import foreign_files
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, START, WIDTH, K, Walk, write_foreign_mcap
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.bag import bag_names
+from stridetwin.streams.formats.bag import assign_bag_topics
 from stridetwin.streams.formats.derived import join_gyro_and_accel
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.mcap_export import write_recording
@@ -421,7 +421,7 @@ def test_names_of_common_drivers():
         "/optitrack/person": Odometry,
         "/chest/imu": Imu,
     }
-    assert bag_names(kinds) == {
+    assert assign_bag_topics(kinds) == {
         "/imu/left_foot": "/foot_l/imu",
         "/imu/right_foot": "/foot_r/imu",
         "/camera/imu": "/head/imu",

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stridetwin.streams.formats.measured_calibration import measure_imu, resolution
+from stridetwin.streams.formats.measured_calibration import measure_imu, measure_resolution
 from stridetwin.streams.samples import Block, Imu
 
 RATE_HZ = 200.0
@@ -61,7 +61,7 @@ def test_counts_are_seen_and_bound_the_noise_from_below():
     block = samples(np.random.default_rng(4))
     step = 0.01
     force = np.round(block.columns["specific_force"] / step) * step
-    assert resolution(force) == pytest.approx(step, rel=1e-6)
+    assert measure_resolution(force) == pytest.approx(step, rel=1e-6)
     imu = measured(Block(topic="", kind=Imu, t_ns=block.t_ns, columns={**block.columns, "specific_force": force}))
     assert imu.accelerometer_noise_density >= 0.99 * step / math.sqrt(12.0 * RATE_HZ)
 

@@ -250,8 +250,8 @@ def test_missing_topic_lists_those_there_are(recorded):
 def test_images_that_share_read_only_pixels_are_encoded_once(tmp_path, monkeypatch):
     blank = np.full((12, 16), 96, np.uint8)
     encoded = []
-    data = recorder.image_data
-    monkeypatch.setattr(recorder, "image_data", lambda *args: encoded.append(1) or data(*args))
+    data = recorder.encode_pixels
+    monkeypatch.setattr(recorder, "encode_pixels", lambda *args: encoded.append(1) or data(*args))
     files = []
     for writeable in (True, False):
         blank.setflags(write=writeable)

@@ -6,7 +6,7 @@ import pytest
 from rigs import small_rig
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.euroc import right_camera, right_view
+from stridetwin.streams.formats.euroc import make_right_camera, render_right_view
 
 FOCAL, BASELINE, SIZE = 200.0, 0.1, (120, 160)
 
@@ -28,7 +28,7 @@ def test_a_wall_is_seen_as_from_the_right(z):
     left, depth = seen(lambda u, _: np.full(SIZE, z), 0.0)
     expected, _ = seen(lambda u, _: np.full(SIZE, z), BASELINE)
     inside = slice(0, SIZE[1] - int(FOCAL * BASELINE / z) - 2)
-    off = np.abs(right_view(left, depth, FOCAL, BASELINE)[:, inside].astype(int) - expected[:, inside])
+    off = np.abs(render_right_view(left, depth, FOCAL, BASELINE)[:, inside].astype(int) - expected[:, inside])
     assert off.mean() < 1.0
 
 
@@ -38,7 +38,7 @@ def test_a_slanted_wall_is_seen_as_from_the_right():
 
     left, depth = seen(slanted, 0.0)
     expected, _ = seen(slanted, BASELINE)
-    off = np.abs(right_view(left, depth, FOCAL, BASELINE)[:, 2:140].astype(int) - expected[:, 2:140])
+    off = np.abs(render_right_view(left, depth, FOCAL, BASELINE)[:, 2:140].astype(int) - expected[:, 2:140])
     assert off.mean() < 1.5
 
 
@@ -46,7 +46,7 @@ def test_what_is_near_hides_what_is_far_and_leaves_background_behind():
     left = np.full(SIZE, 50, np.uint8)
     depth = np.full(SIZE, 4.0, np.float32)
     left[:, 60:100], depth[:, 60:100] = 200, 1.0
-    right = right_view(left, depth, FOCAL, BASELINE)
+    right = render_right_view(left, depth, FOCAL, BASELINE)
     assert (right[:, 42:78] == 200).all()
     assert (right[:, 82:150] == 50).all()
     assert (right[:, :38] == 50).all()
@@ -54,7 +54,7 @@ def test_what_is_near_hides_what_is_far_and_leaves_background_behind():
 
 def test_images_without_depth_stay_where_they_are():
     colour = np.random.default_rng(0).integers(0, 256, (*SIZE, 3), np.uint8)
-    np.testing.assert_array_equal(right_view(colour, np.zeros(SIZE, np.float32), FOCAL, BASELINE), colour)
+    np.testing.assert_array_equal(render_right_view(colour, np.zeros(SIZE, np.float32), FOCAL, BASELINE), colour)
 
 
 def test_stereo_matching_finds_the_depth_again():
@@ -62,13 +62,13 @@ def test_stereo_matching_finds_the_depth_again():
     left = cv2.GaussianBlur(rng.integers(0, 256, SIZE, np.uint8), (0, 0), 1.0)
     depth = np.full(SIZE, 1.25, np.float32)
     matcher = cv2.StereoSGBM.create(0, 32, 5)
-    disparity = matcher.compute(left, right_view(left, depth, FOCAL, BASELINE)) / 16
+    disparity = matcher.compute(left, render_right_view(left, depth, FOCAL, BASELINE)) / 16
     assert np.median(disparity[20:100, 50:150]) == pytest.approx(16.0, abs=0.1)
 
 
 def test_cameras_that_cannot_have_a_right_one_are_refused():
     camera = small_rig().cameras["/head/color"]
     with pytest.raises(StrideTwinError, match=r"distortion: .*without distortion"):
-        right_camera(camera, 0.1, "/r")
+        make_right_camera(camera, 0.1, "/r")
     with pytest.raises(StrideTwinError, match=r"--stereo-baseline: invalid 2.0: .*0\.001 to 1 m"):
-        right_camera(camera, 2.0, "/r")
+        make_right_camera(camera, 2.0, "/r")

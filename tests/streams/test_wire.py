@@ -13,7 +13,7 @@ from rigs import every_small_block, small_rig
 
 from stridetwin.streams.bounded_images import image_size
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Decoder, Encoder, Message, to_messages
+from stridetwin.streams.live.messages import Message, MessageDecoder, MessageEncoder, to_messages
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
@@ -55,16 +55,16 @@ def same(a, b):
 
 def test_what_is_sent_is_what_a_recording_holds_and_says_the_same(recorded):
     recording = Recording(recorded)
-    encoder, decoders = Encoder(recording.rig), {}
+    encoder, decoders = MessageEncoder(recording.rig), {}
     samples = {(s.topic, s.t_ns): s for s in recording.samples()}
     count = 0
     for message in to_messages(recording, list(recording.topics)):
         assert read_message(arrived(message)) == (message, 5)
-        decoder = decoders.setdefault(message.topic, Decoder(message.topic, message.typename))
+        decoder = decoders.setdefault(message.topic, MessageDecoder(message.topic, message.typename))
         sample = samples.pop((message.topic, message.t_ns))
-        assert same(decoder.sample(message), sample)
+        assert same(decoder.decode(message), sample)
         if not isinstance(sample, Image | Odometry):  # a JPEG of a JPEG is another one; a turned velocity has rounded
-            assert encoder.message(sample).payload == message.payload, message.topic
+            assert encoder.encode(sample).payload == message.payload, message.topic
         count += 1
     assert not samples
     assert count == sum(t.count for t in recording.topics.values())
@@ -83,20 +83,20 @@ def test_messages_come_in_order_imus_first_and_images_last(recorded):
 def test_images_can_travel_with_every_pixel():
     pixels = np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8)
     depth = np.random.default_rng(1).uniform(0.2, 5, (24, 32)).astype(np.float32)
-    encoder = Encoder(small_rig(), depth_encoding="32FC1", jpeg_quality=None)
+    encoder = MessageEncoder(small_rig(), depth_encoding="32FC1", jpeg_quality=None)
     for sample in (
         Image(topic="/head/color", t_ns=5, pixels=pixels),
         Image(topic="/foot_l/camera", t_ns=6, pixels=pixels[..., 0]),
         Depth(topic="/head/depth", t_ns=7, depth=depth),
     ):
-        message = encoder.message(sample)
-        assert same(Decoder(message.topic, message.typename).sample(message), sample)
+        message = encoder.encode(sample)
+        assert same(MessageDecoder(message.topic, message.typename).decode(message), sample)
 
 
 def test_a_payload_is_the_ros_message_that_rosbags_reads():
     block = next(b for b in every_small_block() if b.kind is Imu)
     sample = next(iter(block))
-    message = Encoder(small_rig()).message(sample)
+    message = MessageEncoder(small_rig()).encode(sample)
     decoded = typestore().deserialize_cdr(message.payload, message.typename)
     assert message.typename == "sensor_msgs/msg/Imu"
     assert (decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec, decoded.header.frame_id) == (
@@ -244,7 +244,7 @@ def of_scans(count):
 )
 def test_payloads_that_lie_are_refused(message, said):
     with pytest.raises(ValueError, match=said):
-        Decoder(message.topic, message.typename).sample(message)
+        MessageDecoder(message.topic, message.typename).decode(message)
 
 
 def test_sizes_of_images_are_read_without_unpacking_them():
@@ -255,7 +255,7 @@ def test_sizes_of_images_are_read_without_unpacking_them():
 
 def test_progressive_images_are_read():
     message = compressed(of_scans(20), "jpeg")
-    assert Decoder(message.topic, message.typename).sample(message).pixels.shape == (64, 64)
+    assert MessageDecoder(message.topic, message.typename).decode(message).pixels.shape == (64, 64)
 
 
 def test_images_of_endless_marks_cost_nothing():
@@ -268,13 +268,13 @@ def test_images_of_endless_marks_cost_nothing():
 
 def test_a_type_that_is_not_read_is_refused():
     with pytest.raises(ValueError, match=r"unsupported type .*: expected one of .*sensor_msgs/msg/Imu"):
-        Decoder("/a", "sensor_msgs/msg/PointCloud2")
+        MessageDecoder("/a", "sensor_msgs/msg/PointCloud2")
 
 
 def test_a_number_that_is_none_is_no_sample():
     imu = Imu(topic="/head/imu", t_ns=3, angular_rate=np.array([0, np.nan, 0]), specific_force=np.zeros(3))
-    message = Encoder(small_rig()).message(imu)
-    assert Decoder(message.topic, message.typename).sample(message) is None
+    message = MessageEncoder(small_rig()).encode(imu)
+    assert MessageDecoder(message.topic, message.typename).decode(message) is None
 
 
 def test_addresses():

@@ -20,7 +20,7 @@ from stridetwin.studies.experiment import experiment
 from stridetwin.studies.fault_injection import fault_plans
 from stridetwin.studies.walks import record_walk
 from stridetwin.studies.zhao2023 import dvio_bench, dvio_faults, odometry_walks, zhao_closed_loop
-from stridetwin.studies.zhao2023.odometry_walks import METHODS, run_case, run_odometry, true_path
+from stridetwin.studies.zhao2023.odometry_walks import ODOMETRY_METHODS, run_case, run_odometry, true_path
 from tests.studies.short_experiment import make_case, shorten
 
 SHORT = """description: A few steps
@@ -90,11 +90,16 @@ def test_time_is_counted_from_image_to_image_and_the_last_pose_of_an_instant_cou
 def test_the_closed_loop_has_every_method_and_the_paper(walk) -> None:
     result = run_case(walk.case, make=maker(walk.truth))
     assert (result["subject"], result["mount"]) == ("zhao_i_1", "head")
-    for method in METHODS:
+    for method in ODOMETRY_METHODS:
         assert result["methods"][method]["loop_drift_m"] == pytest.approx(DRIFT[method], rel=0.02)
     collected = zhao_closed_loop.collect([result])
     summary = collected["summary"]
-    assert {m: summary[m]["failures"] for m in METHODS} == {"proposed": 0, "dvio": 0, "vins_rgbd": 0, "vins_mono": 1}
+    assert {m: summary[m]["failures"] for m in ODOMETRY_METHODS} == {
+        "proposed": 0,
+        "dvio": 0,
+        "vins_rgbd": 0,
+        "vins_mono": 1,
+    }
     assert summary["proposed"]["by_mount"]["head"]["loop_drift_m"] == summary["proposed"]["loop_drift_m"]
     assert summary["time_ms"]["p99"] >= summary["time_ms"]["mean"] > 0.0
     assert collected["paper"]["dvio"]["loop_drift_m"] == pytest.approx(0.2563, abs=1e-4)
@@ -108,7 +113,7 @@ def test_an_installed_estimator_has_a_row_of_its_own(walk) -> None:
     drift = {**DRIFT, "mine": 0.1}
     case = replace(walk.case, estimators=("mine",))
     result = run_case(case, make=lambda method, rig, mount: Standin(walk.truth, drift[method]))
-    assert list(result["methods"]) == [*METHODS, "mine"]
+    assert list(result["methods"]) == [*ODOMETRY_METHODS, "mine"]
     collected = zhao_closed_loop.collect([result])
     assert collected["summary"]["mine"]["loop_drift_m"] == pytest.approx(0.1, rel=0.02)
     lines = zhao_closed_loop.table({**collected, "cases": [result]})
@@ -189,4 +194,4 @@ def test_calibration_errors_of_the_faults(walk) -> None:
 
 
 def test_the_methods_are_the_papers_and_ours() -> None:
-    assert set(odometry_walks.METHODS) == set(zhao_closed_loop.read_paper_figures()) | {"proposed"}
+    assert set(odometry_walks.ODOMETRY_METHODS) == set(zhao_closed_loop.read_paper_figures()) | {"proposed"}

@@ -249,7 +249,7 @@ def test_who_falls_is_named_and_the_interval_is_that_of_persons() -> None:
 
 def test_sizes_that_were_not_seen_are_counted() -> None:
     errors_and_sds = [(0.002, 0.005), (0.1, 0.09), (math.nan, math.nan), (-0.002, 0.005)]
-    approaches = [ScoredChange(mode="SD", found=True, riser_m=e, riser_sd_m=sd) for e, sd in errors_and_sds]
+    approaches = [ScoredChange(mode="SD", is_detected=True, riser_m=e, riser_sd_m=sd) for e, sd in errors_and_sds]
     down = mode_figures([ModeScores(approaches=approaches)])["sizes"]["riser_mm"]["down"]
     assert down == {
         "seen_pct": 50.0,

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stridetwin.estimators.locomotion_mode import MODES, LocomotionMode
-from stridetwin.estimators.locomotion_mode.foothold import GRID_M, Foothold, Line, position
+from stridetwin.estimators.locomotion_mode.foothold import GRID_M, FootholdEstimator, PathAhead, position
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import Division, WalkingInformation
-from stridetwin.estimators.locomotion_mode.rhythm import SIDE, Landing, Rhythm, StepFilter, TouchDowns
+from stridetwin.estimators.locomotion_mode.rhythm import SIDE, StepFilter, StepLanding, StepRhythm, TouchDowns
 from stridetwin.estimators.locomotion_mode.rollout import _even_steps, moments, roll_out
 from stridetwin.estimators.locomotion_mode.segments import (
     BEHIND_M,
@@ -87,7 +87,7 @@ def test_the_filter_finds_steady_steps_of_both_feet(mean, share, seed):
 
 
 def test_landings_are_counted_from_the_last_one():
-    rhythm = Rhythm(P)
+    rhythm = StepRhythm(P)
     for k, foot in enumerate("lrlrlr"):
         rhythm.land(foot, k * 600_000_000, True)
     last_ns = 5 * 600_000_000
@@ -265,15 +265,15 @@ def test_the_drop_off_behind_a_walker_still_gives_the_place_of_the_hidden_treads
 
 def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
     """Treads of 0.28 m and 0.15 m down; a body that rises 1.5 m over feet on the level."""
-    foothold, line = Foothold(P), Line(np.zeros(2), np.array([1.0, 0.0]))
+    foothold, line = FootholdEstimator(P), PathAhead(np.zeros(2), np.array([1.0, 0.0]))
     height = -0.15 * np.clip(np.ceil((foothold.s - 2.0) / 0.28), 0.0, 4.0)
     wide = np.exp(-0.5 * ((foothold.s - 2.3) / 0.2) ** 2)
     wide /= wide.sum()
     assert foothold.after_passing(wide, height, 1.5) is wide  # the height of the walker is not known yet
     level = np.zeros(len(foothold.s))
     for k in range(8):
-        landing = Landing(feet=("lr"[k % 2],), measurable=True)
-        foothold.land(landing, Line(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
+        landing = StepLanding(feet=("lr"[k % 2],), measurable=True)
+        foothold.land(landing, PathAhead(np.array([0.6 * k, 0.0]), line.forward), ground(), level, 1.45, 1.5, 0.0, 0.6)
     for tread in (1, 2, 3):
         density = foothold.after_passing(wide, height, 1.52 - 0.15 * tread)
         assert density[np.isclose(height, -0.15 * tread)].sum() > 0.9
@@ -282,16 +282,16 @@ def test_the_top_of_the_body_identifies_the_tread_under_the_foot():
 
 @pytest.mark.parametrize("degrees", [5.0, 15.0, 60.0, 90.0, 150.0])
 def test_a_foot_stays_where_it_is_when_the_walker_turns(degrees):
-    foothold, east = Foothold(P), np.array([1.0, 0.0])
+    foothold, east = FootholdEstimator(P), np.array([1.0, 0.0])
     for k in range(4):
-        landing = Landing(feet=("lr"[k % 2],), measurable=True)
-        line = Line(np.array([0.6 * k - BEHIND_M, 0.0]), east)
+        landing = StepLanding(feet=("lr"[k % 2],), measurable=True)
+        line = PathAhead(np.array([0.6 * k - BEHIND_M, 0.0]), east)
         foothold.land(landing, line, ground(), None, 1.3, 1.5, math.nan, 0.6)
     ahead, _ = moments(position(foothold.stance_density(line)), foothold.s)
     foot = line.origin + ahead * east
     body, turned = line.origin + BEHIND_M * east, math.radians(degrees)
     to = np.array([math.cos(turned), math.sin(turned)])
-    s, sd = moments(position(foothold.stance_density(Line(body - BEHIND_M * to, to))), foothold.s)
+    s, sd = moments(position(foothold.stance_density(PathAhead(body - BEHIND_M * to, to))), foothold.s)
     assert s - BEHIND_M == pytest.approx((foot - body) @ to, abs=0.03)
     assert sd < 0.15
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stridetwin.estimators.locomotion_mode import changes, segments
-from stridetwin.estimators.locomotion_mode.foothold import Line
+from stridetwin.estimators.locomotion_mode.foothold import PathAhead
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.published import (
     Division,
@@ -15,7 +15,7 @@ from stridetwin.estimators.locomotion_mode.published import (
     mode_between,
     predict_published_steps,
 )
-from stridetwin.estimators.locomotion_mode.rhythm import Rhythm, StepFilter
+from stridetwin.estimators.locomotion_mode.rhythm import StepFilter, StepRhythm
 from stridetwin.estimators.locomotion_mode.segments import Segment
 from stridetwin.estimators.terrain_map import Change, Plane, Profile, Ramp
 from stridetwin.estimators.terrain_map.estimate import Level, Stairs, TerrainEstimate
@@ -309,7 +309,7 @@ def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
 
     def sizes(mode, *flights):
         estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
-        line = Line(origin=np.zeros(2), forward=np.array([1.0, 0.0]))
+        line = PathAhead(origin=np.zeros(2), forward=np.array([1.0, 0.0]))
         return changes._sizes(mode, segment, estimate, np.array([1.0, 0.2]), line, P)
 
     riser_sd, tread_sd = math.hypot(0.002, changes._FLIGHT_RISER_SD_M), changes._TREAD_SD_SHARE * 0.004
@@ -352,7 +352,7 @@ def test_the_step_filter_is_a_kalman_filter_that_distrusts_outliers():
 
 
 def test_landings_in_order_and_their_uncertainty_grows_with_each_step():
-    rhythm, ns = Rhythm(P), 600_000_000
+    rhythm, ns = StepRhythm(P), 600_000_000
     for k, foot in enumerate("lrlr"):
         rhythm.land(foot, k * ns, True)
     assert rhythm.next_feet() == ("l", "r", "l", "r")
@@ -367,11 +367,11 @@ def test_landings_in_order_and_their_uncertainty_grows_with_each_step():
     assert rhythm.times(("l",), late)[0][0] == pytest.approx(late + 50_000_000, abs=5)
     share = 0.6 * rhythm.step_s * 1e9
     assert [rhythm.is_over_foot(3 * ns + int(share) + d) for d in (-1000, 1000)] == [False, True]
-    assert not Rhythm(P).is_over_foot(10**12)
+    assert not StepRhythm(P).is_over_foot(10**12)
 
 
 def test_a_missed_step_counts_and_a_bounce_does_not():
-    rhythm, ns = Rhythm(P), 600_000_000
+    rhythm, ns = StepRhythm(P), 600_000_000
     for k, foot in enumerate("lrlr"):
         assert rhythm.land(foot, k * ns, True).feet == (foot,)
     mean = rhythm.step_s * 1e9
@@ -484,7 +484,7 @@ def test_the_published_mode_is_that_of_the_ground_under_the_footprint(before, af
 
 
 def test_the_published_steps_follow_each_other():
-    rhythm = Rhythm(P)
+    rhythm = StepRhythm(P)
     for k, foot in enumerate("lrl"):
         rhythm.land(foot, k * 500_000_000, True)
     known = walking(("l", (-1.0, 0.0), (1, 0)), ("r", (-0.5, 0.0), (1, 0)), ("l", (0.0, 0.0), (1, 0)))
