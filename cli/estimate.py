@@ -200,8 +200,9 @@ def _describe_imu(imu: ImuCalibration) -> str:
 
 
 def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
+    from stridetwin.sim.choices import part_files
     from stridetwin.sim.parts.kinds import ImuPart
-    from stridetwin.sim.parts.library import load_part, part_files
+    from stridetwin.sim.parts.library import load_part
     from stridetwin.sim.sensors.standard_rig import nominal_imu
 
     imus = [n for n in part_files() if isinstance(load_part(n), ImuPart)]

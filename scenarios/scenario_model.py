@@ -23,6 +23,7 @@ from pydantic import (
     create_model,
 )
 
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.config import (
     DIRECTIONS,
     DRIVES,
@@ -50,10 +51,10 @@ from stridetwin.sim.config import (
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.parts.kinds import Part
-from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, part_files, read_part
+from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
+from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (

@@ -8,13 +8,15 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from stridetwin.sim.choices import DEFAULT_SENSORS
+from stridetwin.sim.choices import PHYSICS as PHYSICS
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
-from stridetwin.sim.parts.sensor_config import KIND, SensorConfig
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.wearer.people import Person as Person
 from stridetwin.streams.fields import DEG, MM, ReadAs, bool_field, enum_field, float_field, int_field
 
 SIDES = ("l", "r")
-PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
 MAX_ASYMMETRY = 0.4
@@ -27,23 +29,6 @@ TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 MAX_BYSTANDERS = 4
 THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Person:
-    """The person who walks.
-
-    Attributes:
-        height_m: Standing height without shoes.
-        mass_kg: Body mass.
-        sex: `male` or `female` (de Leva's tables).
-        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
-    """
-
-    height_m: Annotated[float, float_field(1.5, 1.95)] = 1.75
-    mass_kg: Annotated[float, float_field(45, 110)] = 75.0
-    sex: Annotated[str, enum_field(("male", "female"))] = "male"
-    shoe_m: Annotated[float | None, float_field(200, 320, key="shoe_mm", scale=MM)] = None
 
 
 DRIVES = ("idle", "assist")
@@ -359,7 +344,7 @@ class TwinConfig:
     exo: Exo | None = field(default_factory=Exo)
     gait: Gait = field(default_factory=Gait)
     physics: str = "kinematic"
-    sensors: tuple[str, ...] = tuple(group for group in KIND if group != "exo_imu")
+    sensors: tuple[str, ...] = DEFAULT_SENSORS
     fittings: Mapping[str, SensorConfig] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -25,7 +24,6 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from stridetwin.streams.errors import Missing, StrideTwinError
-from stridetwin.streams.samples import Array
 
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
@@ -216,34 +214,10 @@ class _OfKind:
         return resolved
 
 
-def _to_rotation(rows: Any) -> Array:
-    R = np.array(rows)
-    if not _is_rotation(R):
-        raise field_error(R.tolist(), "a rotation matrix")
-    return R
-
-
-def _to_rigid_transform(rows: Any) -> Array:
-    T = np.array(rows)
-    if not _is_rotation(T[:3, :3]) or not np.array_equal(T[3], (0, 0, 0, 1)):
-        raise field_error(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
-    return T
-
-
-def _is_rotation(R: Array) -> bool:
-    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0)
-
-
 Number = Annotated[float, float_field()]
 NotNegative = Annotated[float, float_field(0)]
 Positive = Annotated[float, float_field(above=0)]
 Count = Annotated[int, int_field(1, 2**31 - 1)]
-_Row = tuple[Number, Number, Number, Number]
-_Three = tuple[Number, Number, Number]
-RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _to_rotation)]
-"""(3, 3) rotation, as rows."""
-RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _to_rigid_transform)]
-"""(4, 4) rigid transform, as rows."""
 
 
 def check_unique(values: tuple[str, ...]) -> tuple[str, ...]:

@@ -21,17 +21,9 @@ import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from stridetwin.streams.errors import ConfigError, Missing
-from stridetwin.streams.fields import (
-    Count,
-    FileModel,
-    NotNegative,
-    Number,
-    Positive,
-    RigidTransform,
-    field_error,
-    int_field,
-)
+from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error, int_field
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.matrix_fields import RigidTransform
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import validate

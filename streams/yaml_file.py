@@ -70,6 +70,31 @@ def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any
         raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
 
 
+def read_entries(path: Path, *keys: str) -> dict[str, str]:
+    """Texts at the top level of a YAML file, by key, read no further than to the last of them.
+
+    For files of the project, whose listing would otherwise take most of its time to read terrain and figures.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or lacks one of the keys.
+    """
+    entries: dict[str, str] = {}
+    depth, key = 0, ""
+    for event in yaml.parse(read_text(path, LARGEST_SETTING), Loader=SafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+            key = ""
+        elif isinstance(event, yaml.ScalarEvent) and depth == 1:
+            if key in keys:
+                entries[key] = event.value
+                if len(entries) == len(keys):
+                    return entries
+            key = "" if key else event.value
+    raise ConfigError(path, "", list(entries), f"the keys {', '.join(keys)}")
+
+
 @dataclass
 class _OpenCollection:
     """A list or mapping that is being scanned; `keys` is None for a list."""

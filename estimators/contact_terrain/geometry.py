@@ -23,13 +23,12 @@ from stridetwin.streams.fields import (
     NotNegative,
     Number,
     ReadAs,
-    RigidTransform,
-    RotationMatrix,
     bool_field,
     field_error,
     float_field,
     int_field,
 )
+from stridetwin.streams.matrix_fields import RigidTransform, RotationMatrix
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml

@@ -17,7 +17,7 @@ from stridetwin.scenarios.campaign.distributions import Distribution, Distributi
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.fields import (
     FileModel,

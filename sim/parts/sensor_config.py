@@ -8,29 +8,13 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from stridetwin.sim.choices import KIND as KIND
+from stridetwin.sim.choices import STANDARD as STANDARD
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import load_part, make_ideal
 from stridetwin.sim.parts.nominal import CalibrationSd
 from stridetwin.streams.fields import DEG, MM, bool_field, enum_field, float_field
-
-_GROUPS = {
-    "foot_imu": ("imu", "ADIS16485"),
-    "foot_camera": ("camera", "acA800-200gc"),
-    "sonar": ("sonar", "SRF08"),
-    "insole": ("force_cell", "FlexiForce-A401"),
-    "ahrs": ("ahrs", "MW-AHRSv1"),
-    "exo_imu": ("imu", "MW-AHRSv1-imu"),
-    "encoder": ("encoder", "AMT203"),
-    "interaction": ("force_cell", "FlexiForce-A301"),
-    "actuator": ("actuator", "actuation-module"),
-    "head_imu": ("imu", "BMI055"),
-    "head_camera": ("rgbd", "D455"),
-}
-KIND = {group: kind for group, (kind, _) in _GROUPS.items()}
-"""The kind of part that each group uses."""
-STANDARD = {group: name for group, (_, name) in _GROUPS.items()}
-"""The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
 
 _Length = Annotated[float, float_field(-300, 300, scale=MM)]
 _Angle = Annotated[float, float_field(-180, 180, scale=DEG)]

@@ -15,9 +15,10 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
-from stridetwin.sim.parts.library import kind_of, load_part, part_files, read_part
+from stridetwin.sim.parts.library import kind_of, load_part, read_part
 from stridetwin.sim.wearer.exo_couplings import coupling_law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError

@@ -25,12 +25,13 @@ from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, enum_field
+from stridetwin.streams.fields import Count, NotNegative, Number, Positive, enum_field
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
 from stridetwin.streams.formats.text_rows import Row, parse_nanoseconds, read_numbers, read_text_rows, write_text_rows
 from stridetwin.streams.kalibr import ImuNoise, write_rig
+from stridetwin.streams.matrix_fields import RigidTransform
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, Turn
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import float_field

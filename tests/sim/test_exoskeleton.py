@@ -23,7 +23,6 @@ from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, fit_wearer
 from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (
@@ -38,6 +37,7 @@ from stridetwin.sim.wearer.exoskeleton import (
     dh_table,
     modules,
 )
+from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
 from tests.estimators.from_python import from_python
