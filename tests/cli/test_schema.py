@@ -13,9 +13,9 @@ from stridetwin.scenarios.scenario_file import catalogue, load_scenario
 from stridetwin.sim.choices import FAULT_NAMES, part_files
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.parts.library import kind_of, load_part
-from stridetwin.studies.placement.problem_file import problems
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.yaml_file import read_entries
+from stridetwin.studies.placement.problem_file import problems
 
 ROOT = Path(__file__).parents[2]
 OWN_EXO = {"own_exo": ROOT / "examples" / "own_exo" / "my_exo.yaml"}
