@@ -13,17 +13,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, StrictInt, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from stridetwin.streams.fields import TAG, FileModel, field_error, float_field, int_field
+from stridetwin.streams.fields import TAG, FileModel, Number, field_error
 
 _MAX_SIZE = 1e9
 _TAIL_SD = 6.0
-_Number = Annotated[float, float_field(-_MAX_SIZE, _MAX_SIZE)]
-_Above0 = Annotated[float, float_field(1e-9, _MAX_SIZE)]
-_Whole = Annotated[int, int_field(-int(_MAX_SIZE), int(_MAX_SIZE))]
+_Number = Annotated[Number, Field(ge=-_MAX_SIZE, le=_MAX_SIZE)]
+_Above0 = Annotated[Number, Field(ge=1e-9, le=_MAX_SIZE)]
+_Whole = Annotated[StrictInt, Field(ge=-int(_MAX_SIZE), le=int(_MAX_SIZE))]
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from stridetwin.sim.parts.figure import FIGURE, Figure
 from stridetwin.sim.parts.kinds import PART_CLASSES, Part
 from stridetwin.streams.errors import Missing
-from stridetwin.streams.fields import OneKind, enum_field, field_error, float_field
+from stridetwin.streams.fields import Number, OneKind, OneOf, Unit, field_error
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 
@@ -26,9 +26,9 @@ D = TypeVar("D")
 def _figure_type(entry: Figure) -> Any:
     """Type of a figure in the file: the bare value, or `{value: ..., source: ...}`."""
     if entry.words:
-        bare: Any = Annotated[str, enum_field(entry.words)]
+        bare: Any = Annotated[str, OneOf(entry.words)]
     else:
-        bare = Annotated[float, float_field(entry.low, entry.high, scale=entry.scale)]
+        bare = Annotated[Number, Field(ge=entry.low, le=entry.high), Unit(entry.scale)]
         if entry.count:
             bare = tuple[(bare,) * entry.count]  # type: ignore[misc]
     return Annotated[bare, BeforeValidator(_strip_source, json_schema_input_type=bare | _type_with_source(bare))]

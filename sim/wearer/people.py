@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from stridetwin.streams.fields import MM, enum_field, float_field
+from pydantic import Field
+
+from stridetwin.streams.fields import MILLIMETRES, Number, OneOf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,10 +21,10 @@ class Person:
         shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
     """
 
-    height_m: Annotated[float, float_field(1.5, 1.95)] = 1.75
-    mass_kg: Annotated[float, float_field(45, 110)] = 75.0
-    sex: Annotated[str, enum_field(("male", "female"))] = "male"
-    shoe_m: Annotated[float | None, float_field(200, 320, key="shoe_mm", scale=MM)] = None
+    height_m: Annotated[Number, Field(ge=1.5, le=1.95)] = 1.75
+    mass_kg: Annotated[Number, Field(ge=45, le=110)] = 75.0
+    sex: Annotated[str, OneOf(("male", "female"))] = "male"
+    shoe_m: Annotated[Number | None, Field(ge=200, le=320, alias="shoe_mm"), MILLIMETRES] = None
 
 
 # Shim et al. 2019, table 3: sex, stature m, mass kg, shoe mm
