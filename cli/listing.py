@@ -15,7 +15,7 @@ from stridetwin.cli.options import Outcome, Progress
 from stridetwin.estimators.registry import descriptions, output_descriptions
 from stridetwin.scenarios.built_in import campaigns, catalogue, experiments, problems
 from stridetwin.sim.choices import DEFAULT_SENSORS, FAULT_NAMES, KIND, PHYSICS, part_files
-from stridetwin.sim.wearer.people import PEOPLE
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.json_schema import schema_file
 from stridetwin.streams.yaml_file import read_entries
 

@@ -55,8 +55,8 @@ from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
+from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
-from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (

@@ -13,7 +13,7 @@ from stridetwin.sim.choices import PHYSICS as PHYSICS
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.parts.sensor_config import SensorConfig
-from stridetwin.sim.wearer.people import Person as Person
+from stridetwin.sim.people import Person as Person
 from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
 
 SIDES = ("l", "r")

@@ -15,9 +15,13 @@ from pydantic_core import core_schema
 _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
 
 
-@cache
-def schema_of(kind: Any) -> JsonSchemaValue:
+def schema_of(kind: object) -> JsonSchemaValue:
     """The JSON Schema of a type's data in files (dataclass, pydantic model or other)."""
+    return _build_schema(kind)
+
+
+@cache
+def _build_schema(kind: Any) -> JsonSchemaValue:
     return TypeAdapter(kind).json_schema(schema_generator=_DescribingGenerator)
 
 

@@ -50,10 +50,13 @@ def validate(
 
 def type_adapter(kind: type[T]) -> TypeAdapter[T]:
     """The validator of a type, built once."""
-    return _build_adapter(kind)
+    adapter: TypeAdapter[T] = _build_adapter(kind)  # type: ignore[arg-type]  # classes are hashable
+    return adapter
 
 
-_build_adapter = cache(TypeAdapter)
+@cache
+def _build_adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def combine_errors(errors: Iterable[StrideTwinError]) -> StrideTwinError:

@@ -17,7 +17,7 @@ from stridetwin.scenarios.campaign.distributions import Distribution, Distributi
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
-from stridetwin.sim.wearer.people import PEOPLE
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.fields import FileModel, Number, OneOf, ReadAs, Text, check_unique, field_error
 from stridetwin.streams.validation import suggest, validate
@@ -268,6 +268,7 @@ def read_campaign(path: Path) -> Campaign:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(CampaignFile, data, path)
+    assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the campaign's folder")
     campaign = Campaign(
         path=path,

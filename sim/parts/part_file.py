@@ -102,6 +102,7 @@ PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in PART
 
 def read_part_file(path: Path) -> Part:
     """The part in a file, with the errors of `library.read_part`."""
-    data = read_yaml(path)
-    read = validate(PartFile, data, path)
-    return build_part(PART_CLASSES[data["kind"]], read, name=path.stem)
+    read = validate(PartFile, read_yaml(path), path)
+    models = {file_model(kind): kind for kind in PART_CLASSES.values()}  # type: ignore[arg-type]  # they are hashable
+    part_class = models[type(read)]
+    return build_part(part_class, read, name=path.stem)

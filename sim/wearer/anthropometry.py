@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.sim.wearer.people import Person
+from stridetwin.sim.people import Person
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 

@@ -166,6 +166,7 @@ def read_problem(path: Path) -> PlacementProblem:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(PlacementFile, data, path)
+    assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
     common = files.variables(file.set, where.key("set"))

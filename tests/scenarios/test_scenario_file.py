@@ -10,7 +10,7 @@ from pydantic import Field
 
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, Turn
-from stridetwin.sim.wearer.people import PEOPLE, Person
+from stridetwin.sim.people import PEOPLE, Person
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import MILLIMETRES, Number

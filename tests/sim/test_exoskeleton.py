@@ -19,6 +19,7 @@ from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, LegPose, fit_leg, leg_pose
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
@@ -37,7 +38,6 @@ from stridetwin.sim.wearer.exoskeleton import (
     dh_table,
     modules,
 )
-from stridetwin.sim.wearer.people import PEOPLE
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array, Block
 from tests.estimators.from_python import from_python
