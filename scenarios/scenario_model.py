@@ -15,7 +15,6 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     StrictBool,
@@ -352,7 +351,7 @@ def _group_type(group: str) -> Any:
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)
     }
     fields |= {name: (hints[name], None) for name in names}
-    model = create_model(group, __config__=ConfigDict(extra="forbid"), **fields)
+    model = create_model(group, __base__=FileModel, **fields)
     descriptions = attribute_descriptions(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in fields)
     options: Any = Annotated[model, BeforeValidator(_part_as_keys, json_schema_input_type=str | model)]
@@ -390,7 +389,7 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
 
 
 _group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
-_Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_group_fields)
+_Groups: Any = create_model("Sensors", __base__=FileModel, **_group_fields)
 _Names = Annotated[
     tuple[Annotated[str, OneOf(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)
 ]

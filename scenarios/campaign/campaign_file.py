@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StrictInt, Tag
+from pydantic import AfterValidator, BaseModel, Discriminator, Field, StrictInt, Tag
 
 from stridetwin.scenarios.built_in import campaigns as campaigns
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
@@ -226,7 +226,7 @@ class CampaignFile(BaseModel):
         splits: Division of the walks.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = FileModel.model_config
     campaign: Text
     walks: Annotated[StrictInt, Field(ge=1, le=MOST_WALKS)]
     seed: Annotated[StrictInt, Field(ge=0, le=2**31)] = 0

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
 from stridetwin.streams.errors import ConfigError, ConfigFileError, FieldLocation, StrideTwinError
-from stridetwin.streams.fields import Number, Text
+from stridetwin.streams.fields import FileModel, Number, Text
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.validation import suggest
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
@@ -86,7 +86,7 @@ class NamedBase(BaseModel):
         set: Paths into the scenario, each with a value or a distribution.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = FileModel.model_config
     scenario: Text
     set: dict[str, DistributionInFile] = {}
 

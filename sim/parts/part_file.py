@@ -10,12 +10,12 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_type_hints
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import BaseModel, BeforeValidator, Field, create_model
 
 from stridetwin.sim.parts.figure import FIGURE, Figure
 from stridetwin.sim.parts.kinds import PART_CLASSES, Part
 from stridetwin.streams.errors import Missing
-from stridetwin.streams.fields import Number, OneKind, OneOf, Unit, field_error
+from stridetwin.streams.fields import FileModel, Number, OneKind, OneOf, Unit, field_error
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 
@@ -36,7 +36,7 @@ def _figure_type(entry: Figure) -> Any:
 
 def _type_with_source(bare: Any) -> Any:
     """Type of a figure with its source, `{value: ..., source: ...}`, as an alternative to the bare value."""
-    return create_model("Sourced", __config__=ConfigDict(extra="forbid"), value=(bare, ...), source=(str, ""))
+    return create_model("Sourced", __base__=FileModel, value=(bare, ...), source=(str, ""))
 
 
 def _strip_source(node: object) -> object:
@@ -71,7 +71,7 @@ def file_model(kind: type) -> type[BaseModel]:
                 file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
             )
         model_fields[entry.name] = (field_type, _file_field(entry))
-    model: type[BaseModel] = create_model(kind.__name__, __config__=ConfigDict(extra="forbid"), **model_fields)
+    model: type[BaseModel] = create_model(kind.__name__, __base__=FileModel, **model_fields)
     model.__doc__ = kind.__doc__
     return model
 

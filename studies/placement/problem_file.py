@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, StrictInt, Tag
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, StrictInt, Tag
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
@@ -32,7 +32,7 @@ from stridetwin.scenarios.campaign.named_files import (
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
-from stridetwin.streams.fields import OneKey, OneOf, Text
+from stridetwin.streams.fields import FileModel, OneKey, OneOf, Text
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, FreeField, FreeInFile, Knob, Over, free_field, grid_size
@@ -130,7 +130,7 @@ class PlacementFile(BaseModel):
         confirm: The best places once more, on other walks.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = FileModel.model_config
     placement: Text
     scenarios: Annotated[tuple[_Base, ...], Field(min_length=1)]
     set: dict[str, DistributionInFile] = {}
