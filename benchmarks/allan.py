@@ -22,10 +22,11 @@ from scipy import stats
 
 from stridetwin.pages.html import page, section
 from stridetwin.pages.plot import Plot
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import FLOOR, Noise
 from stridetwin.sim.parts.kinds import ImuPart
-from stridetwin.sim.parts.library import load_part, part_files
+from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.streams.rig import ImuCalibration, Mount
 from stridetwin.streams.samples import Array

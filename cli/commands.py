@@ -358,7 +358,7 @@ SCHEMAS = {
     "campaign": "stridetwin.scenarios.campaign.campaign_file:CampaignFile",
     "placement": "stridetwin.studies.placement.problem_file:PlacementFile",
     "study": "stridetwin.studies.study_file.study:StudyFile",
-    "part": "stridetwin.sim.parts.library:PartFile",
+    "part": "stridetwin.sim.parts.part_file:PartFile",
     "own_exo": "stridetwin.sim.wearer.own_exo_rig:OwnExoFile",
     "exo_geometry": "stridetwin.estimators.contact_terrain.geometry:ExoskeletonFile",
 }

@@ -228,8 +228,9 @@ def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
     Raises:
         StrideTwinError: No IMU of the catalogue has this name.
     """
+    from stridetwin.sim.choices import part_files
     from stridetwin.sim.parts.kinds import ImuPart
-    from stridetwin.sim.parts.library import load_part, part_files
+    from stridetwin.sim.parts.library import load_part
     from stridetwin.sim.sensors.standard_rig import nominal_imu
 
     imus = [n for n in part_files() if isinstance(load_part(n), ImuPart)]

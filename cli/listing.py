@@ -14,28 +14,25 @@ from stridetwin.cli.console import table
 from stridetwin.cli.options import Outcome, Progress
 from stridetwin.estimators.registry import descriptions, output_descriptions
 from stridetwin.scenarios.built_in import campaigns, catalogue, experiments, problems
-from stridetwin.sim.config import PHYSICS, TwinConfig
-from stridetwin.sim.faults.catalogue import FAULTS
-from stridetwin.sim.parts.library import kind_of, load_part, part_files
-from stridetwin.sim.parts.sensor_config import KIND
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.choices import DEFAULT_SENSORS, FAULT_NAMES, KIND, PHYSICS, part_files
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.json_schema import schema_file
-from stridetwin.streams.yaml_file import read_yaml
+from stridetwin.streams.yaml_file import read_entries
 
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """Runs `list`: names and descriptions of everything that a command accepts by name."""
-    parts = {name: load_part(name) for name in part_files()}
+    parts = {name: read_entries(path, "kind", "description") for name, path in part_files().items()}
     data: dict[str, Any] = {
-        "scenarios": {name: read_yaml(path)["description"] for name, path in catalogue().items()},
-        "campaigns": {name: read_yaml(path)["campaign"] for name, path in campaigns().items()},
-        "placements": {name: read_yaml(path)["placement"] for name, path in problems().items()},
+        "scenarios": {name: read_entries(path, "description")["description"] for name, path in catalogue().items()},
+        "campaigns": {name: read_entries(path, "campaign")["campaign"] for name, path in campaigns().items()},
+        "placements": {name: read_entries(path, "placement")["placement"] for name, path in problems().items()},
         "sensors": list(KIND),
         "outputs": output_descriptions(),
         "estimators": descriptions(),
-        "experiments": {name: read_yaml(path)["study"] for name, path in experiments().items()},
-        "parts": {name: {"kind": kind_of(p), "description": p.description} for name, p in parts.items()},
-        "faults": sorted(FAULTS),
+        "experiments": {name: read_entries(path, "study")["study"] for name, path in experiments().items()},
+        "parts": parts,
+        "faults": sorted(FAULT_NAMES),
         "physics": list(PHYSICS),
         "people": {name: asdict(person) for name, person in PEOPLE.items()},
     }
@@ -45,13 +42,13 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     for title in ("scenarios", "campaigns", "placements", "outputs", "estimators", "experiments"):
         where = f" (files in {data['folders'][title]})" if title in data["folders"] else ""
         lines += [table(data[title].items(), title=f"{title.capitalize()}{where}", text_columns=2), ""]
-    part_rows = [(name, kind_of(p), p.description) for name, p in parts.items()]
+    part_rows = [(name, part["kind"], part["description"]) for name, part in parts.items()]
     people = [(name, p.sex, f"{p.height_m:.3g} m", f"{p.mass_kg:.3g} kg") for name, p in PEOPLE.items()]
-    sensors = [name if name in TwinConfig.sensors else f"{name} (off by default)" for name in KIND]
+    sensors = [name if name in DEFAULT_SENSORS else f"{name} (off by default)" for name in KIND]
     lines += ["Sensors", ", ".join(sensors), ""]
     lines += [f"Parts (NAME-ideal: the part without errors; files in {data['folders']['parts']})"]
     lines += [table(part_rows, text_columns=3), ""]
-    lines += ["Faults", ", ".join(sorted(FAULTS)), "", table(people, title="People", text_columns=2)]
+    lines += ["Faults", ", ".join(sorted(FAULT_NAMES)), "", table(people, title="People", text_columns=2)]
     return Outcome(data=data, lines=lines)
 
 

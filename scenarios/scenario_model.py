@@ -15,14 +15,16 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
+    StrictBool,
+    StrictInt,
     Tag,
     ValidationInfo,
     create_model,
 )
 
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.config import (
     DIRECTIONS,
     DRIVES,
@@ -50,29 +52,27 @@ from stridetwin.sim.config import (
 from stridetwin.sim.faults.catalogue import FAULTS
 from stridetwin.sim.faults.faults import Fault, TimedFault
 from stridetwin.sim.parts.kinds import Part
-from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, part_files, read_part
+from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, read_part
 from stridetwin.sim.parts.sensor_config import KIND, Clock, Facing, Seat, SensorConfig
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.wearer.exoskeleton import JOINTS, modules
 from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
     DEG,
     FileModel,
+    InputFile,
+    Number,
     OneKey,
     OneKind,
+    OneOf,
     ReadAs,
     Required,
-    bool_field,
+    Text,
     check_unique,
     context_folder,
-    enum_field,
     field_error,
-    file_field,
-    float_field,
-    int_field,
     other_file_error,
-    text_field,
 )
 from stridetwin.streams.json_schema import attribute_descriptions
 from stridetwin.streams.validation import suggest
@@ -90,7 +90,7 @@ class _UnevenStairs(Stairs):
     # Keys that differ from those of `Stairs`; field() without a default makes a key required.
     risers: int = field(init=False)
     riser_m: Annotated[tuple[Riser, ...], Field(min_length=1, alias="risers_mm")] = field()
-    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = field()
+    down: Annotated[bool, OneOf(DIRECTIONS), Field(alias="direction")] = field()
 
     def build(self) -> Stairs:
         """The stair, with as many risers as there are heights."""
@@ -113,7 +113,7 @@ class _Lanes(FileModel):
         lanes: Lanes from left to right, each a list of segments.
     """
 
-    walk: Annotated[int, int_field(1, MAX_LANES)]
+    walk: Annotated[StrictInt, Field(ge=1, le=MAX_LANES)]
     lanes: Annotated[
         tuple[Annotated[tuple[Annotated[Any, OneKey(_STRAIGHT)], ...], Field(min_length=1)], ...], Field(min_length=1)
     ]
@@ -143,7 +143,7 @@ _Terrain = Annotated[
     Discriminator(lambda node: "=mesh" if isinstance(node, dict) else "=segments"),
 ]
 _Person = Annotated[
-    Annotated[Any, enum_field(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
+    Annotated[Any, OneOf(PEOPLE), Tag("=name")] | Annotated[Person, Tag("=body")],
     Discriminator(lambda node: "=name" if isinstance(node, str) else "=body"),
 ]
 
@@ -158,9 +158,9 @@ class _Exo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    mode: Annotated[int, int_field(0, 4)]
-    joints: Annotated[tuple[Annotated[str, enum_field(JOINTS)], ...], AfterValidator(check_unique)] = ()
-    drive: Annotated[str, enum_field(DRIVES)] = "idle"
+    mode: Annotated[StrictInt, Field(ge=0, le=4)]
+    joints: Annotated[tuple[Annotated[str, OneOf(JOINTS)], ...], AfterValidator(check_unique)] = ()
+    drive: Annotated[str, OneOf(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """The exoskeleton, if its mode powers these joints."""
@@ -176,9 +176,9 @@ class _OwnExo(FileModel):
         drive: Control of the motors in the forward simulation.
     """
 
-    model: Annotated[Any, file_field()]
-    rig: Annotated[Any, file_field()]
-    drive: Annotated[str, enum_field(DRIVES)] = "idle"
+    model: InputFile
+    rig: InputFile
+    drive: Annotated[str, OneOf(DRIVES)] = "idle"
 
     def build(self) -> Exo:
         """Reads the user's model and rig file; refuses a mode without powered joints."""
@@ -208,7 +208,7 @@ def _exo_tag(node: object) -> str:
 
 
 _ExoInFile = Annotated[
-    Annotated[Any, enum_field({"none": None}), Tag("=none")]
+    Annotated[Any, OneOf({"none": None}), Tag("=none")]
     | Annotated[_Exo, AfterValidator(_Exo.build), Tag("=shim")]
     | Annotated[_OwnExo, AfterValidator(_OwnExo.build), Tag("=own")],
     Discriminator(_exo_tag),
@@ -231,8 +231,8 @@ class _Place(FileModel):
         left_m: Offset of its middle to the left of the route.
     """
 
-    at_m: Annotated[float, float_field(-2, 500)]
-    left_m: Annotated[float, float_field(-10, 10)] = 0.0
+    at_m: Annotated[Number, Field(ge=-2, le=500)]
+    left_m: Annotated[Number, Field(ge=-10, le=10)] = 0.0
 
 
 _Thing = OneKey(
@@ -354,14 +354,14 @@ def _group_type(group: str) -> Any:
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)
     }
     fields |= {name: (hints[name], None) for name in names}
-    model = create_model(group, __config__=ConfigDict(extra="forbid"), **fields)
+    model = create_model(group, __base__=FileModel, **fields)
     descriptions = attribute_descriptions(SensorConfig)
     model.__doc__ = "Options of a group.\n\nAttributes:\n" + "".join(f"    {n}: {descriptions[n]}\n" for n in fields)
     options: Any = Annotated[model, BeforeValidator(_part_as_keys, json_schema_input_type=str | model)]
     if group == "head_camera":
         options = Annotated[options, AfterValidator(_check_direction)]
     return Annotated[
-        Annotated[Annotated[bool, bool_field()], Tag("=switch")] | Annotated[options, Tag("=options")],
+        Annotated[StrictBool, Tag("=switch")] | Annotated[options, Tag("=options")],
         Discriminator(lambda node: "=switch" if isinstance(node, bool) else "=options"),
     ]
 
@@ -393,9 +393,9 @@ def _sensors_of_groups(groups: BaseModel) -> Sensors:
 
 
 _group_fields: dict[str, Any] = {group: (_group_type(group), None) for group in KIND}
-_Groups: Any = create_model("Sensors", __config__=ConfigDict(extra="forbid"), **_group_fields)
+_Groups: Any = create_model("Sensors", __base__=FileModel, **_group_fields)
 _Names = Annotated[
-    tuple[Annotated[str, enum_field(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)
+    tuple[Annotated[str, OneOf(tuple(KIND))], ...], AfterValidator(check_unique), AfterValidator(_sensors_of_names)
 ]
 SensorsInFile = Annotated[
     Annotated[_Names, Tag("=names")] | Annotated[_Groups, AfterValidator(_sensors_of_groups), Tag("=groups")],
@@ -428,21 +428,21 @@ class ScenarioFile(FileModel):
         faults: Faults between sensors and recorder, of the sensors' mounts, and of the calibration.
     """
 
-    description: Annotated[str, text_field()]
+    description: Text
     terrain: _Terrain
-    width_m: Annotated[float, float_field(1.2, 10)] = 2.4
-    scenery: Annotated[str, enum_field(SCENERIES)] = "outdoor"
+    width_m: Annotated[Number, Field(ge=1.2, le=10)] = 2.4
+    scenery: Annotated[str, OneOf(SCENERIES)] = "outdoor"
     person: _Person = Person()
     exo: _ExoInFile = Exo()
-    texture: Annotated[str, enum_field(TEXTURES)] = "rich"
-    light: Annotated[float, float_field(*LIGHT_RANGE)] = 1.0
-    bystanders: Annotated[int, int_field(0, MAX_BYSTANDERS)] = 0
+    texture: Annotated[str, OneOf(TEXTURES)] = "rich"
+    light: Annotated[Number, Field(ge=LIGHT_RANGE[0], le=LIGHT_RANGE[1])] = 1.0
+    bystanders: Annotated[StrictInt, Field(ge=0, le=MAX_BYSTANDERS)] = 0
     things: Annotated[tuple[Annotated[Any, _Thing], ...], Field(min_length=1)] = ()
     gait: Annotated[Gait, BeforeValidator(_fill_pattern)] = Gait()
-    physics: Annotated[str, enum_field(PHYSICS)] = "kinematic"
+    physics: Annotated[str, OneOf(PHYSICS)] = "kinematic"
     dynamics: Dynamics | None = None
     sensors: Annotated[Any, ReadAs(SensorsInFile)] = Sensors(groups=(), paths={})
-    rig_mount: Annotated[str, enum_field(("head", "chest"), key="camera_mount")] = "head"
-    ideal: Annotated[bool, bool_field(key="ideal_sensors")] = False
-    shock: Annotated[bool, bool_field()] = True
+    rig_mount: Annotated[str, OneOf(("head", "chest")), Field(alias="camera_mount")] = "head"
+    ideal: Annotated[StrictBool, Field(alias="ideal_sensors")] = False
+    shock: StrictBool = True
     faults: Annotated[FaultList, Field(min_length=1)] = ()

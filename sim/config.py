@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, StrictBool, StrictInt
 
+from stridetwin.sim.choices import DEFAULT_SENSORS
+from stridetwin.sim.choices import PHYSICS as PHYSICS
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.faults.faults import Fault
-from stridetwin.sim.parts.sensor_config import KIND, SensorConfig
-from stridetwin.streams.fields import DEG, MM, ReadAs, bool_field, enum_field, float_field, int_field
+from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.people import Person as Person
+from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
 
 SIDES = ("l", "r")
-PHYSICS = ("kinematic", "dynamic")
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
 MAX_ASYMMETRY = 0.4
@@ -27,23 +29,6 @@ TEXTURES = ("rich", "plain", "white")
 LIGHT_RANGE = (0.2, 1.4)
 MAX_BYSTANDERS = 4
 THINGS = ("stripe", "shadow", "mat", "table", "chair", "crate", "wall", "glass")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Person:
-    """The person who walks.
-
-    Attributes:
-        height_m: Standing height without shoes.
-        mass_kg: Body mass.
-        sex: `male` or `female` (de Leva's tables).
-        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
-    """
-
-    height_m: Annotated[float, float_field(1.5, 1.95)] = 1.75
-    mass_kg: Annotated[float, float_field(45, 110)] = 75.0
-    sex: Annotated[str, enum_field(("male", "female"))] = "male"
-    shoe_m: Annotated[float | None, float_field(200, 320, key="shoe_mm", scale=MM)] = None
 
 
 DRIVES = ("idle", "assist")
@@ -76,11 +61,11 @@ class Level:
         cross_slope_rad: Tilt sideways, the left side up positive.
     """
 
-    length_m: Annotated[float, float_field(0.5, 500)]
-    cross_slope_rad: Annotated[float, float_field(-5, 5, key="cross_slope_deg", scale=DEG)] = 0.0
+    length_m: Annotated[Number, Field(ge=0.5, le=500)]
+    cross_slope_rad: Annotated[Number, Field(ge=-5, le=5, alias="cross_slope_deg"), DEGREES] = 0.0
 
 
-Riser = Annotated[float, float_field(20, 250, scale=MM)]
+Riser = Annotated[Number, Field(ge=20, le=250), MILLIMETRES]
 """Height of a riser: mm in files, m here."""
 
 
@@ -104,15 +89,15 @@ class Stairs:
             deep as `tread_m` in the middle of the way.
     """
 
-    risers: Annotated[int, int_field(1, 60)]
+    risers: Annotated[StrictInt, Field(ge=1, le=60)]
     riser_m: Annotated[float | tuple[float, ...], ReadAs(Riser), Field(alias="riser_mm")] = 0.165
-    tread_m: Annotated[float, float_field(200, 600, key="tread_mm", scale=MM)] = 0.29
-    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = False
-    nosing_m: Annotated[float, float_field(0, 40, key="nosing_mm", scale=MM)] = 0.0
+    tread_m: Annotated[Number, Field(ge=200, le=600, alias="tread_mm"), MILLIMETRES] = 0.29
+    down: Annotated[bool, OneOf(DIRECTIONS), Field(alias="direction")] = False
+    nosing_m: Annotated[Number, Field(ge=0, le=40, alias="nosing_mm"), MILLIMETRES] = 0.0
     open_risers: bool = False
-    tread_slope_rad: Annotated[float, float_field(0, 3, key="tread_slope_deg", scale=DEG)] = 0.0
-    edge_radius_m: Annotated[float, float_field(0, 40, key="edge_radius_mm", scale=MM)] = 0.0
-    turn_rad: Annotated[float, float_field(-270, 270, key="turn_deg", scale=DEG)] = 0.0
+    tread_slope_rad: Annotated[Number, Field(ge=0, le=3, alias="tread_slope_deg"), DEGREES] = 0.0
+    edge_radius_m: Annotated[Number, Field(ge=0, le=40, alias="edge_radius_mm"), MILLIMETRES] = 0.0
+    turn_rad: Annotated[Number, Field(ge=-270, le=270, alias="turn_deg"), DEGREES] = 0.0
 
     @property
     def heights_m(self) -> tuple[float, ...]:
@@ -130,9 +115,9 @@ class Ramp:
         down: Which way it leads from the walker's view.
     """
 
-    angle_rad: Annotated[float, float_field(1, 20, key="angle_deg", scale=DEG)]
-    rise_m: Annotated[float, float_field(0.05, 10)]
-    down: Annotated[bool, enum_field(DIRECTIONS, key="direction")] = False
+    angle_rad: Annotated[Number, Field(ge=1, le=20, alias="angle_deg"), DEGREES]
+    rise_m: Annotated[Number, Field(ge=0.05, le=10)]
+    down: Annotated[bool, OneOf(DIRECTIONS), Field(alias="direction")] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +129,8 @@ class Turn:
         radius_m: Of the arc; 0 turns on the spot.
     """
 
-    angle_rad: Annotated[float, float_field(-360, 360, key="angle_deg", scale=DEG)]
-    radius_m: Annotated[float, float_field(0, 100)] = 3.0
+    angle_rad: Annotated[Number, Field(ge=-360, le=360, alias="angle_deg"), DEGREES]
+    radius_m: Annotated[Number, Field(ge=0, le=100)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,12 +204,12 @@ class Gaze:
         sway_hz: Frequency of the sway; the head's highest angular rate is 2 pi times frequency and amplitude, rad/s.
     """
 
-    kind: Annotated[str, enum_field(GAZES)] = "ahead"
-    pitch_rad: Annotated[float, float_field(-34, 45, key="pitch_deg", scale=DEG)] = 0.0
-    yaw_rad: Annotated[float, float_field(-40, 40, key="yaw_deg", scale=DEG)] = 0.0
-    sway_yaw_rad: Annotated[float, float_field(0, 40, key="sway_yaw_deg", scale=DEG)] = 0.0
-    sway_pitch_rad: Annotated[float, float_field(0, 40, key="sway_pitch_deg", scale=DEG)] = 0.0
-    sway_hz: Annotated[float, float_field(*SWAY_RANGE_HZ)] = 0.5
+    kind: Annotated[str, OneOf(GAZES)] = "ahead"
+    pitch_rad: Annotated[Number, Field(ge=-34, le=45, alias="pitch_deg"), DEGREES] = 0.0
+    yaw_rad: Annotated[Number, Field(ge=-40, le=40, alias="yaw_deg"), DEGREES] = 0.0
+    sway_yaw_rad: Annotated[Number, Field(ge=0, le=40, alias="sway_yaw_deg"), DEGREES] = 0.0
+    sway_pitch_rad: Annotated[Number, Field(ge=0, le=40, alias="sway_pitch_deg"), DEGREES] = 0.0
+    sway_hz: Annotated[Number, Field(ge=SWAY_RANGE_HZ[0], le=SWAY_RANGE_HZ[1])] = 0.5
 
 
 def _expand_gaze(node: object) -> object:
@@ -255,20 +240,20 @@ class Gait:
         gaze: Where the walker looks.
     """
 
-    pattern: Annotated[str, enum_field(("walk", "wander", "jog"))] = "walk"
-    speed_mps: Annotated[float, float_field(*SPEED_RANGE_MPS)] = 1.2
-    step_sd: Annotated[float, float_field(0, 0.1)] = 0.015
-    stand_s: Annotated[float, float_field(0.5, 60)] = 2.0
-    stairs: Annotated[str, enum_field(STAIRS)] = "step_over_step"
-    leading_foot: Annotated[str, enum_field({"left": "l", "right": "r"})] = "r"
-    asymmetry: Annotated[float, float_field(-MAX_ASYMMETRY, MAX_ASYMMETRY)] = 0.0
+    pattern: Annotated[str, OneOf(("walk", "wander", "jog"))] = "walk"
+    speed_mps: Annotated[Number, Field(ge=SPEED_RANGE_MPS[0], le=SPEED_RANGE_MPS[1])] = 1.2
+    step_sd: Annotated[Number, Field(ge=0, le=0.1)] = 0.015
+    stand_s: Annotated[Number, Field(ge=0.5, le=60)] = 2.0
+    stairs: Annotated[str, OneOf(STAIRS)] = "step_over_step"
+    leading_foot: Annotated[str, OneOf({"left": "l", "right": "r"})] = "r"
+    asymmetry: Annotated[Number, Field(ge=-MAX_ASYMMETRY, le=MAX_ASYMMETRY)] = 0.0
     shuffle: Annotated[
-        Annotated[float, float_field(0, 1)],
-        BeforeValidator(_bool_to_share, json_schema_input_type=bool | Annotated[float, float_field(0, 1)]),
+        Annotated[Number, Field(ge=0, le=1)],
+        BeforeValidator(_bool_to_share, json_schema_input_type=bool | Annotated[Number, Field(ge=0, le=1)]),
     ] = 0.0
-    gaze: Annotated[
-        Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, enum_field(GAZES)] | Gaze)
-    ] = field(default_factory=Gaze)
+    gaze: Annotated[Gaze, BeforeValidator(_expand_gaze, json_schema_input_type=Annotated[str, OneOf(GAZES)] | Gaze)] = (
+        field(default_factory=Gaze)
+    )
 
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:
@@ -294,10 +279,10 @@ class Push:
         forward_n, left_n: Force along and across the way, N; negative backward and to the right.
     """
 
-    at_s: Annotated[float, float_field(0, 3600)]
-    duration_s: Annotated[float, float_field(0.01, 5)] = 0.1
-    forward_n: Annotated[float, float_field(-500, 500)] = 0.0
-    left_n: Annotated[float, float_field(-500, 500)] = 0.0
+    at_s: Annotated[Number, Field(ge=0, le=3600)]
+    duration_s: Annotated[Number, Field(ge=0.01, le=5)] = 0.1
+    forward_n: Annotated[Number, Field(ge=-500, le=500)] = 0.0
+    left_n: Annotated[Number, Field(ge=-500, le=500)] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -309,9 +294,9 @@ class Misstep:
         forward_m, left_m: Offset from the foothold, along and across the way.
     """
 
-    at_s: Annotated[float, float_field(0, 3600)]
-    forward_m: Annotated[float, float_field(-200, 200, key="forward_mm", scale=MM)] = 0.0
-    left_m: Annotated[float, float_field(-100, 100, key="left_mm", scale=MM)] = 0.0
+    at_s: Annotated[Number, Field(ge=0, le=3600)]
+    forward_m: Annotated[Number, Field(ge=-200, le=200, alias="forward_mm"), MILLIMETRES] = 0.0
+    left_m: Annotated[Number, Field(ge=-100, le=100, alias="left_mm"), MILLIMETRES] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,11 +313,11 @@ class Dynamics:
         missteps: Feet that land beside their footholds.
     """
 
-    assist: Annotated[bool, bool_field()] = False
-    mass_error: Annotated[float, float_field(-0.2, 0.2)] = 0.0
-    torque_noise: Annotated[float, float_field(0, 0.5)] = 0.0
-    floor_offset_m: Annotated[float, float_field(-14, 6, key="floor_offset_mm", scale=MM)] = 0.0
-    friction: Annotated[float, float_field(0.2, 1.5)] = 0.9
+    assist: StrictBool = False
+    mass_error: Annotated[Number, Field(ge=-0.2, le=0.2)] = 0.0
+    torque_noise: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
+    floor_offset_m: Annotated[Number, Field(ge=-14, le=6, alias="floor_offset_mm"), MILLIMETRES] = 0.0
+    friction: Annotated[Number, Field(ge=0.2, le=1.5)] = 0.9
     pushes: Annotated[tuple[Push, ...], Field(min_length=1)] = ()
     missteps: Annotated[tuple[Misstep, ...], Field(min_length=1)] = ()
 
@@ -359,7 +344,7 @@ class TwinConfig:
     exo: Exo | None = field(default_factory=Exo)
     gait: Gait = field(default_factory=Gait)
     physics: str = "kinematic"
-    sensors: tuple[str, ...] = tuple(group for group in KIND if group != "exo_imu")
+    sensors: tuple[str, ...] = DEFAULT_SENSORS
     fittings: Mapping[str, SensorConfig] = field(default_factory=dict)
     rig_mount: str = "head"
     ideal: bool = False

@@ -1,35 +1,36 @@
-"""Fields of configuration files: range, unit and name in the file of a dataclass field, in the terms of pydantic.
+"""Types of fields in configuration files that pydantic lacks: numbers with a unit, words, and mappings told by a key.
 
-A dataclass defines its field once: `riser_m: Annotated[float, float_field(20, 250, key="riser_mm", scale=1e-3)]` is a
-number from 20 to 250 under the key `riser_mm` in a file, and metres in the object. Errors and JSON Schemas follow.
+Ranges, names in the file and lists are pydantic's own: `Annotated[Number, Field(ge=20, le=250, alias="riser_mm"),
+MILLIMETRES]` is a number from 20 to 250 under the key `riser_mm` in a file, and metres in the object.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Generic, Literal, TypeVar
 
-import numpy as np
 from pydantic import (
     AfterValidator,
+    AllowInfNan,
     BaseModel,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    Strict,
+    StrictInt,
     ValidationInfo,
 )
-from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from stridetwin.streams.errors import Missing, StrideTwinError
-from stridetwin.streams.samples import Array
 
 DEG, MM = 0.017453292519943295, 1e-3
 TAG = "="
 """First character of the tags of tagged unions; tags are not keys of a file."""
+V = TypeVar("V")
 
 
 class FileModel(BaseModel):
@@ -38,87 +39,54 @@ class FileModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
-def float_field(
-    low: float | None = None,
-    high: float | None = None,
-    *,
-    above: float | None = None,
-    key: str | None = None,
-    scale: float = 1.0,
-) -> Any:
-    """Field of a finite number: the file has it in its own unit, the attribute holds it times `scale`.
+class ReadAs:
+    """Annotation: the type of the value in a file, where the attribute has another; `convert` converts it."""
 
-    Args:
-        low: Smallest valid value.
-        high: Largest valid value.
-        above: Bound that a valid value exceeds.
-        key: Name in the file; None for that of the attribute.
-        scale: Factor from the file's unit to that of the attribute.
-    """
-    bounds = {name: value for name, value in (("ge", low), ("le", high), ("gt", above)) if value is not None}
-    info = _field(key, **bounds, strict=True, allow_inf_nan=False)
-    if scale != 1.0:
-        info.metadata.append(AfterValidator(lambda value: value * scale))
-    return info
+    def __init__(self, file_type: object, convert: Callable[[V], object] | None = None) -> None:
+        self._file_type = file_type if convert is None else Annotated[file_type, AfterValidator(convert)]
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of the type in the file."""
+        return handler.generate_schema(self._file_type)
 
 
-def int_field(low: int, high: int, *, key: str | None = None) -> Any:
-    """Field of a whole number in [low, high]; `key` is its name in the file, None for that of the attribute."""
-    return _field(key, ge=low, le=high, strict=True)
+class OneOf(ReadAs):
+    """Annotation: one of the words in `valid`; if `valid` is a mapping, the attribute holds the value of the word."""
+
+    def __init__(self, valid: Iterable[str] | Mapping[str, object]) -> None:
+        values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
+        super().__init__(Literal[tuple(values)], values.__getitem__)
 
 
-def bool_field(*, key: str | None = None) -> Any:
-    """Field of `true` or `false`; `key` is its name in the file, None for that of the attribute."""
-    return _field(key, strict=True)
+class Unit:
+    """Annotation, after the range: the file has a number in a unit of `factor` SI units, the attribute in SI units."""
 
+    def __init__(self, factor: float) -> None:
+        self._factor = factor
 
-def text_field(*, key: str | None = None) -> Any:
-    """Field of a non-empty line of text; each run of white space becomes one blank."""
-    info = _field(key, strict=True, pattern=r"\S")
-    info.metadata.append(AfterValidator(lambda value: " ".join(value.split())))
-    return info
-
-
-def enum_field(valid: Iterable[str] | Mapping[str, Any], *, key: str | None = None) -> Any:
-    """Field of one of the words in `valid`; if `valid` is a mapping, the attribute holds the value of the word."""
-    values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
-    info = _field(key)
-    info.metadata.append(ReadAs(Literal[tuple(values)], values.__getitem__))
-    return info
-
-
-def _field(key: str | None, **rules: Any) -> FieldInfo:
-    field: FieldInfo = Field(alias=key, **rules) if key else Field(**rules)
-    return field
-
-
-def file_field(*, key: str | None = None) -> Any:
-    """Field of the path of a file; a relative path starts at the `folder` of the validation context."""
-    info = _field(key)
-    info.metadata += [ReadAs(Annotated[str, text_field()]), AfterValidator(_resolve_path)]
-    return info
-
-
-def _resolve_path(name: str, info: ValidationInfo) -> Path:
-    return context_folder(info) / name
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of the number in the file, followed by its conversion; None stays."""
+        return core_schema.no_info_after_validator_function(
+            lambda value: None if value is None else value * self._factor, handler(source)
+        )
 
 
 def context_folder(info: ValidationInfo) -> Path:
     """The folder to which paths in a file are relative: `folder` of the validation context."""
-    context: Any = info.context
+    context: Mapping[str, Path] = info.context or {}
     return Path(context["folder"])
 
 
-class ReadAs:
-    """Annotation: the type of the value in a file, where the attribute has another; `convert` converts it."""
-
-    def __init__(self, kind: Any, convert: Callable[[Any], Any] | None = None) -> None:
-        self._kind, self._convert = kind, convert
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of the type in the file."""
-        schema = handler.generate_schema(self._kind)
-        return schema if self._convert is None else core_schema.no_info_after_validator_function(self._convert, schema)
+DEGREES, MILLIMETRES, MILLISECONDS, PERCENT = Unit(DEG), Unit(MM), Unit(1e-3), Unit(0.01)
+Number = Annotated[float, Strict(), AllowInfNan(False)]
+"""A finite number."""
+NotNegative = Annotated[Number, Field(ge=0)]
+Positive = Annotated[Number, Field(gt=0)]
+Count = Annotated[StrictInt, Field(ge=1, le=2**31 - 1)]
+Text = Annotated[str, Field(strict=True, pattern=r"\S"), AfterValidator(lambda text: " ".join(text.split()))]
+"""A line that is not empty; each run of white space becomes one blank."""
+InputFile = Annotated[Path, ReadAs(Text), AfterValidator(lambda name, info: context_folder(info) / name)]
+"""The path of a file; a relative one starts at the `folder` of the validation context."""
 
 
 class Required:
@@ -127,28 +95,23 @@ class Required:
     def __init__(self, *keys: str) -> None:
         self._keys = keys
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of the dataclass, preceded by a check that the required keys are in the file."""
         return core_schema.no_info_before_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """The JSON Schema of the dataclass, whose `required` also lists these keys."""
         resolved = handler.resolve_ref_schema(handler(schema))
-        resolved["required"] = [
-            *resolved.get("required", ()),
-            *(k for k in self._keys if k not in resolved.get("required", ())),
-        ]
+        resolved["required"] = list(dict.fromkeys([*resolved.get("required", ()), *self._keys]))
         return resolved
 
-    def _check(self, node: Any) -> Any:
-        if isinstance(node, dict):
-            for key in self._keys:
-                if key not in node:
-                    raise field_error(Missing(), "this key", key)
+    def _check(self, node: object) -> object:
+        if isinstance(node, dict) and (missing := [key for key in self._keys if key not in node]):
+            raise field_error(Missing(), "this key", missing[0])
         return node
 
 
-class OneKey:
+class OneKey(Generic[V]):
     """Annotation: a mapping of exactly one key, which determines the type of its value.
 
     Args:
@@ -156,39 +119,36 @@ class OneKey:
         build: Builds the result from key and value; None takes the value.
     """
 
-    def __init__(self, kinds: Mapping[str, Any], build: Callable[[str, Any], Any] | None = None) -> None:
+    def __init__(self, kinds: Mapping[str, type[V]], build: Callable[[str, V], object] | None = None) -> None:
         self._kinds, self._build = kinds, build or (lambda key, value: value)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of a union of mappings of one key each; the key selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()},
-            discriminator=self._tag,
+            discriminator=lambda node: (
+                f"{TAG}{next(iter(node))}" if isinstance(node, dict) and len(node) == 1 else None
+            ),
         )
 
     def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
-        only = core_schema.typed_dict_schema(
+        one_field = core_schema.typed_dict_schema(
             {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
         )
-        return core_schema.no_info_after_validator_function(lambda mapping: self._build(kind, mapping[kind]), only)
-
-    def _tag(self, node: Any) -> str | None:
-        if not isinstance(node, dict) or len(node) != 1:
-            return None
-        return TAG + str(next(iter(node)))
+        return core_schema.no_info_after_validator_function(lambda node: self._build(kind, node[kind]), one_field)
 
 
 class OneKind:
-    """Annotation: a mapping whose key `kind` determines the other keys.
+    """Annotation: a mapping whose key `kind`, which the type has no attribute for, determines the other keys.
 
     Args:
         kinds: Type of the other keys by kind.
     """
 
-    def __init__(self, kinds: Mapping[str, Any]) -> None:
+    def __init__(self, kinds: Mapping[str, object]) -> None:
         self._kinds = kinds
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of a union of mappings; the value of `kind` selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()},
@@ -197,12 +157,12 @@ class OneKind:
 
 
 class _OfKind:
-    """Annotation of one member of a union by `kind`: the file has the key `kind`, the type has no such attribute."""
+    """Annotation of one member of a union by `kind`."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of the type, preceded by the removal of the key `kind`."""
         return core_schema.no_info_before_validator_function(
             lambda node: {k: v for k, v in node.items() if k != "kind"}, handler(source)
@@ -214,36 +174,6 @@ class _OfKind:
         resolved["properties"] = {"kind": {"const": self._kind}, **resolved["properties"]}
         resolved["required"] = list(dict.fromkeys(["kind", *resolved.get("required", ())]))
         return resolved
-
-
-def _to_rotation(rows: Any) -> Array:
-    R = np.array(rows)
-    if not _is_rotation(R):
-        raise field_error(R.tolist(), "a rotation matrix")
-    return R
-
-
-def _to_rigid_transform(rows: Any) -> Array:
-    T = np.array(rows)
-    if not _is_rotation(T[:3, :3]) or not np.array_equal(T[3], (0, 0, 0, 1)):
-        raise field_error(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
-    return T
-
-
-def _is_rotation(R: Array) -> bool:
-    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0)
-
-
-Number = Annotated[float, float_field()]
-NotNegative = Annotated[float, float_field(0)]
-Positive = Annotated[float, float_field(above=0)]
-Count = Annotated[int, int_field(1, 2**31 - 1)]
-_Row = tuple[Number, Number, Number, Number]
-_Three = tuple[Number, Number, Number]
-RotationMatrix = Annotated[Array, ReadAs(tuple[_Three, _Three, _Three], _to_rotation)]
-"""(3, 3) rotation, as rows."""
-RigidTransform = Annotated[Array, ReadAs(tuple[_Row, _Row, _Row, _Row], _to_rigid_transform)]
-"""(4, 4) rigid transform, as rows."""
 
 
 def check_unique(values: tuple[str, ...]) -> tuple[str, ...]:

@@ -9,19 +9,23 @@ from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter
-from pydantic.json_schema import GenerateJsonSchema
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
 
 
-@cache
-def schema_of(kind: Any) -> dict[str, Any]:
+def schema_of(kind: object) -> JsonSchemaValue:
     """The JSON Schema of a type's data in files (dataclass, pydantic model or other)."""
+    return _build_schema(kind)
+
+
+@cache
+def _build_schema(kind: Any) -> JsonSchemaValue:
     return TypeAdapter(kind).json_schema(schema_generator=_DescribingGenerator)
 
 
-def schema_file(kind: Any) -> dict[str, Any]:
+def schema_file(kind: object) -> JsonSchemaValue:
     """The JSON Schema of a type's data, as the content of a schema file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema_of(kind)
 
@@ -39,15 +43,15 @@ def attribute_descriptions(kind: type) -> Mapping[str, str]:
 class _DescribingGenerator(GenerateJsonSchema):
     """Generates schemas with a description for each property, and the first line of a docstring for each class."""
 
-    def model_schema(self, schema: core_schema.ModelSchema) -> dict[str, Any]:
+    def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         """The JSON Schema of a pydantic model, with descriptions of its fields."""
         return self._add_descriptions(super().model_schema(schema), schema["cls"], schema["schema"])
 
-    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> dict[str, Any]:
+    def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
         """The JSON Schema of a dataclass, with descriptions of its fields."""
         return self._add_descriptions(super().dataclass_schema(schema), schema["cls"], schema["schema"])
 
-    def _add_descriptions(self, schema: dict[str, Any], kind: type, inner: Any) -> dict[str, Any]:
+    def _add_descriptions(self, schema: JsonSchemaValue, kind: type, inner: Any) -> JsonSchemaValue:
         """Adds the first paragraph of a class's docstring, and the description of each attribute, to its schema.
 
         Defaults that are in the attribute's unit, not in the file's, are removed.

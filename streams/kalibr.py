@@ -18,20 +18,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictInt, create_model
 
 from stridetwin.streams.errors import ConfigError, Missing
-from stridetwin.streams.fields import (
-    Count,
-    FileModel,
-    NotNegative,
-    Number,
-    Positive,
-    RigidTransform,
-    field_error,
-    int_field,
-)
+from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.matrix_fields import RigidTransform
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import validate
@@ -41,7 +33,7 @@ PLAIN_BODY = "imu0"
 _OURS = "stridetwin"
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
-_Squares = Annotated[int, int_field(2, 2**31 - 1)]
+_Squares = Annotated[StrictInt, Field(ge=2, le=2**31 - 1)]
 _BEYOND_NOISE = (
     "gyroscope_bias_sd",
     "accelerometer_bias_sd",

@@ -6,25 +6,28 @@ The expected values come from the type's JSON Schema, the only description of fi
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
 from stridetwin.streams.fields import TAG
 from stridetwin.streams.json_schema import schema_of
 
 T = TypeVar("T")
-_ROOT = ""
 _MISSING = ("missing", "missing_keyword_only_argument", "missing_argument")
-_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument", "invalid_key")
 _COUNTED = {2: "two", 3: "three", 4: "four"}
-Schema = Mapping[str, Any]
+_Schema = Mapping[str, Any]
+_Step = str | int
 
 
-def validate(kind: type[T], data: object, source: object, *, at: str = _ROOT, context: Any = None) -> T:
+def validate(
+    kind: type[T], data: object, source: object, *, at: str = "", context: Mapping[str, object] | None = None
+) -> T:
     """Builds an object of a type from the plain data of a file, and reports all invalid values at once.
 
     Args:
@@ -38,31 +41,22 @@ def validate(kind: type[T], data: object, source: object, *, at: str = _ROOT, co
         ConfigError: One line for each error (`ConfigFileError` if there are several).
     """
     try:
-        instance: T = type_adapter(kind).validate_python(data, context=context)  # type: ignore[arg-type]
-        return instance
+        return type_adapter(kind).validate_python(data, context=context)
     except ValidationError as error:
-        raise config_error(error, kind, data, source, at) from None
+        root = schema_of(kind)
+        errors = (_to_error(entry, root, data, source, at) for entry in error.errors(include_url=False))
+        raise combine_errors(e for e in errors if e is not None) from None
+
+
+def type_adapter(kind: type[T]) -> TypeAdapter[T]:
+    """The validator of a type, built once."""
+    adapter: TypeAdapter[T] = _build_adapter(kind)  # type: ignore[arg-type]  # classes are hashable
+    return adapter
 
 
 @cache
-def type_adapter(kind: Any) -> TypeAdapter[Any]:
-    """The validator of a type, built once."""
+def _build_adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
-
-
-def config_error(error: ValidationError, kind: Any, data: object, source: object, at: str = _ROOT) -> StrideTwinError:
-    """Converts a pydantic error to a ConfigError, or to a `ConfigFileError` if several values are invalid.
-
-    Args:
-        error: Error that pydantic raised.
-        kind: Type that the data were validated against.
-        data: Data of the file.
-        source: File, for the messages.
-        at: Path of the data inside the file.
-    """
-    root = schema_of(kind)
-    every = [_to_error(entry, root, data, source, at) for entry in error.errors(include_url=False)]
-    return combine_errors([e for e in every if e is not None])
 
 
 def combine_errors(errors: Iterable[StrideTwinError]) -> StrideTwinError:
@@ -78,110 +72,99 @@ def suggest(value: object, names: Iterable[str]) -> str:
     return ", ".join(names) + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
-def _to_error(entry: Any, root: Schema, data: object, source: object, at: str) -> StrideTwinError | None:
+def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, at: str) -> StrideTwinError | None:
     """The error of one entry of a pydantic error; None if the entry only repeats others (a list whose items failed)."""
-    kind, steps, context = entry["type"], list(entry["loc"]), entry.get("ctx", {})
+    kind, steps, value, context = entry["type"], list(entry["loc"]), entry["input"], entry.get("ctx", {})
     if kind == "elsewhere":
-        return context["error"]
-    last = steps.pop() if kind in _MISSING + _UNKNOWN else None
-    path, value = _path_in_data(data, [*steps, *context.get("below", ())], at), entry["input"]
-    schemas = _schemas_at(root, steps)
-    if kind == "refused":
-        absent = context["below"][-1] if isinstance(context["value"], Missing) else None
-        return ConfigError(source, _join_path(path, absent), context["value"], context["valid"])
-    if isinstance(last, int):  # an item of a list of fixed length
-        value = [data, *(inner for _, inner in _walk_data(data, steps))][-1]
-    if kind == "too_short" and value:  # items of it are wrong
+        error: StrideTwinError = context["error"]
+        return error
+    if kind == "too_short" and value:
         return None
-    if isinstance(last, int) or not (last or isinstance(value, dict)):
-        return ConfigError(source, path, value, describe_expected(schemas, root, value))
-    if kind in _MISSING:
-        return ConfigError(
-            source, _join_path(path, last), Missing(), describe_expected(_schemas_at(root, [*steps, last]), root)
-        )
-    if kind in _UNKNOWN or kind == "invalid_key":
-        return ConfigError(source, path, last, f"keys {suggest(last, _keys(schemas))}")
+    key = steps.pop() if kind in _MISSING + _UNKNOWN else None
+    nodes = list(_walk_data(data, [*steps, *context.get("below", ())]))
+    path, schemas = _join_path(at, *(step for step, _ in nodes)), _schemas_at(root, steps)
+    if kind == "refused":
+        absent = context["below"][-1:] if isinstance(context["value"], Missing) else ()
+        return ConfigError(source, _join_path(path, *absent), context["value"], context["valid"])
+    if isinstance(key, int):  # an item too few or too many in a list of fixed length
+        return ConfigError(source, path, nodes[-1][1] if nodes else data, _describe_expected(schemas, root))
+    if key is not None and kind in _MISSING:
+        expected = _describe_expected(_schemas_at(root, [*steps, key]), root)
+        return ConfigError(source, _join_path(path, key), Missing(), expected)
+    if key is not None:
+        return ConfigError(source, path, key, f"keys {suggest(key, _keys(schemas))}")
     if kind == "union_tag_invalid":
         if kinds := [s["properties"]["kind"]["const"] for s in schemas if "kind" in s.get("properties", {})]:
-            return ConfigError(source, f"{path}.kind" if path else "kind", value["kind"], suggest(value["kind"], kinds))
+            return ConfigError(source, _join_path(path, "kind"), value["kind"], suggest(value["kind"], kinds))
         value = next(iter(value))
-    return ConfigError(source, path, value, describe_expected(schemas, root, value))
+    return ConfigError(source, path, value, _describe_expected(schemas, root, value))
 
 
-def _path_in_data(data: object, steps: Iterable[Any], at: str) -> str:
-    """The path of a location in the data; steps missing in the data, such as those of short forms, are left out."""
-    for step, _ in _walk_data(data, steps):
-        at = _join_path(at, step)
-    return at
-
-
-def _join_path(path: str, step: Any) -> str:
-    """`path` extended by a key (`path.step`) or an index (`path[step]`); unchanged if `step` is None."""
-    if step is None:
-        return path
-    return f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
-
-
-def _walk_data(data: Any, steps: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+def _join_path(path: str, *steps: _Step) -> str:
+    """`path` extended by keys (`path.step`) and indices (`path[step]`)."""
     for step in steps:
-        if (
-            step in data
-            if isinstance(data, dict)
-            else isinstance(step, int) and isinstance(data, list) and step < len(data)
-        ):
+        path = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
+    return path
+
+
+def _walk_data(data: Any, steps: Iterable[_Step]) -> Iterator[tuple[_Step, object]]:
+    """Each step that the data have, with what is there; others, such as tags and those of short forms, are left out."""
+    for step in steps:
+        if step in (data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()):
             data = data[step]
             yield step, data
 
 
-def _schemas_at(root: Schema, steps: list[Any]) -> list[Schema]:
+def _schemas_at(root: _Schema, steps: Iterable[_Step]) -> list[_Schema]:
     """The alternative schemas of the data at a location, found by walking from `root` along keys, indices and tags."""
-    schemas = _resolve_alternatives(root, root)
+    schemas = _alternatives(root, root)
     for step in steps:
         if isinstance(step, str) and step.startswith(TAG):
             schemas = [schema for schema in schemas if _is_tagged(schema, step[len(TAG) :])] or schemas
-            continue
-        inner = [child for schema in schemas for child in _child_schemas(schema, step)]
-        schemas = [form for child in inner for form in _resolve_alternatives(child, root)] or schemas
+        else:
+            inner = [child for schema in schemas for child in _children(schema, step)]
+            schemas = [form for child in inner for form in _alternatives(child, root)] or schemas
     return schemas
 
 
-def _is_tagged(schema: Schema, tag: str) -> bool:
+def _is_tagged(schema: _Schema, tag: str) -> bool:
     """Whether a tag of a union means this schema: by its `kind`, or by a key that no other has."""
-    named = schema.get("properties", {})
-    return tag in named or named.get("kind", {}).get("const") == tag
+    properties = schema.get("properties", {})
+    return tag in properties or properties.get("kind", {}).get("const") == tag
 
 
-def _child_schemas(schema: Schema, step: str | int) -> list[Schema]:
-    if isinstance(step, int):
-        ahead = schema.get("prefixItems", [])
-        return [ahead[step]] if step < len(ahead) else [schema["items"]] if schema.get("items") else []
-    named = schema.get("properties", {})
-    additional = schema.get("additionalProperties")
-    return [named[step]] if step in named else [additional] if isinstance(additional, dict) else []
+def _children(schema: _Schema, step: _Step) -> Sequence[_Schema]:
+    """The schema of the item or value at one step; none, if the schema has no such place."""
+    match schema:
+        case {"prefixItems": items} if step in range(len(items)):
+            return [items[step]]
+        case {"items": dict(every_item)} if isinstance(step, int):
+            return [every_item]
+        case {"properties": properties} if step in properties:
+            return [properties[step]]
+        case {"additionalProperties": dict(every_value)} if isinstance(step, str):
+            return [every_value]
+    return []
 
 
-def _resolve_alternatives(schema: Schema, root: Schema) -> list[Schema]:
+def _alternatives(schema: _Schema, root: _Schema) -> list[_Schema]:
     """The alternatives of a schema: `$ref` is followed, `anyOf` and `oneOf` are flattened; else the schema alone."""
-    if "$ref" in schema:
-        return _resolve_alternatives(root["$defs"][schema["$ref"].rpartition("/")[2]], root)
-    either = schema.get("anyOf") or schema.get("oneOf")
-    return [form for one in either for form in _resolve_alternatives(one, root)] if either else [schema]
+    match schema:
+        case {"$ref": name}:
+            return _alternatives(root["$defs"][name.rpartition("/")[2]], root)
+        case {"anyOf": forms} | {"oneOf": forms}:
+            return [alternative for form in forms for alternative in _alternatives(form, root)]
+    return [schema]
 
 
-def _keys(schemas: list[Schema]) -> list[str]:
+def _keys(schemas: Iterable[_Schema]) -> list[str]:
     return list(dict.fromkeys(key for schema in schemas for key in schema.get("properties", {})))
 
 
-def describe_expected(schemas: list[Schema], root: Schema, value: object = None) -> str:
-    """Description of valid values at a location.
-
-    Args:
-        schemas: Its alternative schemas.
-        root: The schema with the definitions.
-        value: The present value; a similar valid word is suggested.
-    """
-    names = list(dict.fromkeys(word for schema in schemas for word in _enum_values(schema)))
-    alternatives = [suggest(value, names)] if names else []
+def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object = None) -> str:
+    """Description of valid values by their alternative schemas; a word similar to the present value is suggested."""
+    words = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
+    alternatives = [suggest(value, dict.fromkeys(words))] if words else []
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
         one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
@@ -189,33 +172,40 @@ def describe_expected(schemas: list[Schema], root: Schema, value: object = None)
     return ", or ".join(dict.fromkeys(alternatives))
 
 
-def _enum_values(schema: Schema) -> list[str]:
-    return [schema["const"]] if "const" in schema else list(schema.get("enum", ()))
-
-
-def _describe_type(schema: Schema, root: Schema) -> str:
+def _describe_type(schema: _Schema, root: _Schema) -> str:
     """Description of a number, a list, a text or a truth value; empty for a schema with words or keys."""
-    kind = schema.get("type")
-    if _enum_values(schema) or "properties" in schema or kind == "null":
-        return ""
-    if kind in ("number", "integer"):
-        return ("a whole number, " if kind == "integer" else "") + _describe_range(schema)
-    if kind == "array":
-        each = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
-        items = [describe_expected(_resolve_alternatives(one, root), root) for one in each]
-        least, alike = schema.get("minItems", 0), len(set(items)) == 1
-        if least and least == schema.get("maxItems"):
-            contents = f", each {items[0]}" if alike else f": {', '.join(items)}"
+    match schema:
+        case {"const": _} | {"enum": _} | {"properties": _} | {"type": "null"}:
+            return ""
+        case {"type": "integer"}:
+            return f"a whole number, {_describe_range(schema)}"
+        case {"type": "number"}:
+            return _describe_range(schema)
+        case {"type": "array"}:
+            return _describe_list(schema, root)
+    names = {"boolean": "true, false", "string": "text", "object": "keys with values"}
+    return names.get(str(schema.get("type")), "a value")
+
+
+def _describe_list(schema: _Schema, root: _Schema) -> str:
+    forms = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
+    items = [_describe_expected(_alternatives(form, root), root) for form in forms]
+    match schema:
+        case {"minItems": least, "maxItems": most} if least == most:
+            contents = f", each {items[0]}" if len(set(items)) == 1 else f": {', '.join(items)}"
             return f"a list of {_COUNTED.get(least, least)} items{contents}"
-        return f"a list with at least one item, each {items[0]}" if least else f"a list of {items[0]}"
-    return {"boolean": "true, false", "string": "text", "object": "keys with values"}.get(str(kind), "a value")
+        case {"minItems": _}:
+            return f"a list with at least one item, each {items[0]}"
+    return f"a list of {items[0]}"
 
 
-def _describe_range(schema: Schema) -> str:
-    low, high = schema.get("minimum"), schema.get("maximum")
-    if low is not None and high is not None:
-        low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
-        return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"
-    if "exclusiveMinimum" in schema:
-        return f"a number above {schema['exclusiveMinimum']:g}"
-    return f"a number of at least {low:g}" if low is not None else "a number"
+def _describe_range(schema: _Schema) -> str:
+    match schema:
+        case {"minimum": low, "maximum": high}:
+            low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
+            return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"
+        case {"exclusiveMinimum": low}:
+            return f"a number above {low:g}"
+        case {"minimum": low}:
+            return f"a number of at least {low:g}"
+    return "a number"

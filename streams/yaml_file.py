@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -49,7 +48,7 @@ Dumper.add_implicit_resolver(*_NUMBERS)
 FastDumper.add_implicit_resolver(*_NUMBERS)
 
 
-def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:
+def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> object:
     """The plain data of a YAML file; no object is shared.
 
     Raises:
@@ -59,7 +58,7 @@ def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> Any:
     return parse_yaml(read_text(Path(path), LARGEST_SETTING), str(path), most_values=most_values)
 
 
-def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any:
+def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> object:
     """The plain data of a YAML text; `source` names it in errors, which are those of `read_yaml`."""
     check_yaml(text, source, most_values=most_values)
     try:
@@ -68,6 +67,31 @@ def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> Any
         raise _yaml_error(source, error) from error
     except _UNFIT as error:
         raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
+
+
+def read_entries(path: Path, *keys: str) -> dict[str, str]:
+    """Texts at the top level of a YAML file, by key, read no further than to the last of them.
+
+    For files of the project, whose listing would otherwise take most of its time to read terrain and figures.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or lacks one of the keys.
+    """
+    entries: dict[str, str] = {}
+    depth, key = 0, ""
+    for event in yaml.parse(read_text(path, LARGEST_SETTING), Loader=SafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+            key = ""
+        elif isinstance(event, yaml.ScalarEvent) and depth == 1:
+            if key in keys:
+                entries[key] = event.value
+                if len(entries) == len(keys):
+                    return entries
+            key = "" if key else event.value
+    raise ConfigError(path, "", list(entries), f"the keys {', '.join(keys)}")
 
 
 @dataclass
@@ -134,7 +158,7 @@ def _check_key(event: yaml.NodeEvent, inside: _OpenCollection | None, source: st
     inside.key_next = not inside.key_next
 
 
-def _to_plain_data(node: Any, source: str, path: str) -> Any:
+def _to_plain_data(node: object, source: str, path: str) -> object:
     """A copy without shared objects; `check_yaml` has bounded its size."""
     if isinstance(node, dict):
         for key in node:

@@ -15,7 +15,7 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, StrictInt
 
 from stridetwin.scenarios.campaign.distributions import Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, set_values
@@ -30,7 +30,7 @@ from stridetwin.scenarios.campaign.named_files import (
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.scenarios.scenario_model import FaultInFile
 from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
-from stridetwin.streams.fields import FileModel, int_field, text_field
+from stridetwin.streams.fields import FileModel, Text
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.seeds import SeedsInFile
 
@@ -61,7 +61,7 @@ class LevelSchedule(FileModel):
         add: Other factors that take turns; the level moves on with theirs, as in a Latin square.
     """
 
-    every: Annotated[int, int_field(1, 10_000)] = 1
+    every: Annotated[StrictInt, Field(ge=1, le=10_000)] = 1
     add: tuple[str, ...] = ()
 
 
@@ -80,8 +80,8 @@ class DesignFile(FileModel):
         faults: Levels by name, each a list of faults, which are added to those of the scenario.
     """
 
-    study: Annotated[str, text_field()]
-    scenarios: tuple[Annotated[str, text_field()], ...] = Field(default=())
+    study: Text
+    scenarios: tuple[Text, ...] = Field(default=())
     seeds: SeedsInFile
     set: _Values = Field(default={})
     vary: dict[str, _Levels] = Field(default={})

@@ -154,7 +154,7 @@ def read_experiment(path: Path) -> Experiment:
 
 def _read(path: Path) -> dict[str, Any]:
     """Plain data of an experiment's file; the key `like: NAME` adds the keys of another experiment."""
-    data: dict[str, Any] = read_yaml(path)
+    data: Any = read_yaml(path)
     parent = data.pop("like", None)
     if parent is None:
         return data

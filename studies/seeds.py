@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, StrictInt, Tag
 
-from stridetwin.streams.fields import FileModel, field_error, int_field
+from stridetwin.streams.fields import FileModel, field_error
 
 
 def _check_unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
@@ -24,8 +24,8 @@ class _SeedRange(FileModel):
         count: Their number.
     """
 
-    first: Annotated[int, int_field(0, 2**31)]
-    count: Annotated[int, int_field(1, 10_000)]
+    first: Annotated[StrictInt, Field(ge=0, le=2**31)]
+    count: Annotated[StrictInt, Field(ge=1, le=10_000)]
 
     def build(self) -> tuple[int, ...]:
         """The consecutive seeds."""
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
     SeedsInFile = tuple[int, ...]
 else:
     SeedsInFile = Annotated[
-        Annotated[int, int_field(1, 10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
+        Annotated[StrictInt, Field(ge=1, le=10_000), AfterValidator(lambda count: tuple(range(count))), Tag("=count")]
         | Annotated[_SeedRange, AfterValidator(_SeedRange.build), Tag("=range")]
         | Annotated[
-            tuple[Annotated[int, int_field(0, 2**31)], ...],
+            tuple[Annotated[StrictInt, Field(ge=0, le=2**31)], ...],
             Field(min_length=1),
             AfterValidator(_check_unique),
             Tag("=list"),

@@ -14,22 +14,11 @@ from typing import Annotated
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, StrictBool, StrictInt
 
 from stridetwin.streams.errors import check_numbers
-from stridetwin.streams.fields import (
-    DEG,
-    FileModel,
-    NotNegative,
-    Number,
-    ReadAs,
-    RigidTransform,
-    RotationMatrix,
-    bool_field,
-    field_error,
-    float_field,
-    int_field,
-)
+from stridetwin.streams.fields import DEG, DEGREES, FileModel, NotNegative, Number, ReadAs, field_error
+from stridetwin.streams.matrix_fields import RigidTransform, RotationMatrix
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml
@@ -38,7 +27,7 @@ SIDES = ("l", "r")
 METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
 _JOINTS_MAX, _FRAMES_MAX = 3, 99
-_Angle = Annotated[float, float_field(scale=DEG)]
+_Angle = Annotated[Number, DEGREES]
 _CellPosition = tuple[Number, Number]
 
 
@@ -76,11 +65,11 @@ class DhRow:
         stops: Smallest and largest angle of that joint; infinite if not given.
     """
 
-    alpha: Annotated[float, float_field(key="alpha_deg", scale=DEG)]
-    a: Annotated[float, float_field(key="a_m")]
-    d: Annotated[float, float_field(key="d_m")]
-    theta: Annotated[float, float_field(key="theta_deg", scale=DEG)]
-    turns: Annotated[bool, bool_field()] = False
+    alpha: Annotated[Number, Field(alias="alpha_deg"), DEGREES]
+    a: Annotated[Number, Field(alias="a_m")]
+    d: Annotated[Number, Field(alias="d_m")]
+    theta: Annotated[Number, Field(alias="theta_deg"), DEGREES]
+    turns: StrictBool = False
     stops: Annotated[
         tuple[float, float], ReadAs(tuple[_Angle, _Angle], _check_increasing), Field(alias="range_deg")
     ] = (
@@ -115,8 +104,8 @@ class Knee:
     """
 
     topic: str
-    frame: Annotated[int, int_field(1, _FRAMES_MAX)]
-    sign: Annotated[float, float_field(), AfterValidator(_check_sign)] = 1.0
+    frame: Annotated[StrictInt, Field(ge=1, le=_FRAMES_MAX)]
+    sign: Annotated[Number, AfterValidator(_check_sign)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,10 +129,10 @@ class Sole:
         ReadAs(tuple[_CellPosition, _CellPosition, _CellPosition, _CellPosition], np.array),
         Field(alias="cells_m"),
     ]
-    heel_x: Annotated[float, float_field(key="heel_x_m")]
-    hinge_x: Annotated[float, float_field(key="hinge_x_m")]
-    hinge_z: Annotated[float, float_field(0, key="hinge_z_m")]
-    tip_x: Annotated[float, float_field(key="tip_x_m")]
+    heel_x: Annotated[Number, Field(alias="heel_x_m")]
+    hinge_x: Annotated[Number, Field(alias="hinge_x_m")]
+    hinge_z: Annotated[Number, Field(ge=0, alias="hinge_z_m")]
+    tip_x: Annotated[Number, Field(alias="tip_x_m")]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -180,16 +169,16 @@ class Compliance:
     """Standard deviation of a loaded heel's sag in its holder, relative to push-off."""
     climb_share: NotNegative = 0.04
     """Yielding of holder and cuffs under the lifting leg, as a share of the height climbed."""
-    slope_sd_rad: Annotated[float, float_field(0, key="slope_sd_deg", scale=DEG)] = math.radians(0.32)
+    slope_sd_rad: Annotated[Number, Field(ge=0, alias="slope_sd_deg"), DEGREES] = 0.32 * DEG
     """Standard deviation of a foot's pitch in its holder: a foot is never exactly flat."""
     slope_share: NotNegative = 0.06
     """Standard deviation of that pitch as a share of the slope: the steeper the ground, the more the holder yields."""
     sloping_sd_m: NotNegative = 0.002
     """How holders and cuffs yield differently on a slope than on the level, in the same way at every step: +2 mm up and
     -2 mm down a ramp of 5°, the mean errors of the walks named above."""
-    stop_margin_rad: Annotated[float, float_field(0, key="stop_margin_deg", scale=DEG)] = math.radians(2.0)
+    stop_margin_rad: Annotated[Number, Field(ge=0, alias="stop_margin_deg"), DEGREES] = 2.0 * DEG
     """An ankle this close to a stop may be at it: rubber stops yield by up to 0.7° (docs/design.md)."""
-    strained_slope_sd_rad: Annotated[float, float_field(0, key="strained_slope_sd_deg", scale=DEG)] = math.radians(8.0)
+    strained_slope_sd_rad: Annotated[Number, Field(ge=0, alias="strained_slope_sd_deg"), DEGREES] = 8.0 * DEG
     """Standard deviation of the foot's pitch with the ankle at its stop."""
     strained_sd_m: NotNegative = 0.015
     """Standard deviation of the foot's position with the ankle at its stop."""
@@ -319,7 +308,7 @@ class _ThighAhrs(_Ahrs):
         frame: Number of the frame that carries it.
     """
 
-    frame: Annotated[int, int_field(1, _FRAMES_MAX)]
+    frame: Annotated[StrictInt, Field(ge=1, le=_FRAMES_MAX)]
 
 
 class _Leg(FileModel):

@@ -10,25 +10,16 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import AfterValidator, BaseModel, Discriminator, Field, StrictInt, Tag
 
 from stridetwin.scenarios.built_in import campaigns as campaigns
 from stridetwin.scenarios.campaign.distributions import Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable, WeighedBase
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
-from stridetwin.streams.fields import (
-    FileModel,
-    ReadAs,
-    check_unique,
-    enum_field,
-    field_error,
-    float_field,
-    int_field,
-    text_field,
-)
+from stridetwin.streams.fields import FileModel, Number, OneOf, ReadAs, Text, check_unique, field_error
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
@@ -65,9 +56,9 @@ class Quality:
         help_pct: Largest mean external force at the root, % of the body weight; walks above it are rejected.
     """
 
-    falls: Annotated[str, enum_field(_WHETHER)] = "reject"
-    sensors: Annotated[str, enum_field(_WHETHER)] = "reject"
-    help_pct: Annotated[float, float_field(0, 1000)] = 3.0
+    falls: Annotated[str, OneOf(_WHETHER)] = "reject"
+    sensors: Annotated[str, OneOf(_WHETHER)] = "reject"
+    help_pct: Annotated[Number, Field(ge=0, le=1000)] = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,9 +71,9 @@ class Splits:
     """
 
     shares: Annotated[
-        dict[str, Annotated[float, float_field(0.001, 1)]], Field(min_length=1), AfterValidator(_check_shares)
+        dict[str, Annotated[Number, Field(ge=0.001, le=1)]], Field(min_length=1), AfterValidator(_check_shares)
     ] = field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
-    terrain_by: Annotated[str, enum_field(("geometry", "scenario"))] = "geometry"
+    terrain_by: Annotated[str, OneOf(("geometry", "scenario"))] = "geometry"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +122,7 @@ class _Named(FileModel):
     """
 
     named: Annotated[
-        tuple[Annotated[str, enum_field(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(check_unique)
+        tuple[Annotated[str, OneOf(tuple(PEOPLE))], ...], Field(min_length=1), AfterValidator(check_unique)
     ]
 
     def build(self) -> Group:
@@ -151,7 +142,7 @@ class _Drawn(FileModel):
         shoe_mm: Shoe size, as the length of a fitting foot.
     """
 
-    count: Annotated[int, int_field(1, _MOST_PEOPLE)]
+    count: Annotated[StrictInt, Field(ge=1, le=_MOST_PEOPLE)]
     bmi: DistributionInFile = None
     sex: DistributionInFile = None
     height_m: DistributionInFile = None
@@ -235,11 +226,11 @@ class CampaignFile(BaseModel):
         splits: Division of the walks.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    campaign: Annotated[str, text_field()]
-    walks: Annotated[int, int_field(1, MOST_WALKS)]
-    seed: Annotated[int, int_field(0, 2**31)] = 0
-    sampling: Annotated[str, enum_field(SAMPLINGS)] = "sobol"
+    model_config = FileModel.model_config
+    campaign: Text
+    walks: Annotated[StrictInt, Field(ge=1, le=MOST_WALKS)]
+    seed: Annotated[StrictInt, Field(ge=0, le=2**31)] = 0
+    sampling: Annotated[str, OneOf(SAMPLINGS)] = "sobol"
     scenarios: Annotated[tuple[WeighedBase, ...], Field(min_length=1)]
     people: Annotated[tuple[GroupInFile, ...], Field(min_length=1)] = ()
     set: dict[str, DistributionInFile] = {}
@@ -277,6 +268,7 @@ def read_campaign(path: Path) -> Campaign:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(CampaignFile, data, path)
+    assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the campaign's folder")
     campaign = Campaign(
         path=path,

@@ -13,17 +13,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, core_schema
+from pydantic import AfterValidator, Discriminator, Field, StrictInt, Tag, WithJsonSchema, model_validator
 
-from stridetwin.streams.fields import TAG, FileModel, field_error, float_field, int_field
+from stridetwin.streams.fields import TAG, FileModel, Number, field_error
 
 _MAX_SIZE = 1e9
 _TAIL_SD = 6.0
-_Number = Annotated[float, float_field(-_MAX_SIZE, _MAX_SIZE)]
-_Above0 = Annotated[float, float_field(1e-9, _MAX_SIZE)]
-_Whole = Annotated[int, int_field(-int(_MAX_SIZE), int(_MAX_SIZE))]
+_Number = Annotated[Number, Field(ge=-_MAX_SIZE, le=_MAX_SIZE)]
+_Above0 = Annotated[Number, Field(ge=1e-9, le=_MAX_SIZE)]
+_Whole = Annotated[StrictInt, Field(ge=-int(_MAX_SIZE), le=int(_MAX_SIZE))]
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
@@ -230,47 +228,29 @@ def _span_text(ends: tuple[float, float]) -> str:
     return f"{ends[0]:g} to {ends[1]:g}"
 
 
-_KINDS: dict[str, type[Distribution]] = {
-    "uniform": Uniform,
-    "log_uniform": LogUniform,
-    "normal": Normal,
-    "integer": Integer,
-    "choice": Choice,
-    "fixed": Fixed,
-}
+_KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")
 
 
-class _OneValue:
-    """Annotation: a value without keys, which is the same in every walk."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Anything; in the JSON Schema anything but a mapping."""
-        return core_schema.no_info_after_validator_function(lambda value: Fixed(fixed=value), core_schema.any_schema())
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Text, a number, true or false, or a list."""
-        return {"type": ["string", "number", "boolean", "array", "null"]}
-
-
-class _DistributionType:
-    """Annotation: a distribution by its key, or a value that is the same in every walk."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """A union that is tagged by the key of the distribution."""
-        kinds = {TAG + key: handler.generate_schema(kind) for key, kind in _KINDS.items()}
-        kinds[_VALUE] = handler.generate_schema(Annotated[Any, _OneValue()])
-        return core_schema.tagged_union_schema(kinds, discriminator=_tag)
-
-
-_VALUE = f"{TAG}value"
-
-
-def _tag(node: Any) -> str | None:
-    """Which kind of distribution a value in a file is, by its key; None for an unknown one."""
+def _distribution_tag(node: object) -> str | None:
+    """The tag of a distribution, by its key, or that of a value which is the same in every walk."""
     if not isinstance(node, dict):
-        return _VALUE
-    return next((TAG + key for key in node if key in _KINDS), None)
+        return "=value"
+    return next((TAG + key for key in node if key in _KEYS), None)
 
 
-DistributionInFile = Annotated[Any, _DistributionType()]
+_SameValue = Annotated[
+    Any,
+    WithJsonSchema({"type": ["string", "number", "boolean", "array", "null"]}),
+    AfterValidator(lambda value: Fixed(fixed=value)),
+]
+DistributionInFile = Annotated[
+    Annotated[Uniform, Tag("=uniform")]
+    | Annotated[LogUniform, Tag("=log_uniform")]
+    | Annotated[Normal, Tag("=normal")]
+    | Annotated[Integer, Tag("=integer")]
+    | Annotated[Choice, Tag("=choice")]
+    | Annotated[Fixed, Tag("=fixed")]
+    | Annotated[_SameValue, Tag("=value")],
+    Discriminator(_distribution_tag),
+]
 """Type of a value of a file that may vary from walk to walk; it becomes a `Distribution`."""

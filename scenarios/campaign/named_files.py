@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
 from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
 from stridetwin.streams.errors import ConfigError, ConfigFileError, FieldLocation, StrideTwinError
-from stridetwin.streams.fields import float_field, text_field
+from stridetwin.streams.fields import FileModel, Number, Text
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.validation import suggest
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
@@ -86,8 +86,8 @@ class NamedBase(BaseModel):
         set: Paths into the scenario, each with a value or a distribution.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    scenario: Annotated[str, text_field()]
+    model_config = FileModel.model_config
+    scenario: Text
     set: dict[str, DistributionInFile] = {}
 
 
@@ -98,7 +98,7 @@ class _Weighed(NamedBase):
         weight: Frequency relative to the other scenarios.
     """
 
-    weight: Annotated[float, float_field(1e-6, 1e6)] = 1.0
+    weight: Annotated[Number, Field(ge=1e-6, le=1e6)] = 1.0
 
 
 def short_base(node: object) -> object:

@@ -18,9 +18,10 @@ from operator import attrgetter
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
+from pydantic import Field
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.fields import DEG, MM, float_field, text_field
+from stridetwin.streams.fields import DEG, DEGREES, MILLIMETRES, Number, Text
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor, Rig
 from stridetwin.streams.samples import (
     Actuator,
@@ -172,8 +173,8 @@ class Fault:
     sample_types: ClassVar[tuple[type[Sample], ...]] = NUMBERS + IMAGES
     on_samples: ClassVar[bool] = True  # otherwise it acts elsewhere
     common_to: ClassVar[str] = "topic"  # or housing, or body: streams that share it share times and choices
-    topic: Annotated[str, text_field()]
-    name: Annotated[str, text_field()] = ""
+    topic: Text
+    name: Text = ""
 
     def __init_subclass__(cls) -> None:
         cls.kind = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
@@ -231,9 +232,9 @@ class TimedFault(Fault):
         rate_per_min: Mean number of events per minute of walk without the fault, at random times.
     """
 
-    at_s: Annotated[float | None, float_field(0, _LONGEST_S)] = None
-    duration_s: Annotated[float | None, float_field(0.001, _LONGEST_S)] = None
-    rate_per_min: Annotated[float | None, float_field(0.001, 600)] = None
+    at_s: Annotated[Number | None, Field(ge=0, le=_LONGEST_S)] = None
+    duration_s: Annotated[Number | None, Field(ge=0.001, le=_LONGEST_S)] = None
+    rate_per_min: Annotated[Number | None, Field(ge=0.001, le=600)] = None
 
 
 def active_event(events: EventsOfTopic, arrival: SampleInTransit) -> Event | None:
@@ -257,8 +258,8 @@ class LooseStrap(TimedFault):
     common_to = "body"
     on_samples = False
     sample_types = (Imu, Image, Depth, Ahrs, Range)
-    angle_rad: Annotated[float, float_field(0, 90, key="angle_deg", scale=DEG)] = math.radians(10)
-    shift_m: Annotated[float, float_field(0, 100, key="shift_mm", scale=MM)] = 0.01
+    angle_rad: Annotated[Number, Field(ge=0, le=90, alias="angle_deg"), DEGREES] = 10 * DEG
+    shift_m: Annotated[Number, Field(ge=0, le=100, alias="shift_mm"), MILLIMETRES] = 0.01
 
 
 _OTHERS: dict[str, type[Sample]] = {

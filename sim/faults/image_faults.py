@@ -12,9 +12,10 @@ from typing import Annotated, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, StrictInt
 
 from stridetwin.sim.faults.faults import IMAGES, Event, EventsOfTopic, Memory, SampleInTransit, TimedFault, active_event
-from stridetwin.streams.fields import float_field, int_field
+from stridetwin.streams.fields import MILLIMETRES, Number
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image, Odometry
 
@@ -70,7 +71,7 @@ class Occlusion(_ImageFault):
         share: Covered share of the image.
     """
 
-    share: Annotated[float, float_field(0.01, 1)] = 0.3
+    share: Annotated[Number, Field(ge=0.01, le=1)] = 0.3
 
     def degrade(self, image: NDArray, event: Event) -> NDArray:
         """The image with one side covered; covered depth has no reading."""
@@ -91,8 +92,8 @@ class LensDirt(_ImageFault):
         size: Radius of a spot, as a share of the image height.
     """
 
-    spots: Annotated[int, int_field(1, 50)] = 6
-    size: Annotated[float, float_field(0.01, 0.5)] = 0.08
+    spots: Annotated[StrictInt, Field(ge=1, le=50)] = 6
+    size: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.08
 
     def degrade(self, image: NDArray, event: Event) -> NDArray:
         """The image through the dirty lens: dimmed and blurred at the spots; depth is missing in their middle."""
@@ -208,8 +209,8 @@ class DepthNoise(TimedFault):
     """
 
     sample_types = (Depth,)
-    noise_per_m: Annotated[float, float_field(0, 0.2)] = 0.01
-    noise_correlation_px: Annotated[float, float_field(1, 32)] = 4.0
+    noise_per_m: Annotated[Number, Field(ge=0, le=0.2)] = 0.01
+    noise_correlation_px: Annotated[Number, Field(ge=1, le=32)] = 4.0
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image with added noise; pixels without depth stay without."""
@@ -232,8 +233,8 @@ class HighView(TimedFault):
     """
 
     sample_types = (Depth,)
-    share: Annotated[float, float_field(0.01, 1)] = 0.2
-    range_m: Annotated[float, float_field(0.1, 50)] = 4.5
+    share: Annotated[Number, Field(ge=0.01, le=1)] = 0.2
+    range_m: Annotated[Number, Field(ge=0.1, le=50)] = 4.5
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image without its lower rows."""
@@ -255,9 +256,9 @@ class PasserBy(TimedFault):
 
     common_to = "housing"
     sample_types = IMAGES
-    share: Annotated[float, float_field(0.01, 0.9)] = 0.3
-    distance_m: Annotated[float, float_field(0.3, 20)] = 1.2
-    motion_hz: Annotated[float, float_field(0.01, 5)] = 0.15
+    share: Annotated[Number, Field(ge=0.01, le=0.9)] = 0.3
+    distance_m: Annotated[Number, Field(ge=0.3, le=20)] = 1.2
+    motion_hz: Annotated[Number, Field(ge=0.01, le=5)] = 0.15
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The image with the person in it."""
@@ -297,10 +298,10 @@ class MirrorFloor(TimedFault):
     """
 
     sample_types = (Depth,)
-    holes: Annotated[float, float_field(0, 0.5)] = 0.3
-    mirrored: Annotated[float, float_field(0, 0.5)] = 0.12
-    ceiling_m: Annotated[float, float_field(1, 20)] = 2.4
-    blotch_m: Annotated[float, float_field(10, 2000, key="blotch_mm", scale=1e-3)] = 0.12
+    holes: Annotated[Number, Field(ge=0, le=0.5)] = 0.3
+    mirrored: Annotated[Number, Field(ge=0, le=0.5)] = 0.12
+    ceiling_m: Annotated[Number, Field(ge=1, le=20)] = 2.4
+    blotch_m: Annotated[Number, Field(ge=10, le=2000, alias="blotch_mm"), MILLIMETRES] = 0.12
 
     def truth_topic(self, event: Event) -> str:
         """The true path of the camera's IMU."""

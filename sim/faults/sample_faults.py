@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from stridetwin.sim.faults.faults import (
     NUMBERS,
@@ -26,15 +26,15 @@ from stridetwin.sim.faults.faults import (
     active_event,
 )
 from stridetwin.sim.parts.library import full_scales
-from stridetwin.streams.fields import DEG, MM, bool_field, enum_field, float_field
+from stridetwin.streams.fields import DEG, DEGREES, MILLIMETRES, Number, OneOf, Unit
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Image, Imu, Insole, Interaction, Odometry, Range
 
-_RateRange = Annotated[float | None, float_field(0.1, 10_000, key="gyroscope_deg_s", scale=DEG)]
-_Length = Annotated[float, float_field(-1000, 1000)]
-_Angle = Annotated[float, float_field(-180, 180, scale=DEG)]
-_Shift = Annotated[float, float_field(-1000, 1000, scale=MM)]
-_ForceRange = Annotated[float | None, float_field(0.1, 10_000)]
+_RateRange = Annotated[Number | None, Field(ge=0.1, le=10_000, alias="gyroscope_deg_s"), DEGREES]
+_Length = Annotated[Number, Field(ge=-1000, le=1000)]
+_Angle = Annotated[Number, Field(ge=-180, le=180), DEGREES]
+_Shift = Annotated[Number, Field(ge=-1000, le=1000), MILLIMETRES]
+_ForceRange = Annotated[Number | None, Field(ge=0.1, le=10_000)]
 CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
 
 
@@ -47,7 +47,7 @@ class Dropout(TimedFault):
     """
 
     common_to = "housing"
-    share: Annotated[float, float_field(0.001, 1)] = 1.0
+    share: Annotated[Number, Field(ge=0.001, le=1)] = 1.0
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The arrival, or nothing if it is lost."""
@@ -121,7 +121,7 @@ class Late(TimedFault):
         delay_s: Delay.
     """
 
-    delay_s: Annotated[float, float_field(0.001, 60)] = 0.25
+    delay_s: Annotated[Number, Field(ge=0.001, le=60)] = 0.25
 
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
@@ -164,7 +164,7 @@ class ClockJump(TimedFault):
         jump_s: Offset of its stamps (negative: behind).
     """
 
-    jump_s: Annotated[float, float_field(-3600, 3600)]
+    jump_s: Annotated[Number, Field(ge=-3600, le=3600)]
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with an offset in its stamp."""
@@ -182,7 +182,7 @@ class Saturation(TimedFault):
     """
 
     sample_types = (Imu, Insole, Interaction)
-    fraction: Annotated[float, float_field(0.001, 1)] = 0.5
+    fraction: Annotated[Number, Field(ge=0.001, le=1)] = 0.5
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
 
@@ -212,11 +212,11 @@ class Offset(TimedFault):
     """
 
     sample_types = (Insole, Encoder, Ahrs)
-    offset_n: Annotated[float, float_field(-1000, 1000)] = 0.0
-    drift_n_per_s: Annotated[float, float_field(-1000, 1000)] = 0.0
-    offset_rad: Annotated[float, float_field(-180, 180, key="offset_deg", scale=DEG)] = 0.0
-    drift_rad_s: Annotated[float, float_field(-3600, 3600, key="drift_deg_per_min", scale=DEG / 60)] = 0.0
-    drift_s: Annotated[float, float_field(0, 36_000)] = 36_000.0
+    offset_n: Annotated[Number, Field(ge=-1000, le=1000)] = 0.0
+    drift_n_per_s: Annotated[Number, Field(ge=-1000, le=1000)] = 0.0
+    offset_rad: Annotated[Number, Field(ge=-180, le=180, alias="offset_deg"), DEGREES] = 0.0
+    drift_rad_s: Annotated[Number, Field(ge=-3600, le=3600, alias="drift_deg_per_min"), Unit(DEG / 60)] = 0.0
+    drift_s: Annotated[Number, Field(ge=0, le=36_000)] = 36_000.0
 
     def applies_to(self, stream: SensorStream) -> bool:
         """Whether the stream has values in the unit of the given offsets: N for insoles, rad for encoders and AHRSs."""
@@ -252,7 +252,7 @@ class Restart(TimedFault):
 
     sample_types = (Odometry,)
     on_samples = False
-    yaw_rad: Annotated[float, float_field(-180, 180, key="yaw_deg", scale=DEG)] = 0.0
+    yaw_rad: Annotated[Number, Field(ge=-180, le=180, alias="yaw_deg"), DEGREES] = 0.0
     translation_m: tuple[_Length, _Length, _Length] = (0.0, 0.0, 0.0)
 
 
@@ -266,8 +266,8 @@ class DeadCell(TimedFault):
     """
 
     sample_types = (Insole,)
-    cell: Annotated[str, enum_field((*CELLS, "all"))] = "heel"
-    stuck: Annotated[bool, bool_field()] = False
+    cell: Annotated[str, OneOf((*CELLS, "all"))] = "heel"
+    stuck: StrictBool = False
 
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
@@ -302,11 +302,11 @@ class Miscalibration(Fault):
     sample_types = (Imu, Image, Range, Insole, Ahrs, Encoder)
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle], Field(alias="rotation_deg")] = (0.0, 0.0, 0.0)
     translation_m: Annotated[tuple[_Shift, _Shift, _Shift], Field(alias="translation_mm")] = (0.0, 0.0, 0.0)
-    clock_offset_s: Annotated[float, float_field(-1, 1)] = 0.0
+    clock_offset_s: Annotated[Number, Field(ge=-1, le=1)] = 0.0
     gyroscope_rad_s: _RateRange = None
     accelerometer_mps2: _ForceRange = None
-    thigh_m: Annotated[float, float_field(-200, 200, key="thigh_mm", scale=MM)] = 0.0
-    shank_m: Annotated[float, float_field(-200, 200, key="shank_mm", scale=MM)] = 0.0
+    thigh_m: Annotated[Number, Field(ge=-200, le=200, alias="thigh_mm"), MILLIMETRES] = 0.0
+    shank_m: Annotated[Number, Field(ge=-200, le=200, alias="shank_mm"), MILLIMETRES] = 0.0
 
     def applies_to(self, stream: SensorStream) -> bool:
         """Whether the sensor has every quantity with an error: a clock offset, ranges or links."""

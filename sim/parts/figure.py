@@ -5,19 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from functools import cache
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
-
-from stridetwin.streams.errors import Missing
-from stridetwin.streams.fields import enum_field, field_error, float_field
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 DEG = math.pi / 180
 G = STANDARD_GRAVITY_MPS2
-_FIGURE = "figure"
-_SOURCED = ("value", "source")
+FIGURE = "figure"
+"""Key of the `Figure` in the metadata of a dataclass field."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,34 +36,6 @@ class Figure:
     ideal: Any = None
     choices: tuple[str, ...] = ()
     count: int = 0
-
-    @property
-    def type(self) -> Any:
-        """Type of the value in the file: bare, or `{value: ..., source: ...}`."""
-        if self.choices:
-            bare: Any = Annotated[str, enum_field(self.choices)]
-        else:
-            bare = Annotated[float, float_field(self.low, self.high, scale=self.scale)]
-            if self.count:
-                bare = tuple[(bare,) * self.count]  # type: ignore[misc]
-        return Annotated[bare, BeforeValidator(_strip_source, json_schema_input_type=bare | _type_with_source(bare))]
-
-
-def _type_with_source(bare: Any) -> Any:
-    """Type of a figure with its source, `{value: ..., source: ...}`, as an alternative to the bare value."""
-    return create_model("Sourced", __config__=ConfigDict(extra="forbid"), value=(bare, ...), source=(str, ""))
-
-
-def _strip_source(node: object) -> object:
-    """Value of a figure that may be written with its source; rejects other keys and a missing value."""
-    if not isinstance(node, dict):
-        return node
-    for key in node:
-        if key not in _SOURCED:
-            raise field_error(key, f"keys {', '.join(_SOURCED)}")
-    if "value" not in node:
-        raise field_error(Missing(), "this key", "value")
-    return node["value"]
 
 
 def figure(
@@ -113,58 +80,13 @@ def word(key: str, *words: str, ideal: str | None = None) -> Any:
 
 def _field(entry: Figure, default: Any) -> Any:
     """Dataclass field with a `Figure` in its metadata."""
-    metadata = {_FIGURE: entry}
+    metadata = {FIGURE: entry}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
 
 D = TypeVar("D")
-
-
-@cache
-def file_model(kind: type) -> type[BaseModel]:
-    """Pydantic model of the keys that a part file has for a dataclass of figures.
-
-    Dataclasses inside it become nested mappings. The name of a part is that of its file, so it is no key.
-
-    Args:
-        kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are such dataclasses, or plain text.
-    """
-    hints, model_fields = get_type_hints(kind), dict[str, Any]()
-    for entry in dataclasses.fields(kind):
-        if entry.name == "name":  # of the part: the file's
-            continue
-        if _FIGURE in entry.metadata:
-            field_type = entry.metadata[_FIGURE].type
-        else:
-            field_type = (
-                file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
-            )
-        model_fields[entry.name] = (field_type, _file_field(entry))
-    model: type[BaseModel] = create_model(kind.__name__, __config__=ConfigDict(extra="forbid"), **model_fields)
-    model.__doc__ = kind.__doc__
-    return model
-
-
-def _file_field(entry: dataclasses.Field[Any]) -> Any:
-    """Field of the file model, with the name in the file and the default value."""
-    default = ... if entry.default is dataclasses.MISSING else entry.default
-    return Field(default, alias=entry.metadata[_FIGURE].key) if _FIGURE in entry.metadata else Field(default)
-
-
-def build_part(kind: type[D], read: BaseModel, **attributes: Any) -> D:
-    """Dataclass of figures from what its file model has read.
-
-    Args:
-        kind: The dataclass.
-        read: Result of its `file_model`.
-        attributes: Attributes that the file lacks, such as the name.
-    """
-    hints = get_type_hints(kind)
-    values = {name: getattr(read, name) for name in type(read).model_fields}
-    inner = {name: build_part(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
-    return kind(**values | inner | attributes)
 
 
 def make_ideal(part: D) -> D:
@@ -174,6 +96,6 @@ def make_ideal(part: D) -> D:
         value = getattr(part, entry.name)
         if dataclasses.is_dataclass(value):
             changes[entry.name] = make_ideal(value)
-        elif _FIGURE in entry.metadata and entry.metadata[_FIGURE].ideal is not None:
-            changes[entry.name] = entry.metadata[_FIGURE].ideal
+        elif FIGURE in entry.metadata and entry.metadata[FIGURE].ideal is not None:
+            changes[entry.name] = entry.metadata[FIGURE].ideal
     return dataclasses.replace(part, **changes)  # type: ignore[type-var]

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
 
-from stridetwin.sim.parts.figure import build_part, file_model, make_ideal
+from stridetwin.sim.choices import part_files
+from stridetwin.sim.parts.figure import make_ideal
 from stridetwin.sim.parts.kinds import PART_CLASSES, ForceCellPart, ImuPart, Part
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.fields import OneKind
-from stridetwin.streams.validation import validate
-from stridetwin.streams.yaml_file import read_yaml
 
 IDEAL = "-ideal"
-PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in PART_CLASSES.items()})]
-"""Type of the data in a part file."""
-
-
-def part_files() -> dict[str, Path]:
-    """Name to file of the parts that come with the project, sorted by name."""
-    folder = Path(str(resources.files("stridetwin.sim.parts")))
-    return {p.stem: p for p in sorted(folder.glob("*.yaml"), key=lambda p: p.stem.lower())}
 
 
 @cache
@@ -48,9 +36,9 @@ def read_part(path: Path) -> Part:
             and what is valid.
         StrideTwinError: The file cannot be read or is not YAML.
     """
-    data = read_yaml(path)
-    read = validate(PartFile, data, path)
-    return build_part(PART_CLASSES[data["kind"]], read, name=path.stem)
+    from stridetwin.sim.parts.part_file import read_part_file  # the models of all kinds take a while to build
+
+    return read_part_file(path)
 
 
 def kind_of(of: Part) -> str:

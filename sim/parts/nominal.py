@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.kinds import ActuatorPart, AhrsPart, EncoderPart, ForceCellPart, SonarPart
-from stridetwin.streams.fields import DEG, MM, float_field
+from stridetwin.streams.fields import DEGREES, MILLIMETRES, MILLISECONDS, PERCENT, Number
 from stridetwin.streams.rig import CameraCalibration, Rig
 
 Parameters = dict[str, Any]
@@ -37,12 +38,12 @@ class CalibrationSd:
         readout: Of the readout time of a rolling shutter, as a fraction of it.
     """
 
-    rotation_rad: Annotated[float, float_field(0, 5, key="rotation_deg", scale=DEG)] = 0.0
-    position_m: Annotated[float, float_field(0, 50, key="position_mm", scale=MM)] = 0.0
-    intrinsics: Annotated[float, float_field(0, 5, key="intrinsics_pct", scale=0.01)] = 0.0
-    offset_s: Annotated[float, float_field(0, 50, key="offset_ms", scale=1e-3)] = 0.0
-    depth_scale: Annotated[float, float_field(0, 5, key="depth_scale_pct", scale=0.01)] = 0.0
-    readout: Annotated[float, float_field(0, 20, key="readout_pct", scale=0.01)] = 0.0
+    rotation_rad: Annotated[Number, Field(ge=0, le=5, alias="rotation_deg"), DEGREES] = 0.0
+    position_m: Annotated[Number, Field(ge=0, le=50, alias="position_mm"), MILLIMETRES] = 0.0
+    intrinsics: Annotated[Number, Field(ge=0, le=5, alias="intrinsics_pct"), PERCENT] = 0.0
+    offset_s: Annotated[Number, Field(ge=0, le=50, alias="offset_ms"), MILLISECONDS] = 0.0
+    depth_scale: Annotated[Number, Field(ge=0, le=5, alias="depth_scale_pct"), PERCENT] = 0.0
+    readout: Annotated[Number, Field(ge=0, le=20, alias="readout_pct"), PERCENT] = 0.0
 
 
 def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) -> Rig:

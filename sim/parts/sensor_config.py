@@ -6,34 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
+from stridetwin.sim.choices import KIND as KIND
+from stridetwin.sim.choices import STANDARD as STANDARD
 from stridetwin.sim.parts.figure import G
 from stridetwin.sim.parts.kinds import Part
 from stridetwin.sim.parts.library import load_part, make_ideal
 from stridetwin.sim.parts.nominal import CalibrationSd
-from stridetwin.streams.fields import DEG, MM, bool_field, enum_field, float_field
+from stridetwin.streams.fields import DEGREES, MILLIMETRES, MILLISECONDS, Number, OneOf, Unit
 
-_GROUPS = {
-    "foot_imu": ("imu", "ADIS16485"),
-    "foot_camera": ("camera", "acA800-200gc"),
-    "sonar": ("sonar", "SRF08"),
-    "insole": ("force_cell", "FlexiForce-A401"),
-    "ahrs": ("ahrs", "MW-AHRSv1"),
-    "exo_imu": ("imu", "MW-AHRSv1-imu"),
-    "encoder": ("encoder", "AMT203"),
-    "interaction": ("force_cell", "FlexiForce-A301"),
-    "actuator": ("actuator", "actuation-module"),
-    "head_imu": ("imu", "BMI055"),
-    "head_camera": ("rgbd", "D455"),
-}
-KIND = {group: kind for group, (kind, _) in _GROUPS.items()}
-"""The kind of part that each group uses."""
-STANDARD = {group: name for group, (_, name) in _GROUPS.items()}
-"""The default part of each group; the back's AHRS is `STANDARD_BACK_AHRS`."""
-
-_Length = Annotated[float, float_field(-300, 300, scale=MM)]
-_Angle = Annotated[float, float_field(-180, 180, scale=DEG)]
+_Length = Annotated[Number, Field(ge=-300, le=300), MILLIMETRES]
+_Angle = Annotated[Number, Field(ge=-180, le=180), DEGREES]
 STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
 
 
@@ -49,11 +33,11 @@ class Clock:
         calibrated: Whether the rig's calibration contains the constant part (offset and latency).
     """
 
-    offset_s: Annotated[float, float_field(-1, 1)] = 0.0
-    drift_ppm: Annotated[float, float_field(-1000, 1000)] = 0.0
-    jitter_s: Annotated[float, float_field(0, 0.1)] = 0.0
-    latency_s: Annotated[float, float_field(0, 1)] = 0.0
-    calibrated: Annotated[bool, bool_field()] = False
+    offset_s: Annotated[Number, Field(ge=-1, le=1)] = 0.0
+    drift_ppm: Annotated[Number, Field(ge=-1000, le=1000)] = 0.0
+    jitter_s: Annotated[Number, Field(ge=0, le=0.1)] = 0.0
+    latency_s: Annotated[Number, Field(ge=0, le=1)] = 0.0
+    calibrated: StrictBool = False
 
     @property
     def shift_s(self) -> float:
@@ -109,16 +93,16 @@ class SensorConfig:
     """
 
     part: Part | None = None
-    ideal: Annotated[bool, bool_field()] = False
-    rate_hz: Annotated[float | None, float_field(1, 2000)] = None
+    ideal: StrictBool = False
+    rate_hz: Annotated[Number | None, Field(ge=1, le=2000)] = None
     clock: Clock = field(default_factory=Clock)
-    strike: Annotated[float, float_field(0, 5, key="strike_g", scale=G)] = 0.0
-    light: Annotated[float, float_field(0.001, 10)] = 1.0
-    exposure_s: Annotated[float | None, float_field(0, 100, key="exposure_ms", scale=1e-3)] = None
+    strike: Annotated[Number, Field(ge=0, le=5, alias="strike_g"), Unit(G)] = 0.0
+    light: Annotated[Number, Field(ge=0.001, le=10)] = 1.0
+    exposure_s: Annotated[Number | None, Field(ge=0, le=100, alias="exposure_ms"), MILLISECONDS] = None
     calibration_sd: CalibrationSd = field(default_factory=CalibrationSd)
-    pitch_down_rad: Annotated[float | None, float_field(-30, 75, key="pitch_down_deg", scale=DEG)] = None
-    frames: Annotated[str, enum_field(("board", "full"))] = "board"
-    shadows: Annotated[bool, bool_field()] = False
+    pitch_down_rad: Annotated[Number | None, Field(ge=-30, le=75, alias="pitch_down_deg"), DEGREES] = None
+    frames: Annotated[str, OneOf(("board", "full"))] = "board"
+    shadows: StrictBool = False
     position_m: Annotated[tuple[_Length, _Length, _Length] | None, Field(alias="position_mm")] = None
     rotation_rad: Annotated[tuple[_Angle, _Angle, _Angle] | None, Field(alias="rotation_deg")] = None
     mount: Seat | None = None

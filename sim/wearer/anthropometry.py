@@ -1,8 +1,7 @@
 """Body segments from height and mass: de Leva 1996, J. Biomech. 29(9):1223-1230, table 4.
 
 Lengths scale with height, masses with body mass; centres of mass and radii of gyration are fractions of the segment's
-length. Segments run from proximal to distal, with x forward, y left, z up in the segment's frame. The walkers of the
-papers are available by name.
+length. Segments run from proximal to distal, with x forward, y left, z up in the segment's frame.
 """
 
 from __future__ import annotations
@@ -11,35 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stridetwin.sim.config import Person
+from stridetwin.sim.people import Person
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
-
-# Shim et al. 2019, table 3: sex, stature m, mass kg, shoe mm
-_SHIM = (
-    ("male", 1.70, 68, 260), ("male", 1.68, 74, 260), ("male", 1.76, 67, 265), ("male", 1.80, 74, 270),
-    ("male", 1.76, 88, 275), ("female", 1.61, 60, 240), ("female", 1.65, 70, 250),
-)  # fmt: skip
-# Zhao et al. 2023, IV-A: statures alone, cm. Mass is set by a body mass index of 22.5 kg/m²; the sex is taken as male
-_ZHAO_CM = {
-    "i": (165.10, 165.50, 164.80),
-    "ii": (170.80, 172.00, 171.10),
-    "iii": (175.80, 175.20, 174.10),
-    "iv": (181.50, 180.80, 183.10),
-    "v": (188.00, 186.90, 188.20),
-}
-_ZHAO_BMI = 22.5
-
-PEOPLE: dict[str, Person] = {
-    f"shim_s{i}": Person(sex=sex, height_m=height, mass_kg=float(mass), shoe_m=shoe * 1e-3)
-    for i, (sex, height, mass, shoe) in enumerate(_SHIM, start=1)
-} | {
-    f"zhao_{group}_{i}": Person(height_m=cm * 1e-2, mass_kg=round(_ZHAO_BMI * (cm * 1e-2) ** 2, 1))
-    for group, heights in _ZHAO_CM.items()
-    for i, cm in enumerate(heights, start=1)
-}
-"""Subjects S1-S7 of Shim et al. as `shim_s1` ... and the 15 of Zhao et al. as `zhao_i_1` ... `zhao_v_3`."""
-
 
 # mass %, length mm, centre of mass % of length from the proximal end, radii of gyration % (sagittal, transverse,
 # longitudinal axis: about x, y, z here)

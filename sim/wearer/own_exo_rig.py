@@ -12,23 +12,24 @@ from types import GenericAlias
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
+from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, ValidationInfo
 from scipy.spatial.transform import Rotation
 
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.exo_description import Cuff, Link, Module, OnLink, OwnExo, hinge_of
 from stridetwin.sim.parts.kinds import ActuatorPart, ImuPart, Part
-from stridetwin.sim.parts.library import kind_of, load_part, part_files, read_part
+from stridetwin.sim.parts.library import kind_of, load_part, read_part
 from stridetwin.sim.wearer.exo_couplings import coupling_law
 from stridetwin.sim.wearer.own_exo_model import Chains, read_model
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.fields import (
     MM,
     FileModel,
+    Number,
+    Positive,
     ReadAs,
-    bool_field,
     context_folder,
     field_error,
-    float_field,
     other_file_error,
 )
 from stridetwin.streams.samples import Array
@@ -45,7 +46,7 @@ _FARTHEST_MM = 2000.0
 
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
     """Annotation of an array (3,): three numbers of the file from `low` (-most) to `most`, scaled."""
-    entry = Annotated[float, float_field(-most if low is None else low, most)]
+    entry = Annotated[Number, Field(ge=-most if low is None else low, le=most)]
     return ReadAs(GenericAlias(tuple, (entry,) * 3), lambda values: scale * np.array(values))
 
 
@@ -164,7 +165,7 @@ class _CuffFile(FileModel):
     link: str
     at_mm: Annotated[Array, _vector(_FARTHEST_MM, scale=MM)]
     kind: Literal["strap", "holder"] | None = None
-    force_cells: Annotated[bool, bool_field()] = False
+    force_cells: StrictBool = False
     stiffness_n_m: Annotated[Array, _vector(1e5, 0.0)] | None = None
     damping_ns_m: Annotated[Array, _vector(1e4, 0.0)] | None = None
     turn_stiffness_nm: Annotated[Array, _vector(1e4, 0.0)] | None = None
@@ -185,8 +186,8 @@ class _Motor(FileModel):
         part: Part of the library that senses it, or the path of a .yaml file.
     """
 
-    torque_max_nm: Annotated[float, float_field(above=0)]
-    speed_max_radps: Annotated[float, float_field(above=0)] = 10.0
+    torque_max_nm: Positive
+    speed_max_radps: Positive = 10.0
     part: Annotated[ActuatorPart, _part_field("actuator")] = Field("actuation-module", validate_default=True)
 
 

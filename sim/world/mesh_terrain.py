@@ -17,12 +17,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from stridetwin.sim.config import Level, Ramp, Route, Stairs
 from stridetwin.sim.world.route_checks import MAX_RAMP_RAD, MIN_TREAD_M, RISER_RANGE_M
 from stridetwin.streams.bounded import read_bytes
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import DEG, enum_field, file_field, float_field
+from stridetwin.streams.fields import DEGREES, InputFile, Number, OneOf
 from stridetwin.streams.samples import Array
 
 MOST_TRIANGLES = 100_000
@@ -99,7 +100,7 @@ _MAX_TREAD_M = 0.6  # deeper ones are levels
 _MIN_HALF_WAY_M = 0.5  # half of the shortest way
 _ROWS: tuple[float, ...] = (-0.9, -0.45, 0.0, 0.45, 0.9)  # lines along the way, in half widths from its middle
 MeshSegment = Level | Ramp | Stairs
-_Start = Annotated[float, float_field(-1000, 1000)]
+_Start = Annotated[Number, Field(ge=-1000, le=1000)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,12 +116,12 @@ class MeshWay:
         length_m: Length of the way; None for the rest of the mesh.
     """
 
-    path: Annotated[Path, file_field(key="file")]
-    scale: Annotated[float, enum_field({"m": 1.0, "mm": 1e-3}, key="unit")] = 1.0
-    up: Annotated[str, enum_field(("z", "y"))] = "z"
+    path: Annotated[InputFile, Field(alias="file")]
+    scale: Annotated[float, OneOf({"m": 1.0, "mm": 1e-3}), Field(alias="unit")] = 1.0
+    up: Annotated[str, OneOf(("z", "y"))] = "z"
     start_m: tuple[_Start, _Start] = (0.0, 0.0)
-    heading_rad: Annotated[float, float_field(-360, 360, key="heading_deg", scale=DEG)] = 0.0
-    length_m: Annotated[float | None, float_field(1, 500)] = None
+    heading_rad: Annotated[Number, Field(ge=-360, le=360, alias="heading_deg"), DEGREES] = 0.0
+    length_m: Annotated[Number | None, Field(ge=1, le=500)] = None
 
 
 def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...], str]:

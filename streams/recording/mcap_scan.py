@@ -2,7 +2,9 @@
 
 Every CRC in the file is checked. The mcap library's `StreamReader` also reads truncated files, but trusts the lengths
 inside a record: one wrong length ends the reading (here only that record is lost), and a file of a few bytes may
-request all memory. It does not check the CRC of the summary either.
+request all memory. It does not check the CRC of the summary either. The 108 279 messages of a walk of 10 MB take it
+0.68 s of CPU time (0.21 s if it hands over whole chunks) where this module takes 0.08 s, and one topic 0.30 s where
+`Recording.block` takes 0.05 s, with mcap 1.6.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from stridetwin.scenarios.campaign.field_paths import FieldPath
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
-from stridetwin.streams.fields import FileModel, enum_field, field_error, float_field
+from stridetwin.streams.fields import FileModel, Number, OneOf, field_error
 from stridetwin.streams.samples import Array
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def _shapes(surface: str, person: Person) -> list[LimbShape]:
 _DIGITS = 6  # of a number that is chosen: of any unit and size
 _MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
-_Any = Annotated[float, float_field(-1e6, 1e6)]
+_Any = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +195,7 @@ class Between(FileModel):
     """
 
     between: Annotated[tuple[_Any, _Any], AfterValidator(_check_order)]
-    step: Annotated[float, float_field(1e-9, 1e6)] | None = None
+    step: Annotated[Number, Field(ge=1e-9, le=1e6)] | None = None
 
 
 class Among(FileModel):
@@ -224,7 +224,7 @@ class Over(FileModel):
         off_mm: Distance from it.
     """
 
-    over: Annotated[str, enum_field(tuple(SURFACES))]
+    over: Annotated[str, OneOf(tuple(SURFACES))]
     around_deg: _Coordinate
     up_mm: _Coordinate
     off_mm: _Coordinate = 0.0

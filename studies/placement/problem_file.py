@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, StrictInt, Tag
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
@@ -32,7 +32,7 @@ from stridetwin.scenarios.campaign.named_files import (
 from stridetwin.scenarios.scenario_file import Scenario, scenario_of
 from stridetwin.sim.config import Person
 from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
-from stridetwin.streams.fields import OneKey, enum_field, int_field, text_field
+from stridetwin.streams.fields import FileModel, OneKey, OneOf, Text
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.placement.free import Among, Between, FreeField, FreeInFile, Knob, Over, free_field, grid_size
@@ -54,8 +54,8 @@ class Optimise:
         starts: Number of restarts, among which the budget is divided.
     """
 
-    budget: Annotated[int, int_field(1, MAX_PLACES)]
-    starts: Annotated[int, int_field(1, 100)] = 3
+    budget: Annotated[StrictInt, Field(ge=1, le=MAX_PLACES)]
+    starts: Annotated[StrictInt, Field(ge=1, le=100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ class Confirm:
         walks: Walks of each scenario.
     """
 
-    places: Annotated[int, int_field(1, 20)] = 5
-    walks: Annotated[int, int_field(1, 1000)] = 8
+    places: Annotated[StrictInt, Field(ge=1, le=20)] = 5
+    walks: Annotated[StrictInt, Field(ge=1, le=1000)] = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class PlacementProblem:
 
 
 _Method = Annotated[
-    Annotated[Any, enum_field({"sweep": None}), Tag("=sweep")]
+    Annotated[Any, OneOf({"sweep": None}), Tag("=sweep")]
     | Annotated[Any, OneKey({"optimise": Optimise}), Tag("=optimise")],
     Discriminator(lambda node: "=optimise" if isinstance(node, dict) else "=sweep"),
 ]
@@ -130,8 +130,8 @@ class PlacementFile(BaseModel):
         confirm: The best places once more, on other walks.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    placement: Annotated[str, text_field()]
+    model_config = FileModel.model_config
+    placement: Text
     scenarios: Annotated[tuple[_Base, ...], Field(min_length=1)]
     set: dict[str, DistributionInFile] = {}
     free: Annotated[dict[str, FreeInFile], Field(min_length=1)]
@@ -166,6 +166,7 @@ def read_problem(path: Path) -> PlacementProblem:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(PlacementFile, data, path)
+    assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
     common = files.variables(file.set, where.key("set"))

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import scale_of
-from stridetwin.streams.fields import DEG, FileModel, field_error, float_field, text_field
+from stridetwin.streams.fields import DEG, DEGREES, FileModel, Number, Text, field_error
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
 
@@ -39,9 +39,9 @@ class Seeing:
         blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
     """
 
-    least_px: Annotated[float, float_field(0.1, 1000)] = 4.0
-    incidence_rad: Annotated[float, float_field(1, 89.9, key="incidence_deg", scale=DEG)] = math.radians(65.0)
-    blur_squares: Annotated[float, float_field(0.001, 100)] = 0.5
+    least_px: Annotated[Number, Field(ge=0.1, le=1000)] = 4.0
+    incidence_rad: Annotated[Number, Field(ge=1, le=89.9, alias="incidence_deg"), DEGREES] = 65.0 * DEG
+    blur_squares: Annotated[Number, Field(ge=0.001, le=100)] = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +120,8 @@ class _Weighed(FileModel):
         weight: In the sum that the search minimises; 0 for a score that is only reported.
     """
 
-    score: Annotated[str, text_field(), AfterValidator(_check_score_name)]
-    weight: Annotated[float, float_field(0, 1e9)] | None = None
+    score: Annotated[Text, AfterValidator(_check_score_name)]
+    weight: Annotated[Number, Field(ge=0, le=1e9)] | None = None
 
 
 def _short(node: object) -> object:

@@ -11,7 +11,7 @@ from pydantic import Field
 from stridetwin.estimators import registry
 from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.errors import FieldLocation
-from stridetwin.streams.fields import FileModel, text_field
+from stridetwin.streams.fields import FileModel, Text
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 from stridetwin.studies.design import Design, DesignFile, read_design
@@ -30,7 +30,7 @@ class MethodInFile(FileModel):
         parameters: Values of its parameters, by name; of an inner group as GROUP.NAME.
     """
 
-    estimator: Annotated[str, text_field()]
+    estimator: Text
     method: str = ""
     parameters: dict[str, Any] = Field(default={})
 

@@ -132,7 +132,10 @@ def test_list_names_scenarios_estimators_and_sensors(capsys):
 @pytest.mark.parametrize(
     ("start", "unused"),
     [
-        ("from stridetwin.cli.main import main; main(['list'])", {"mujoco", "numba", "scipy"}),
+        (
+            "from stridetwin.cli.main import main; main(['list'])",
+            {"mujoco", "numba", "scipy", "numpy", "cv2", "stridetwin.sim.config", "stridetwin.sim.parts.kinds"},
+        ),
         ("import stridetwin.sim.twin", {"scipy.signal", "scipy.stats"}),
         ("import stridetwin.scenarios.scenario_file", {"numba", "scipy"}),
     ],

@@ -9,8 +9,12 @@ import pytest
 from stridetwin.cli.commands import SCHEMAS
 from stridetwin.cli.main import main
 from stridetwin.scenarios.campaign.campaign_file import campaigns
-from stridetwin.scenarios.scenario_file import catalogue
-from stridetwin.sim.parts.library import part_files
+from stridetwin.scenarios.scenario_file import catalogue, load_scenario
+from stridetwin.sim.choices import FAULT_NAMES, part_files
+from stridetwin.sim.faults.catalogue import FAULTS
+from stridetwin.sim.parts.library import kind_of, load_part
+from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.yaml_file import read_entries
 from stridetwin.studies.placement.problem_file import problems
 
 ROOT = Path(__file__).parents[2]
@@ -65,3 +69,21 @@ def test_every_property_of_a_scenario_is_described():
     for name, made in {**schema["$defs"], "": schema}.items():
         for key, entry in made.get("properties", {}).items():
             assert key == "kind" or "description" in entry or name == "Sensors", (name, key)
+
+
+def test_what_list_reads_is_what_the_code_has():
+    """`list` reads names and first lines alone, without building the parts, faults and scenarios behind them."""
+    assert set(FAULT_NAMES) == set(FAULTS)
+    for name, path in part_files().items():
+        part = load_part(name)
+        assert read_entries(path, "kind", "description") == {"kind": kind_of(part), "description": part.description}
+    for name, path in catalogue().items():
+        assert read_entries(path, "description")["description"] == load_scenario(name).description
+
+
+def test_an_entry_that_a_file_lacks_at_its_top_level_is_named(tmp_path):
+    path = tmp_path / "part.yaml"
+    path.write_text("inner: {kind: imu}\nlist: [kind, imu]\nkind: {imu: 1}\ndescription: >\n  two\n  lines\n")
+    assert read_entries(path, "description") == {"description": "two lines\n"}
+    with pytest.raises(ConfigError, match="expected the keys kind"):
+        read_entries(path, "kind")

@@ -6,13 +6,14 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import Field
 
 from stridetwin.scenarios.scenario_file import SENSORS, catalogue, load_scenario, read_scenario
 from stridetwin.sim.config import Exo, Gait, Gaze, Level, Ramp, Stairs, Thing, Turn
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.people import PEOPLE, Person
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.fields import float_field
+from stridetwin.streams.fields import MILLIMETRES, Number
 from stridetwin.streams.validation import validate
 
 GOOD = {
@@ -288,7 +289,7 @@ def test_unknown_scenarios_are_refused_with_the_names_there_are(tmp_path):
 
 @given(st.floats(allow_nan=True, allow_infinity=True) | st.integers() | st.none() | st.text() | st.booleans())
 def test_numbers_outside_their_range_never_pass(value):
-    kind = Annotated[float, float_field(20, 250, scale=1e-3)]
+    kind = Annotated[Number, Field(ge=20, le=250), MILLIMETRES]
     try:
         got = validate(kind, value, "f")
     except ConfigError as error:
@@ -297,6 +298,11 @@ def test_numbers_outside_their_range_never_pass(value):
         assert 20 <= value <= 250
         assert not isinstance(value, bool)
         assert got == pytest.approx(value * 1e-3)
+
+
+def test_an_optional_number_with_a_unit_may_be_null():
+    assert validate(Person, {"shoe_mm": None}, "f").shoe_m is None
+    assert validate(Person, {"shoe_mm": 260}, "f").shoe_m == pytest.approx(0.26)
 
 
 def test_the_sensors_are_those_of_the_twin():

@@ -19,11 +19,11 @@ from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
 from stridetwin.sim.gait import exo_fit_kernel
 from stridetwin.sim.gait.exo_fit import STOP_STIFFNESS, STOP_WIDTH_RAD, ExoLeg, LegPose, fit_leg, leg_pose
 from stridetwin.sim.noise import Noise
+from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.playback import Playback
 from stridetwin.sim.sensors.force_cells import InteractionModel
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, sensor_rig, standard_rig
 from stridetwin.sim.twin import Twin
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.wearer.body import add_wearer, compile_model, fit_wearer
 from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, strain, wrench
 from stridetwin.sim.wearer.exoskeleton import (

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stridetwin.sim.choices import part_files
 from stridetwin.sim.parts.kinds import Gyroscope, ImuPart
-from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, make_ideal, part_files, read_part
+from stridetwin.sim.parts.library import IDEAL, kind_of, load_part, make_ideal, read_part
 from stridetwin.sim.parts.sensor_config import KIND, STANDARD, STANDARD_BACK_AHRS
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.yaml_file import read_yaml

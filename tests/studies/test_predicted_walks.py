@@ -21,8 +21,8 @@ from stridetwin.pages.plot import library
 from stridetwin.reference.norms import read_reference
 from stridetwin.sim.config import Turn, TwinConfig
 from stridetwin.sim.parts.sensor_config import SensorConfig
+from stridetwin.sim.people import PEOPLE
 from stridetwin.sim.sensors.standard_rig import standard_rig
-from stridetwin.sim.wearer.anthropometry import PEOPLE
 from stridetwin.sim.world.obstacles import surroundings
 from stridetwin.sim.world.route import lay_out
 from stridetwin.streams.rig import Rig

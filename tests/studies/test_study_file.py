@@ -10,7 +10,7 @@ import yaml
 
 from stridetwin.batch.run import ROWS
 from stridetwin.cli.main import main
-from stridetwin.sim.wearer.anthropometry import PEOPLE
+from stridetwin.sim.people import PEOPLE
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.studies.design import make_scenario
 from stridetwin.studies.study_file.results import collect_result, csv_text, table_rows

@@ -1,0 +1,53 @@
+"""The person who walks, and the walkers of the papers by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from stridetwin.streams.fields import MILLIMETRES, Number, OneOf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Person:
+    """The person who walks.
+
+    Attributes:
+        height_m: Standing height without shoes.
+        mass_kg: Body mass.
+        sex: `male` or `female` (de Leva's tables).
+        shoe_m: Shoe size as the length of the foot that it fits (260 mm and the like); None derives it from the height.
+    """
+
+    height_m: Annotated[Number, Field(ge=1.5, le=1.95)] = 1.75
+    mass_kg: Annotated[Number, Field(ge=45, le=110)] = 75.0
+    sex: Annotated[str, OneOf(("male", "female"))] = "male"
+    shoe_m: Annotated[Number | None, Field(ge=200, le=320, alias="shoe_mm"), MILLIMETRES] = None
+
+
+# Shim et al. 2019, table 3: sex, stature m, mass kg, shoe mm
+_SHIM = (
+    ("male", 1.70, 68, 260), ("male", 1.68, 74, 260), ("male", 1.76, 67, 265), ("male", 1.80, 74, 270),
+    ("male", 1.76, 88, 275), ("female", 1.61, 60, 240), ("female", 1.65, 70, 250),
+)  # fmt: skip
+# Zhao et al. 2023, IV-A: statures alone, cm. Mass is set by a body mass index of 22.5 kg/m²; the sex is taken as male
+_ZHAO_CM = {
+    "i": (165.10, 165.50, 164.80),
+    "ii": (170.80, 172.00, 171.10),
+    "iii": (175.80, 175.20, 174.10),
+    "iv": (181.50, 180.80, 183.10),
+    "v": (188.00, 186.90, 188.20),
+}
+_ZHAO_BMI = 22.5
+
+PEOPLE: dict[str, Person] = {
+    f"shim_s{i}": Person(sex=sex, height_m=height, mass_kg=float(mass), shoe_m=shoe * 1e-3)
+    for i, (sex, height, mass, shoe) in enumerate(_SHIM, start=1)
+} | {
+    f"zhao_{group}_{i}": Person(height_m=cm * 1e-2, mass_kg=round(_ZHAO_BMI * (cm * 1e-2) ** 2, 1))
+    for group, heights in _ZHAO_CM.items()
+    for i, cm in enumerate(heights, start=1)
+}
+"""Subjects S1-S7 of Shim et al. as `shim_s1` ... and the 15 of Zhao et al. as `zhao_i_1` ... `zhao_v_3`."""
