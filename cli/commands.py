@@ -90,10 +90,13 @@ class ExportOptions(SourceOptions):
 
     format: Annotated[
         Literal["euroc", "tum", "rosbag2", "opensim", "table"],
-        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: IMU."),
+        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: any stream without images."),
     ]
     frame: Annotated[
-        str | None, typer.Option(help="tum, table: frame of the path or the IMU, such as pelvis (default foot_l/imu).")
+        str | None,
+        typer.Option(
+            help="tum: frame of the path, such as pelvis; table: stream, such as truth/joints (default foot_l/imu)."
+        ),
     ] = None
     camera: Annotated[
         str | None, typer.Option(metavar="TOPIC", help="euroc, tum: camera (default the first with depth).")
