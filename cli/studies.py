@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,6 +12,7 @@ from stridetwin.cli.console import table
 from stridetwin.cli.options import (
     Options,
     Outcome,
+    ParametersOption,
     Progress,
     SchedulerOption,
     check_executor,
@@ -69,6 +70,7 @@ class ExperimentOptions(Options):
             "--estimators", metavar="NAME", help="Also run an installed estimator of the same kind; may be repeated."
         ),
     ] = None
+    parameters: ParametersOption = field(default_factory=list)
     keep: Annotated[bool, switch("--keep", "Keep the recordings of the walks in the folder.")] = False
     output: Annotated[Path | None, output_option("Folder for the cases (default runs/NAME).", "DIR")] = None
 
@@ -113,7 +115,9 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         from stridetwin.studies.study_file.results import table_head, table_rows
         from stridetwin.studies.study_file.run import REPORT, StudyOptions, run_study
         from stridetwin.studies.study_file.study import read_study
-    path = Path(arguments.experiment)
+    from stridetwin.outputs.parameters import parse_parameters
+
+    path, parameters = Path(arguments.experiment), parse_parameters(arguments.parameters)
     options = StudyOptions(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers or 1,
@@ -122,8 +126,9 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         subset=arguments.subset,
         physics=arguments.physics,
         resume=arguments.resume,
+        parameters=parameters,
     )
-    result = run_study(read_study(path), options, progress)
+    result = run_study(read_study(path, parameters), options, progress)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
     page = (options.folder / REPORT).absolute().as_uri()
     return Outcome(

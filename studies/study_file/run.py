@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_o
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import ROWS, Batch, Progress
 from stridetwin.gate.walk_scores import scoring_versions
+from stridetwin.outputs.parameters import ParameterValues, to_texts
 from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of
@@ -39,12 +40,14 @@ class StudyOptions(BatchOptions):
         subset: Number of walks of each combination; None takes all.
         physics: How the body moves; None takes the scenarios'.
         resume: Reuses the rows of an earlier run.
+        parameters: The values that the study was read with, see `outputs.parameters`; the result records them.
     """
 
     first: int | None = None
     subset: int | None = None
     physics: str | None = None
     resume: bool = False
+    parameters: ParameterValues = field(default_factory=dict)
 
     def of(self, study: Study) -> Study:
         """The study with the seeds that these options set."""
@@ -55,6 +58,7 @@ class StudyOptions(BatchOptions):
         """The command line that gives this result again."""
         option_values = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
         arguments = [str(word) for name, value in option_values.items() if value is not None for word in (name, value)]
+        arguments += [word for text in to_texts(self.parameters) for word in ("--set", text)]
         return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
 
 
@@ -82,6 +86,8 @@ def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[s
         store.sort([job.key for job in jobs])
         rows = [{"scores": {}, "failed": {WALK: r.reason}} if isinstance(r, Failure) else r for r in results]
         result = {**collect_result(study, rows), "files": list(STUDY_FILES)}
+        if options.parameters:
+            result["parameters"] = {name: dict(values) for name, values in options.parameters.items()}
         _write(study, options, rows, result)
     return result
 
