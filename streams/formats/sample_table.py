@@ -17,7 +17,7 @@ TIME = "t_s"
 
 
 def write_sample_table(path: Path, block: Block[Any]) -> None:
-    """Writes the samples of a stream, whole or not at all; use it to read a stream in a spreadsheet or another language.
+    """Writes the samples of a stream, whole or not at all.
 
     An IMU is written as `write_imu_table` does. Of another stream, the first column is the time `t_s` in s, and the
     others are named as in `Block.split_columns`, in SI units: `position_hip_l`, `force_heel`.

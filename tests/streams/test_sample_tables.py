@@ -43,7 +43,7 @@ def test_columns_of_a_frame_have_the_names_of_what_they_hold(path, topic):
     assert frame.index.name == "t_s"
     vectors = [values for values in block.columns.values() if values.ndim == 2]
     if vectors:
-        name = [n for n, values in block.columns.items() if values is vectors[0]][0]
+        name = next(n for n, values in block.columns.items() if values is vectors[0])
         of_vector = [column for column in frame.columns if column.startswith(f"{name}_")]
         np.testing.assert_array_equal(frame[of_vector].to_numpy(), vectors[0])
 
