@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -101,8 +102,13 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         resume=arguments.resume,
         keep=arguments.keep,
     )
-    result = run_experiment(arguments.experiment, options, progress)
+    result = run_experiment(arguments.experiment, options, progress, _announce)
     return Outcome(data=result, lines=study.table(result))
+
+
+def _announce(text: str) -> None:
+    """Says what comes, before it starts."""
+    print(f"stridetwin: note: {text}", file=sys.stderr, flush=True)
 
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
@@ -128,7 +134,7 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         resume=arguments.resume,
         parameters=parameters,
     )
-    result = run_study(read_study(path, parameters), options, progress)
+    result = run_study(read_study(path, parameters), options, progress, _announce)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
     page = (options.folder / REPORT).absolute().as_uri()
     return Outcome(

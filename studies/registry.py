@@ -63,8 +63,19 @@ class ExperimentBatchOptions(BatchOptions):
         ]
 
 
-def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progress) -> dict[str, Any]:
+def run_experiment(
+    name: str,
+    options: ExperimentBatchOptions,
+    progress: Progress,
+    announce: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Runs the cases of an experiment.
+
+    Args:
+        name: In the catalogue.
+        options: Which cases, and where.
+        progress: Receives the stage and its progress (0-1).
+        announce: Receives the size of what is missing, such as `60 cases: 60 walks (1500 s), 120 estimates, ...`.
 
     Returns:
         The result of `Experiment.result`.
@@ -81,6 +92,8 @@ def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progres
         store = RowFiles(folder, unfinished, is_sorted=False)
         batch = Batch(jobs, store, resume=options.resume)
         stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name
+        if missing := [job.task.case for job in batch.missing]:
+            announce(f"{name}: {study.size(missing).describe(len(missing), options.workers)}")
         versions = partial(_versions, study.module, options.estimators)
         work = Work(run=one_by_one(_run_case), versions=versions)
         results = batch.run_with(options, work, stage, progress, "--resume continues")

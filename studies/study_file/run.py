@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,6 +22,7 @@ from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.files import atomic_file, to_json
 from stridetwin.studies.design import make_scenario
+from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
 from stridetwin.studies.study_file.results import collect_result, csv_text
@@ -62,8 +63,19 @@ class StudyOptions(BatchOptions):
         return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
 
 
-def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[str, Any]:
+def run_study(
+    study: Study,
+    options: StudyOptions,
+    progress: Progress,
+    announce: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Runs the walks of a study and writes `STUDY_FILES` into the folder.
+
+    Args:
+        study: The study.
+        options: Which walks, and where.
+        progress: Receives the stage and its progress (0-1).
+        announce: Receives the size of what is missing, see `size.Size.describe`.
 
     Returns:
         The result of `results.collect_result`, with `files`.
@@ -82,7 +94,10 @@ def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[s
         jobs = [_make_job(name, walk, versions()) for name, walk in walks]
         work = Work(run=one_by_one(partial(run_walk, folder.absolute())), versions=versions)
         store = RowLines(folder / ROWS, unfinished)
-        results = Batch(jobs, store).run_with(options, work, study.path.stem, progress, "--resume continues")
+        batch = Batch(jobs, store)
+        if batch.missing:
+            announce(f"{study.path.stem}: {_size(batch.missing, study).describe(len(batch.missing), options.workers)}")
+        results = batch.run_with(options, work, study.path.stem, progress, "--resume continues")
         store.sort([job.key for job in jobs])
         rows = [{"scores": {}, "failed": {WALK: r.reason}} if isinstance(r, Failure) else r for r in results]
         result = {**collect_result(study, rows), "files": list(STUDY_FILES)}
@@ -90,6 +105,12 @@ def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[s
             result["parameters"] = {name: dict(values) for name, values in options.parameters.items()}
         _write(study, options, rows, result)
     return result
+
+
+def _size(jobs: Sequence[Job[StudyWalk]], study: Study) -> Size:
+    """What some walks take, at least one."""
+    sampled_jobs = jobs[:: -(-len(jobs) // SAMPLED)]
+    return size_of([[job.task.scenario.config] for job in sampled_jobs], len(jobs), len(study.methods))
 
 
 def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, StudyWalk]]:

@@ -40,8 +40,7 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
         `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
     names = kinds_of(kinds)
-    kind = names[case.seed % len(names)]
-    config = replace(draw_walk(kind, case.seed), physics=case.physics)
+    kind, (config,) = names[case.seed % len(names)], list_configs(case, kinds)
     mount, poses = config.rig_mount, list[Pose]()
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
@@ -55,6 +54,12 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
             odometry=odometry | {"mount_rad": mount_error(predictions.camera, config)},
             methods=score_rows(predictions, recording, sole_length_m(config)),
         )
+
+
+def list_configs(case: ExperimentCase, kinds: str = "all") -> list[TwinConfig]:
+    """The one walk of a case; `kinds` as in `kinds_of`."""
+    names = kinds_of(kinds)
+    return [replace(draw_walk(names[case.seed % len(names)], case.seed), physics=case.physics)]
 
 
 def kinds_of(kinds: str) -> list[str]:
