@@ -82,6 +82,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
     if arguments.experiment not in experiments():
         return _study_command(arguments, progress)
     try:
+        from stridetwin.outputs.parameters import parse_parameters
         from stridetwin.studies.experiment import experiment
         from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 
@@ -101,6 +102,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         physics=arguments.physics or "dynamic",
         resume=arguments.resume,
         keep=arguments.keep,
+        parameters=parse_parameters(arguments.parameters),
     )
     result = run_experiment(arguments.experiment, options, progress, _announce)
     return Outcome(data=result, lines=study.table(result))

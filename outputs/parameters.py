@@ -6,8 +6,11 @@ an inner group is `GROUP.NAME`. The values given replace those of the estimator'
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
+from types import MappingProxyType
 from typing import Any, get_args, get_type_hints
 
 import yaml
@@ -20,6 +23,7 @@ from stridetwin.streams.validation import suggest, validate
 ParameterValues = Mapping[str, Mapping[str, Any]]
 """Values by the name of the estimator and of its parameter, as JSON can hold them."""
 OPTION = "--set"
+_IN_USE: ContextVar[ParameterValues] = ContextVar("_IN_USE", default=MappingProxyType({}))
 _END = "\n...\n"
 """What YAML writes after a value that stands alone."""
 
@@ -104,6 +108,30 @@ def with_parameters(instance: Instance, values: ParameterValues) -> Instance:
     at = FieldLocation(source=OPTION, path=name)
     changed = change_parameters(instance.estimator_class, instance.options.method, changes, at)
     return replace(instance, parameters=changed)
+
+
+@contextmanager
+def use_parameters(values: ParameterValues) -> Iterator[None]:
+    """Context manager: inside it, `parameter_keywords` gives these values; for experiments, which build estimators."""
+    token = _IN_USE.set(values)
+    try:
+        yield
+    finally:
+        _IN_USE.reset(token)
+
+
+def parameter_keywords(estimator_class: EstimatorClass, method: str) -> dict[str, Any]:
+    """Arguments of an estimator's constructor for the values in use (`use_parameters`): `parameters`, or none.
+
+    Args:
+        estimator_class: The estimator.
+        method: One of its methods.
+    """
+    name = estimator_class.declaration.name
+    if not (changes := _IN_USE.get().get(name)):
+        return {}
+    at = FieldLocation(source=OPTION, path=name)
+    return {"parameters": change_parameters(estimator_class, method, changes, at)}
 
 
 def change_parameters(

@@ -90,6 +90,7 @@ class Experiment:
         content: What determines a row beside the code.
         kind: See `ExperimentFile`.
         estimates: Number of estimates of each walk, with all faults.
+        adjustable: Our estimators whose parameters `--set` changes in it: `ESTIMATORS` of the module of `run_case`.
         list_configs: From a case to the walks that `run_case` makes itself; None for those of `setup`, if there is any.
         run_case: From a case to a result that JSON can hold; runs in a process of its own.
         collect: From the results to `summary` and `paper`.
@@ -105,6 +106,7 @@ class Experiment:
     content: str = ""
     kind: str = ""
     estimates: int = 1
+    adjustable: tuple[str, ...] = ()
     list_configs: Callable[[ExperimentCase], list[TwinConfig]] | None = None
     run_case: Callable[[ExperimentCase], Result]
     collect: Callable[[list[Result]], Result]
@@ -165,6 +167,7 @@ def read_experiment(path: Path) -> Experiment:
         content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
         kind=file.kind,
         estimates=file.estimates * max(1, len(file.faults)),
+        adjustable=getattr(run_module, "ESTIMATORS", ()),
         list_configs=None if list_configs is None else partial(list_configs, **hook.arguments),
         run_case=partial(run_module.run_case, **hook.arguments),
         collect=partial(tables_module.collect, **tables.arguments),

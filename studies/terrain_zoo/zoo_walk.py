@@ -23,6 +23,9 @@ from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS, draw_walk
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_rows, sole_length_m
 
+ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
+
 _SETTLED_M = 5.0
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""

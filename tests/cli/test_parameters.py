@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
+from stridetwin.estimators import registry
+from stridetwin.estimators.dvio import Dvio, DvioParameters
 from stridetwin.estimators.foot_ins import FootIns
-from stridetwin.outputs.parameters import parse_parameters, to_texts
+from stridetwin.estimators.foot_to_foot import FootToFoot
+from stridetwin.outputs.parameters import parameter_keywords, parse_parameters, to_texts, use_parameters
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.imu_table import write_imu_table
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.studies import experiment as experiment_module
+from stridetwin.studies.experiment import Experiment, experiment
+from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 from stridetwin.studies.study_file.study import read_study
+from stridetwin.studies.zhao2023 import odometry_walks
 
 LEVER = "foot_ins.lever_arm_m=0.15"
 STUDY = """
@@ -116,3 +123,56 @@ def test_values_come_back_as_texts():
     assert values == {"foot_ins": {"lever_arm_m": 0.09, "contact_sd_m": 0.001}}
     assert parse_parameters(to_texts(values)) == values
     assert FootIns.declaration.name in values
+
+
+def test_an_experiment_builds_its_estimators_with_a_parameter_and_records_it(tmp_path, monkeypatch):
+    built = []
+
+    def run_case(case):
+        keywords = parameter_keywords(FootToFoot, "zupt")
+        built.append(keywords["parameters"].camera_clock_sd_s if keywords else None)
+        return {"seed": case.seed, "physics": case.physics}
+
+    small = Experiment(
+        name="small",
+        seeds=(5,),
+        run_case=run_case,
+        collect=lambda rows: {"summary": {}, "paper": {}},
+        table=lambda result: [],
+        adjustable=("foot_to_foot",),
+    )
+    monkeypatch.setitem(experiment_module._LOADED, "small", small)
+    values = parse_parameters(["foot_to_foot.camera_clock_sd_s=0.003"])
+    usual, changed = (
+        run_experiment("small", ExperimentBatchOptions(folder=tmp_path, parameters=p, resume=True), lambda *_: None)
+        for p in ({}, values)
+    )
+    assert built == [None, 0.003]  # the row of other values is not reused
+    assert parameter_keywords(FootToFoot, "zupt") == {}
+    assert ("parameters" in usual, changed["parameters"]) == (False, values)
+    with pytest.raises(ConfigError, match=r"--set: foot_ins: .* an estimator that runs here: foot_to_foot"):
+        run_experiment(
+            "small",
+            ExperimentBatchOptions(folder=tmp_path, parameters=parse_parameters([LEVER])),
+            lambda *_: None,
+        )
+
+
+@pytest.mark.parametrize("name", ["jao_straight_53m", "shim_table5", "zhao_closed_loop", "zhao_generality"])
+def test_every_estimator_that_an_experiment_adjusts_is_one_of_ours(name):
+    assert experiment(name).adjustable
+    assert set(experiment(name).adjustable) <= set(registry.names())
+
+
+def test_the_constructors_of_the_experiments_get_the_parameters(monkeypatch):
+    seen = []
+
+    class Odometry(Dvio):
+        def __init__(self, rig, *, options=None, parameters: DvioParameters | None = None):
+            seen.append(parameters)
+
+    monkeypatch.setattr(odometry_walks, "Dvio", Odometry)
+    with use_parameters(parse_parameters(["dvio.pixel_noise_px=0.5"])):
+        odometry_walks.make_odometer("proposed", None, "head")
+    odometry_walks.make_odometer("proposed", None, "head")
+    assert [parameters and parameters.pixel_noise_px for parameters in seen] == [0.5, None]
