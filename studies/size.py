@@ -36,12 +36,13 @@ class Size:
 
     def describe(self, cases: int, workers: int = 1) -> str:
         """Such as `60 cases: 60 walks (1500 s), 120 estimates, roughly 0:50:00 with 1 process`."""
+        counted = f"{cases} case{'s' * (cases != 1)}"
         if not self.walks:
-            return f"{cases} cases, {self.estimates} estimates"
+            return f"{counted}, {self.estimates} estimate{'s' * (self.estimates != 1)}"
         time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1))
         processes = f"{workers} process{'es' * (workers != 1)}"
         walks = f"{self.walks} walk{'s' * (self.walks != 1)} ({self.walked_s:.0f} s)"
-        return f"{cases} cases: {walks}, {self.estimates} estimates, roughly {time} with {processes}"
+        return f"{counted}: {walks}, {self.estimates} estimates, roughly {time} with {processes}"
 
 
 def size_of(sampled_configs: Sequence[Sequence[TwinConfig]], cases: int, estimates_per_walk: int) -> Size:

@@ -34,7 +34,7 @@ def write_sample_table(path: Path, block: Block[Any]) -> None:
     if block.kind is Imu:
         write_imu_table(path, block)
         return
-    columns = {TIME: block.t_ns * 1e-9, **block.split_columns()}
+    columns: dict[str, Any] = {TIME: block.t_ns * 1e-9, **block.split_columns()}
     with atomic_file(path) as temporary:
         if path.suffix == ".npz":
             with temporary.open("wb") as file:
