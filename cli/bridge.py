@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Iterator
 from itertools import chain
+from typing import Any
 
 from stridetwin.cli.commands import LiveOptions, SendOptions
 from stridetwin.cli.options import Outcome, Progress
@@ -93,7 +94,9 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     from stridetwin.run.live import LiveRequest, run_live
     from stridetwin.run.live_chain import Request
 
-    name = arguments.estimator
+    if arguments.estimator is not None and arguments.own is not None:
+        raise StrideTwinError("--estimator names a class: expected no other estimator before it")
+    name = arguments.estimator if arguments.own is None else arguments.own.partition("=")[0]
     if name is None and arguments.record is None:
         raise StrideTwinError("live: nothing to do: expected an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
@@ -102,14 +105,21 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"--foot is only valid for {estimators_that(lambda d: d.per_foot)}")
     wanted = None
     if name is not None:
+        estimator_class = _load_own_class(arguments)
         options = options_of(
-            registry.estimator(name).declaration,
+            (registry.estimator(name) if estimator_class is None else estimator_class).declaration,
             foot=arguments.foot,
             method=arguments.method,
             backend=arguments.backend,
             exoskeleton=arguments.exoskeleton,
         )
-        wanted = Request(estimator=name, options=options, output=arguments.output)
+        wanted = Request(
+            estimator=name,
+            options=options,
+            output=arguments.output,
+            estimator_class=estimator_class,
+            warms_up=estimator_class is None,
+        )
     address = parse_address(arguments.listen, "--listen")
     if not _is_loopback(address[0]):
         _say(f"warning: {address[0]} can be reached from other machines, and there is no password")
@@ -152,6 +162,20 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         print("\n".join(lines), file=sys.stderr)
         lines = []
     return Outcome(data=data, lines=lines, code=code)
+
+
+def _load_own_class(arguments: LiveOptions) -> type[Any] | None:
+    """The class that the user names as `MODULE:CLASS`, as an estimator of paths; None for an installed estimator."""
+    from stridetwin.gate.own_estimators import load_estimator
+
+    if arguments.own is not None:
+        name, _, place = arguments.own.partition("=")
+        if not (name and place):
+            raise StrideTwinError(f"--estimator: invalid {arguments.own!r}: expected NAME=MODULE:CLASS")
+        return load_estimator(name, place, "--estimator")
+    if arguments.estimator is not None and ":" in arguments.estimator:
+        return load_estimator(arguments.estimator, arguments.estimator, "live")
+    return None
 
 
 def _is_loopback(host: str) -> bool:

@@ -17,6 +17,7 @@ from stridetwin.cli.options import (
     ImportableOptions,
     OnlyOption,
     Options,
+    ParametersOption,
     SchedulerOption,
     SourceOptions,
     WalkOptions,
@@ -45,6 +46,7 @@ class RunOptions(WalkOptions):
     seed: Annotated[int, option("Determines every byte.", "N", whole)] = 0
     backend: BackendOption = None
     only: OnlyOption = field(default_factory=list)
+    parameters: ParametersOption = field(default_factory=list)
     no_film: Annotated[bool, switch("--no-film", "Leave the film out of the report.")] = False
     output: Annotated[Path | None, output_option("Folder for the files (default runs/SCENARIO).", "DIR")] = None
 
@@ -90,10 +92,13 @@ class ExportOptions(SourceOptions):
 
     format: Annotated[
         Literal["euroc", "tum", "rosbag2", "opensim", "table"],
-        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: IMU."),
+        typer.Option(help="Format; tum: path of a frame (FILE.txt) or RGB-D folder; table: any stream without images."),
     ]
     frame: Annotated[
-        str | None, typer.Option(help="tum, table: frame of the path or the IMU, such as pelvis (default foot_l/imu).")
+        str | None,
+        typer.Option(
+            help="tum: frame of the path, such as pelvis; table: stream, such as truth/joints (default foot_l/imu)."
+        ),
     ] = None
     camera: Annotated[
         str | None, typer.Option(metavar="TOPIC", help="euroc, tum: camera (default the first with depth).")
@@ -175,6 +180,7 @@ class EstimateOptions(ImportableOptions):
     exoskeleton: Annotated[
         Path | None, option("contact_terrain: geometry, where the recording provides none.", "FILE")
     ] = None
+    parameters: ParametersOption = field(default_factory=list)
     output: Annotated[
         Path,
         output_option(
@@ -190,7 +196,17 @@ class LiveOptions(Options):
 
     estimator: Annotated[
         str | None,
-        typer.Argument(metavar="ESTIMATOR", help="As in `estimate`.", **one_of(registry.names())),
+        typer.Argument(
+            metavar="ESTIMATOR|MODULE:CLASS",
+            help="As in `estimate`, or a Python class with update(sample).",
+            **one_of(registry.names(), other="MODULE:CLASS", is_other=lambda text: ":" in text),
+        ),
+    ] = None
+    own: Annotated[
+        str | None,
+        typer.Option(
+            "--estimator", metavar="NAME=MODULE:CLASS", help="Python class with update(sample), under a name."
+        ),
     ] = None
     listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address to listen at (default 127.0.0.1:7365).")] = (
         ""
@@ -265,6 +281,7 @@ class ScoreOptions(Options):
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
     only: OnlyOption = field(default_factory=list)
+    parameters: ParametersOption = field(default_factory=list)
     workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
     scheduler: SchedulerOption = None
     resume: Annotated[
@@ -303,6 +320,9 @@ class ScoreOptions(Options):
     ] = None
     tolerance: Annotated[
         float | None, option("--baseline: how much worse means of few walks may be, % (default 10).", "PCT", share)
+    ] = None
+    report: Annotated[
+        Path | None, option("Page with figures of one recording: errors, bounds and NEES over time (.html).", "FILE")
     ] = None
     junit: Annotated[Path | None, option("Write the comparison as JUnit XML.", "FILE")] = None
     markdown: Annotated[Path | None, option("Write the comparison for a pull request.", "FILE")] = None

@@ -13,8 +13,9 @@ from stridetwin.cli.recording import open_source, table_request
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Declaration, Options, PathEstimate
 from stridetwin.outputs.base import AnyKind, FileOptions, Output, part_file
-from stridetwin.outputs.feeding import EstimatorClass, check_topics, instance_for
-from stridetwin.outputs.pose_feed import replay
+from stridetwin.outputs.feeding import EstimatorClass, Instance, check_topics, instance_for
+from stridetwin.outputs.parameters import ParameterValues, check_used, parse_parameters, with_parameters
+from stridetwin.outputs.pose_feed import default_odometry, replay
 from stridetwin.outputs.registry import estimators, kind_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_table import read_imu_tables
@@ -32,6 +33,9 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     estimator_class = registry.estimator(arguments.estimator)
     kind = kind_of(estimator_class.declaration)
     _check_kind_options(arguments, kind)
+    parameters = parse_parameters(arguments.parameters)
+    estimates_poses = kind.takes_poses and arguments.poses is None
+    check_used(parameters, [arguments.estimator, *([default_odometry().declaration.name] if estimates_poses else [])])
     options = options_of(
         estimator_class.declaration,
         foot=arguments.foot,
@@ -40,13 +44,15 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         backend=arguments.backend,
         exoskeleton=arguments.exoskeleton,
     )
-    outputs, lines, poses = _run(arguments, estimator_class, kind, options, progress)
+    outputs, lines, poses = _run(arguments, estimator_class, kind, options, parameters, progress)
     file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
     written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
     files = [str(file) for of_output in written for file in of_output.files]
     rows = sum(of_output.rows for of_output in written)
     data: dict[str, Any] = {"file": files[0], "files": files, "estimator": arguments.estimator, "rows": rows}
     lines += [line for of_output in written for line in of_output.lines]
+    if parameters:
+        data["parameters"] = parameters
     if poses:
         data["poses"] = poses
         lines.append(poses)
@@ -71,7 +77,12 @@ def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
 
 
 def _run(
-    arguments: EstimateOptions, estimator_class: EstimatorClass, kind: AnyKind, options: Options, progress: Progress
+    arguments: EstimateOptions,
+    estimator_class: EstimatorClass,
+    kind: AnyKind,
+    options: Options,
+    parameters: ParameterValues,
+    progress: Progress,
 ) -> _Run:
     """Runs the estimator on the table or recording that the arguments name.
 
@@ -87,17 +98,17 @@ def _run(
     """
     from stridetwin.outputs.chosen_poses import choose_poses
 
-    if (from_table := _run_on_table(arguments, estimator_class, options)) is not None:
+    if (from_table := _run_on_table(arguments, estimator_class, options, parameters)) is not None:
         return from_table
     if arguments.imu is not None:
         raise StrideTwinError("--imu is only valid for foot_ins and an IMU table")
     progress("estimate", 0.0)
     recording = open_source(arguments)
-    instance = instance_for(estimator_class, recording, options)
+    instance = with_parameters(instance_for(estimator_class, recording, options), parameters)
     if not kind.takes_poses:
         return kind.run(instance, recording, progress), [], ""
     check_topics(instance, recording)
-    poses = choose_poses(recording, arguments.poses)
+    poses = choose_poses(recording, arguments.poses, parameters)
     instances = [(kind, instance.with_poses_of(poses.frame))]
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
     return outputs, [], poses.description
@@ -154,7 +165,9 @@ def estimators_that(choose: Callable[[Declaration], bool]) -> str:
     return ", ".join(name for name, estimator_class in estimators().items() if choose(estimator_class.declaration))
 
 
-def _run_on_table(arguments: EstimateOptions, estimator_class: EstimatorClass, options: Options) -> _Run | None:
+def _run_on_table(
+    arguments: EstimateOptions, estimator_class: EstimatorClass, options: Options, parameters: ParameterValues
+) -> _Run | None:
     """Runs an estimator that reads IMU tables (it has `follow_block`) on a table.
 
     Returns:
@@ -166,7 +179,11 @@ def _run_on_table(arguments: EstimateOptions, estimator_class: EstimatorClass, o
         return None
     block = _table(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
-    path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig))
+    values = with_parameters(
+        Instance(estimator_class=estimator_class, options=options, streams=()), parameters
+    ).parameters
+    more = {} if values is None else {"parameters": values}
+    path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
     lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]
     return [Output(name=arguments.estimator, estimates=path)], lines, ""
 

@@ -26,7 +26,14 @@ if TYPE_CHECKING:
 _MOST_DIGITS = 1000
 LARGEST_PX = 1024
 """Edge of a scene's textures, pixels."""
-_OUTPUTS = {"output": "-o", "record": "--record", "junit": "--junit", "markdown": "--markdown", "history": "--history"}
+_OUTPUTS = {
+    "output": "-o",
+    "record": "--record",
+    "report": "--report",
+    "junit": "--junit",
+    "markdown": "--markdown",
+    "history": "--history",
+}
 _FOLDERS = ("run", "generate", "export", "experiment", "place", "scene")
 """Commands whose `-o` may be a folder."""
 _MAKE_FOLDERS = (("import", "output"), ("score", "history"))
@@ -48,12 +55,22 @@ class Outcome:
     code: int = 0
 
 
-def one_of(names: Sequence[str]) -> dict[str, Any]:
-    """Arguments of `typer.Option` or `typer.Argument` for a choice of names, which the shell completes."""
+def one_of(
+    names: Sequence[str], other: str = "", is_other: Callable[[str], bool] = lambda text: False
+) -> dict[str, Any]:
+    """Arguments of `typer.Option` or `typer.Argument` for a choice of names, which the shell completes.
+
+    Args:
+        names: The names.
+        other: What else is valid, for the message, such as `MODULE:CLASS`; "" if nothing is.
+        is_other: Whether a text has the form of that.
+    """
 
     def parser(text: str) -> str:
-        if text not in names:
-            raise typer.BadParameter(f"{text!r}: expected one of {', '.join(names)}")
+        if text not in names and not is_other(text):
+            from stridetwin.streams.validation import suggest  # imports pydantic
+
+            raise typer.BadParameter(f"{text!r}: expected one of {suggest(text, names)}{other and f', or {other}'}")
         return text
 
     return {"parser": parser, "autocompletion": lambda: list(names)}
@@ -74,6 +91,15 @@ OnlyOption = Annotated[
     typer.Option(
         metavar="NAME",
         help="Run only this estimator, such as foot_ins, and simulate only the sensors that it reads; may be repeated.",
+    ),
+]
+
+ParametersOption = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="ESTIMATOR.PARAMETER=VALUE",
+        help="Value of a parameter, such as foot_ins.lever_arm_m=0.09; may be repeated.",
     ),
 ]
 

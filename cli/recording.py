@@ -17,14 +17,16 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.euroc import write_euroc
 from stridetwin.streams.formats.imu_columns import parse_mapping
-from stridetwin.streams.formats.imu_table import write_imu_table
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.mcap_export import write_recording, write_rosbag2
 from stridetwin.streams.formats.opening import ImportOptions, open_with_warnings
 from stridetwin.streams.formats.opensim_export import write_opensim
+from stridetwin.streams.formats.sample_table import write_sample_table
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Depth, Image
+from stridetwin.streams.validation import suggest
 
 
 def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
@@ -104,13 +106,14 @@ def _write_folder(recording: Recording, folder: Path, arguments: ExportOptions) 
 
 
 def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
-    """Writes the samples of one IMU; returns rows by its name."""
-    imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
-    if frame not in imus:
-        raise StrideTwinError(f"{recording.path}: no IMU {frame!r}; it has {', '.join(imus) or 'none'}")
-    block = recording.block(f"/{frame}")
-    write_imu_table(output, block)
-    return {frame: len(block)}
+    """Writes the samples of one stream without images; returns rows by its name."""
+    names = sorted(topic.strip("/") for topic, info in recording.topics.items() if info.kind not in (Image, Depth))
+    name = frame.strip("/")
+    if name not in names:
+        raise ConfigError("export", "--frame", frame, f"a stream of {recording.path}: {suggest(name, names) or 'none'}")
+    block = recording.block(f"/{name}")
+    write_sample_table(output, block)
+    return {name: len(block)}
 
 
 def import_command(arguments: ImportCommandOptions, progress: Progress) -> Outcome:

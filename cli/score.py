@@ -11,6 +11,7 @@ from stridetwin.batch.executors import BatchOptions
 from stridetwin.cli.commands import SCORED_FRAME, ScoreOptions
 from stridetwin.cli.console import table
 from stridetwin.cli.options import Outcome, Progress, check_executor
+from stridetwin.estimators import registry
 from stridetwin.gate.compare import Comparison, Rules, check_level, compare_scores
 from stridetwin.gate.formatting import (
     HEAD,
@@ -26,12 +27,14 @@ from stridetwin.gate.formatting import (
 from stridetwin.gate.history_file import append_history, history_line
 from stridetwin.gate.own_estimators import OwnEstimator, Program, PythonClass, TumFile
 from stridetwin.gate.score_table import document_of, is_text, mean_scores, read_table, table_of
-from stridetwin.gate.walk_scores import jobs_of, score_walks
-from stridetwin.outputs.base import AnyKind, Scores
+from stridetwin.gate.walk_scores import OnEvaluated, jobs_of, score_walks
+from stridetwin.outputs.base import AnyKind, KindEvaluations, Scores
+from stridetwin.outputs.parameters import check_used, parse_parameters
 from stridetwin.outputs.registry import kind_with_scores, kinds
 from stridetwin.scenarios.score_needs import estimators_of
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.recording.reader import Recording
 
 
 def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
@@ -48,11 +51,14 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         check_level(baseline, rules)
     own_estimators = _load_own_estimators(arguments)
     only = estimators_of(arguments.only, "--only") if arguments.only else None
+    parameters = parse_parameters(arguments.parameters)
+    check_used(parameters, registry.names() if only is None else only)
     settings = {
         "lenient": arguments.lenient,
         "alignment": arguments.align,
         "user_estimators": own_estimators,
         "only": only,
+        "parameters": parameters,
     }
     jobs = jobs_of(arguments.recordings, **settings)
     if arguments.estimate and len(jobs) > 1:
@@ -60,9 +66,15 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     options = BatchOptions(
         folder=arguments.resume or Path(), workers=arguments.workers or 1, scheduler=arguments.scheduler
     )
-    rows = score_walks(jobs, options, progress, is_kept=arguments.resume is not None)
+    if arguments.report and (len(jobs) > 1 or arguments.resume or arguments.scheduler):
+        raise ConfigError(
+            "command line", "--report", str(arguments.report), "one RECORDING, and no --resume or --scheduler"
+        )
+    rows = score_walks(
+        jobs, options, progress, is_kept=arguments.resume is not None, on_evaluated=_page_writer(arguments.report)
+    )
     means = mean_scores(row["estimators"] for row in rows)
-    data = document_of(rows, means)
+    data = document_of(rows, means) | ({"parameters": parameters} if parameters else {})
     failed = collect_failures(rows)
     code, comparison = int(bool(failed)), None
     if baseline is not None:
@@ -76,7 +88,10 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
                     file.write_text(form(comparison, failed), encoding="utf-8")
     if arguments.history and arguments.label:
         append_history(arguments.history, history_line(arguments.label, rows, means, comparison))
-    return Outcome(data=data, lines=format_scores(means, len(rows), comparison, failed), code=code)
+    lines = format_scores(means, len(rows), comparison, failed)
+    if arguments.report:
+        lines += ["", f"page  {arguments.report.absolute().as_uri()}"]
+    return Outcome(data=data, lines=lines, code=code)
 
 
 def format_scores(
@@ -88,6 +103,25 @@ def format_scores(
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
     lines += format_failures(failed)
     return lines + ([] if comparison is None else _changes(comparison, failed))
+
+
+def _page_writer(file: Path | None) -> OnEvaluated | None:
+    """Writes the page of `--report`, for `score_walk`; None without a file.
+
+    Raises:
+        StrideTwinError: The libraries of the extra `report` are not installed.
+    """
+    if file is None:
+        return None
+    with explain_import_error("pages with figures need it", "report"):
+        from stridetwin.report.score_page import score_page
+
+    def write(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> None:
+        if of_kinds:
+            with atomic_file(file) as part:
+                part.write_text(score_page(recording, of_kinds), encoding="utf-8")
+
+    return write
 
 
 def _check_options(arguments: ScoreOptions) -> None:
@@ -105,6 +139,7 @@ def _check_options(arguments: ScoreOptions) -> None:
         ),
         (arguments.resume and has_own, f"--resume is only valid for built-in estimators: {none_of_own}"),
         (arguments.only and has_own, f"--only selects built-in estimators: {none_of_own}"),
+        (arguments.parameters and has_own, f"--set is only valid for built-in estimators: {none_of_own}"),
     ):
         if is_wrong:
             raise StrideTwinError(message)

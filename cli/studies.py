@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import sys
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ from stridetwin.cli.console import table
 from stridetwin.cli.options import (
     Options,
     Outcome,
+    ParametersOption,
     Progress,
     SchedulerOption,
     check_executor,
@@ -73,6 +75,7 @@ class ExperimentOptions(Options):
             "--estimators", metavar="NAME", help="Also run an installed estimator of the same kind; may be repeated."
         ),
     ] = None
+    parameters: ParametersOption = field(default_factory=list)
     keep: Annotated[bool, switch("--keep", "Keep the recordings of the walks in the folder.")] = False
     output: Annotated[Path | None, output_option("Folder for the cases (default runs/NAME).", "DIR")] = None
 
@@ -83,6 +86,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
     if arguments.experiment not in experiments():
         return _study_command(arguments, progress)
     try:
+        from stridetwin.outputs.parameters import parse_parameters
         from stridetwin.studies.experiment import experiment
         from stridetwin.studies.registry import ExperimentBatchOptions, run_experiment
 
@@ -102,9 +106,15 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         physics=arguments.physics or "dynamic",
         resume=arguments.resume,
         keep=arguments.keep,
+        parameters=parse_parameters(arguments.parameters),
     )
-    result = run_experiment(arguments.experiment, options, progress)
+    result = run_experiment(arguments.experiment, options, progress, _announce)
     return Outcome(data=result, lines=study.table(result))
+
+
+def _announce(text: str) -> None:
+    """Says what comes, before it starts."""
+    print(f"stridetwin: note: {text}", file=sys.stderr, flush=True)
 
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
@@ -121,7 +131,9 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         from stridetwin.studies.study_file.results import table_head, table_rows
         from stridetwin.studies.study_file.run import REPORT, StudyOptions, run_study
         from stridetwin.studies.study_file.study import read_study
-    path = Path(arguments.experiment)
+    from stridetwin.outputs.parameters import parse_parameters
+
+    path, parameters = Path(arguments.experiment), parse_parameters(arguments.parameters)
     options = StudyOptions(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers or 1,
@@ -130,8 +142,9 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
         subset=arguments.subset,
         physics=arguments.physics,
         resume=arguments.resume,
+        parameters=parameters,
     )
-    result = run_study(read_study(path), options, progress)
+    result = run_study(read_study(path, parameters), options, progress, _announce)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
     page = (options.folder / REPORT).absolute().as_uri()
     return Outcome(

@@ -11,6 +11,8 @@ from pathlib import Path
 from stridetwin.cli.commands import GenerateOptions, RunOptions
 from stridetwin.cli.options import Outcome, Progress, check_executor
 from stridetwin.cli.score import score_tables
+from stridetwin.estimators.registry import names as estimator_names
+from stridetwin.outputs.parameters import check_used, parse_parameters
 from stridetwin.scenarios import record
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.campaign_file import Campaign, campaigns, find_campaign, read_campaign
@@ -32,6 +34,8 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
     """Runs `run`: walks a scenario, runs every estimator, scores it, and writes report and film."""
     from stridetwin.report.runner import run_scenario
 
+    parameters = parse_parameters(arguments.parameters)
+    check_used(parameters, estimators_of(arguments.only, "--only") if arguments.only else estimator_names())
     scenario = _scenario(arguments)
     _announce(
         cost_of([_restrict_sensors(scenario, arguments).config]),
@@ -47,6 +51,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
         film=not arguments.no_film,
         backend=arguments.backend or "",
         only=arguments.only,
+        parameters=parameters,
     )
     data = {"folder": str(run.folder), "files": list(run.files), "estimators": run.scores}
     report = (run.folder / "report.html").absolute().as_uri()
@@ -180,4 +185,5 @@ def _how_to_repeat(arguments: RunOptions) -> str:
     command += ["--no-film"] if arguments.no_film else []
     command += ["--backend", arguments.backend] if arguments.backend else []
     command += [word for name in arguments.only for word in ("--only", name)]
+    command += [word for text in arguments.parameters for word in ("--set", text)]
     return shlex.join(command)

@@ -23,13 +23,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, cast
 
-from stridetwin.estimators.base import PathEstimate
+from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Stream
+from stridetwin.outputs.feeding import EstimatorClass
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig, kinds_of_streams
+from stridetwin.streams.samples import Sample
 from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 from stridetwin.streams.validation import suggest
 
@@ -195,6 +198,63 @@ def load_class(place: str, option: str) -> type[Any]:
     return loaded
 
 
+def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
+    """A user's class as an estimator for `live`: its own one if it has a `declaration`, else one of paths around it.
+
+    Args:
+        name: Its name in messages and files.
+        place: `module:Class`.
+        option: What asks for it, for errors.
+
+    Raises:
+        StrideTwinError: There is no such class, or it has no `update`.
+    """
+    user_class = load_class(place, option)
+    if isinstance(getattr(user_class, "declaration", None), Declaration):
+        return cast("EstimatorClass", user_class)
+    body = {"declaration": Declaration(name=name, kind=PATH), "user_class": user_class, "place": place}
+    return cast("EstimatorClass", type(user_class.__name__, (_UserPath,), body))
+
+
+class _UserPath:
+    """An estimator of paths around a user's class, which is built with the rig alone and has `update(sample)`.
+
+    Attributes:
+        declaration: With the user's name for it.
+        user_class: The class; its `topics` are those that it takes, all of the rig without them.
+        place: Where it is, for errors.
+    """
+
+    declaration: ClassVar[Declaration]
+    user_class: ClassVar[type[Any]]
+    place: ClassVar[str]
+
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        with _catch_user_errors(self.place):
+            self._inner = self.user_class(rig)
+
+    @classmethod
+    def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
+        """The streams of the class's topics.
+
+        Raises:
+            StrideTwinError: A topic is not that of a sensor in the rig; the message has the nearest one.
+        """
+        kinds = kinds_of_streams(rig)
+        topics = getattr(cls.user_class, "topics", None)
+        for topic in topics or ():
+            if topic not in kinds:
+                known = suggest(topic, kinds) or "a rig with sensors"
+                raise StrideTwinError(f"{cls.user_class.__name__}.topics: invalid {topic!r}: expected {known}")
+        chosen = list(kinds) if topics is None else topics
+        return tuple(Stream(role=topic, topic=topic, kind=kinds[topic]) for topic in chosen)
+
+    def update(self, sample: Sample) -> Pose | None:
+        """The pose that the class returns for a sample; None without one."""
+        with _catch_user_errors(self.place):
+            return pose_of(self._inner.update(sample), self.user_class.__name__)
+
+
 def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
@@ -228,7 +288,10 @@ def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
         poses.append(pose)
     if not poses:
         raise StrideTwinError(f"{name}.update has returned no estimate")
-    return trajectory_of(poses)
+    try:
+        return trajectory_of(poses)
+    except StrideTwinError as error:
+        raise StrideTwinError(f"{name}.update: {error}") from None
 
 
 @contextmanager

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.run import Batch, run_batch
 from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
+from stridetwin.estimators.base import PATH
 from stridetwin.gate.own_estimators import OwnEstimator
 from stridetwin.gate.score_table import EVERY_ESTIMATOR
-from stridetwin.outputs.base import Scores, scores_by_output
-from stridetwin.outputs.path.evaluate import evaluate
-from stridetwin.outputs.registry import estimators, kind_of
+from stridetwin.outputs.base import KindEvaluations, Scores, scores_by_output
+from stridetwin.outputs.parameters import ParameterValues
+from stridetwin.outputs.path.evaluate import Result, evaluate
+from stridetwin.outputs.registry import estimators, kind_of, kinds
 from stridetwin.run.recording import Selection, evaluate_recording
 from stridetwin.scenarios.campaign import manifest
 from stridetwin.scenarios.campaign.walk import ACCEPTED, RECORDINGS
@@ -29,6 +31,9 @@ from stridetwin.scenarios.record import Progress
 from stridetwin.streams.errors import StrideTwinError, was_interrupted
 from stridetwin.streams.formats.opening import open_with_warnings
 from stridetwin.streams.recording.reader import Recording
+
+OnEvaluated = Callable[[Recording, Sequence[KindEvaluations]], None]
+"""Receives a recording and the outputs of all estimators beside the truth."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +48,7 @@ class ScoringJob:
         alignment: See `alignment.align`.
         user_estimators: Estimators that replace the built-in ones.
         only: Names of the built-in estimators to run, see `score_needs.estimators_of`; None runs all.
+        parameters: Values in place of the estimators' own, see `outputs.parameters`.
         strict: A failing estimator aborts the job; else the others continue, and the table gives the reason.
     """
 
@@ -53,6 +59,7 @@ class ScoringJob:
     alignment: str = "start"
     user_estimators: Sequence[OwnEstimator] = ()
     only: frozenset[str] | None = None
+    parameters: ParameterValues = field(default_factory=dict)
     strict: bool = False
 
 
@@ -112,8 +119,15 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
     return jobs
 
 
-def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, Any]:
+def score_walk(
+    job: ScoringJob, progress: Progress | None = None, on_evaluated: OnEvaluated | None = None
+) -> dict[str, Any]:
     """Scores one recording and returns its row.
+
+    Args:
+        job: The recording, and how it is scored.
+        progress: Receives the stage and its progress (0-1).
+        on_evaluated: Receives the recording and the outputs beside the truth once all estimators have run.
 
     Returns:
         `name`, `sha256`, `metadata` (scenario, seed, physics), `estimators` (scores by output), and `failed` (reasons
@@ -125,6 +139,7 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
     recording = open_with_warnings(job.path, job.lenient)
     scores: dict[str, Scores] = {}
     failed: dict[str, str] = {}
+    of_kinds: list[KindEvaluations] = []
     row = {
         "name": job.name,
         "sha256": job.sha256 or _digest(job.path),
@@ -132,29 +147,36 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
         "estimators": scores,
     }
     if job.user_estimators:
+        results: list[Result] = []
         for estimator in job.user_estimators:
             try:
-                scores |= {estimator.name: evaluate(recording, [estimator.path(recording)], job.alignment)[0].scores}
+                results += evaluate(recording, [estimator.path(recording)], job.alignment)
             except StrideTwinError as error:
                 _record_failure(job, failed, estimator.name, error)
+        of_kinds = [KindEvaluations(kind=kinds()[PATH], evaluations=results)] if results else []
+        scores |= scores_by_output(of_kinds)
     else:
         try:
-            _score_installed(recording, job, scores, progress)
+            for kind_results in _evaluate_installed(recording, job, progress):
+                of_kinds.append(kind_results)
+                scores |= scores_by_output([kind_results])
         except Exception as error:
             if was_interrupted(error):
                 raise KeyboardInterrupt from error
             _record_failure(job, failed, EVERY_ESTIMATOR, error)
+    if on_evaluated is not None:
+        on_evaluated(recording, of_kinds)
     return {**row, "failed": failed} if failed else row
 
 
-def _score_installed(
-    recording: Recording, job: ScoringJob, scores: dict[str, Scores], progress: Progress | None
-) -> None:
-    """Runs the estimators that the recording feeds; `scores` keeps those that finished before a failure."""
-    selection = Selection(only=job.only)
+def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progress | None) -> Iterator[KindEvaluations]:
+    """Runs the estimators that the recording feeds, kind by kind; raises StrideTwinError if there are none."""
+    selection = Selection(only=job.only, parameters=job.parameters)
+    has_any = False
     for kind_results in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
-        scores |= scores_by_output([kind_results])
-    if not scores:
+        has_any = True
+        yield kind_results
+    if not has_any:
         declarations = [e.declaration for name, e in estimators().items() if job.only is None or name in job.only]
         needs = ", or ".join(declaration.needs for declaration in declarations if declaration.needs)
         raise StrideTwinError(f"{job.path}: no estimator can run: expected a recording with {needs}")
@@ -179,7 +201,12 @@ def _digest(path: Path) -> str:
 
 
 def score_walks(
-    jobs: Sequence[ScoringJob], options: BatchOptions, progress: Progress, *, is_kept: bool = False
+    jobs: Sequence[ScoringJob],
+    options: BatchOptions,
+    progress: Progress,
+    *,
+    is_kept: bool = False,
+    on_evaluated: OnEvaluated | None = None,
 ) -> list[dict[str, Any]]:
     """Scores recordings in parallel and returns the row of each, as `score_walk` gives it, in the order of the jobs.
 
@@ -188,13 +215,14 @@ def score_walks(
         options: Processes or cluster that score the recordings; the folder is for `is_kept`.
         progress: Receives the stage and its progress (0-1).
         is_kept: Keeps the rows in the folder, and reuses those of equal recordings, options and versions of the code.
+        on_evaluated: See `score_walk`; only for one job that is neither kept nor run on a cluster.
 
     Raises:
         StrideTwinError: A recording cannot be read; in a strict job, any error.
     """
     if len(jobs) == 1 and options.scheduler is None and not is_kept:
         progress("score", 0.0)
-        return [score_walk(jobs[0], progress)]
+        return [score_walk(jobs[0], progress, on_evaluated)]
     if options.scheduler is not None:
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
     estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))
@@ -223,7 +251,8 @@ def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
 def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
     """Digest of everything that determines a row: recording, options, and versions of the code."""
     only = None if job.only is None else sorted(job.only)
-    return content_key(job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions))
+    content = job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions)
+    return content_key(*content, *([job.parameters] if job.parameters else []))
 
 
 def _row_of_failure(job: ScoringJob, reason: str) -> dict[str, Any]:

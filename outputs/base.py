@@ -192,12 +192,14 @@ class ReportParts:
         chips: A few words each, for the head of the page.
         summary: Few figures, at the top of the page.
         figures: Figures of the walk.
+        details: Figures for who develops the estimator, which only the page of `score --report` shows.
         scores: Table of all scores, at the end.
     """
 
     chips: tuple[str, ...] = ()
     summary: str = ""
     figures: str = ""
+    details: str = ""
     scores: str = ""
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,6 +17,7 @@ from stridetwin.estimators.terrain_map.depth_camera import DepthCamera, camera_i
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.upright import normals, upward
 from stridetwin.outputs.feeding import runnable_instances
+from stridetwin.outputs.parameters import ParameterValues, with_parameters
 from stridetwin.outputs.path.files import is_reliable
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry
@@ -51,13 +53,16 @@ class ChosenPoses:
     camera: Trajectory | None = None
 
 
-def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
+def choose_poses(
+    recording: Recording, request: str | None, parameters: ParameterValues = MappingProxyType({})
+) -> ChosenPoses:
     """The poses that a request selects for an estimator of terrain or modes.
 
     Args:
         recording: With depth and its calibration.
         request: `truth` for the true poses of the recording, or a TUM file with poses of the depth camera's optical
             frame. None selects an odometry that the recording can feed, else recorded poses that are not the truth.
+        parameters: Values in place of the odometry's own, see `outputs.parameters`.
 
     Raises:
         StrideTwinError: The recording has no such poses; the message names the alternatives.
@@ -74,7 +79,8 @@ def choose_poses(recording: Recording, request: str | None) -> ChosenPoses:
         return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
-    for output in (o for i in runnable_instances(odometry, recording) for o in run_paths(i, recording)):
+    instances = [with_parameters(instance, parameters) for instance in runnable_instances(odometry, recording)]
+    for output in (o for instance in instances for o in run_paths(instance, recording)):
         estimate = output.estimates
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
             path = restart_poses(estimate.path[is_reliable(estimate)], recording.metadata)

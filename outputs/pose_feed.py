@@ -105,7 +105,7 @@ def replay(
     """Runs estimators that take poses on a recording, all in one pass over its images.
 
     An estimator that runs another one itself (`inner_estimators`) gives that one's output, too; so where a predictor of
-    modes contains a terrain map, the map is not built twice.
+    modes contains a terrain map, the map is not built twice, unless the map's instance has parameters of its own.
 
     Args:
         instances: The estimators, each with its kind; `Options.poses_of` is the frame of the poses.
@@ -125,7 +125,7 @@ def replay(
     running: dict[int, _RunningEstimator] = {}
     inner: dict[type[Any], Estimator] = {}
     for i, (kind, instance) in reversed(list(enumerate(numbered))):  # kinds that use others come after these
-        shared = inner.get(instance.estimator_class)
+        shared = inner.get(instance.estimator_class) if instance.parameters is None else None
         estimator = shared or instance.build(rig_of(recording))
         inner |= {type(e): e for e in getattr(estimator, "inner_estimators", ())}
         topics = () if shared else (POSES, CAMERA_POSES, *(s.topic for s in instance.streams))

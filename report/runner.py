@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.outputs.base import FileOptions, KindEvaluations, Scores, scores_by_output
+from stridetwin.outputs.parameters import ParameterValues
 from stridetwin.run.compile_ahead import compile_ahead
 from stridetwin.run.recording import Selection, run_recording
 from stridetwin.scenarios.files import stage_files
@@ -48,6 +50,7 @@ def run_scenario(
     film: bool = True,
     backend: str = "",
     only: Collection[str] = (),
+    parameters: ParameterValues = MappingProxyType({}),
 ) -> Run:
     """Simulates a walk, runs the estimators and scores them.
 
@@ -63,6 +66,7 @@ def run_scenario(
         backend: Of the terrain map, see `Options.backend`.
         only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
             and nothing else is estimated. Empty runs all.
+        parameters: Values in place of the estimators' own, see `outputs.parameters`; `scores.json` records them.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -80,7 +84,7 @@ def run_scenario(
             record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
-        selection = Selection(only=estimators, backend=backend)
+        selection = Selection(only=estimators, backend=backend, parameters=parameters)
         of_kinds = []
         for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
             for output in outputs:
@@ -90,6 +94,8 @@ def run_scenario(
                 of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
         scores = scores_by_output(of_kinds)
         document = scores_document(scenario, seed, scores, twin.fell_at, read_injected_faults(recording.metadata))
+        if parameters:
+            document["parameters"] = {name: dict(values) for name, values in parameters.items()}
         (out / "scores.json").write_text(to_json(document), encoding="utf-8")
         frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from stridetwin.estimators import registry
 from stridetwin.run.compile_ahead import feed_synthetic_samples
 from stridetwin.run.latency import Latency
 from stridetwin.run.live_chain import Chain, InputCheck, Request
@@ -107,7 +106,7 @@ class _Live:
 
     def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
         self._request, self._say, self._emit = request, say, emit
-        declaration = registry.estimator(request.chain.estimator).declaration if request.chain else None
+        declaration = request.chain.load().declaration if request.chain else None
         default_window_s = declaration.window_s if declaration else WINDOW_S
         default_budget_s = declaration.budget_s if declaration else 0.0
         window_s = default_window_s if request.window_s is None else request.window_s
@@ -225,7 +224,7 @@ class _Live:
         It is put off until its inputs are known, such as the geometry of an exoskeleton in a sender's metadata.
         """
         wanted = self._request.chain
-        if wanted is None or self._compiled:
+        if wanted is None or self._compiled or not wanted.warms_up:
             return
         try:
             trial = Chain(replace(wanted, output=None), synthetic_rig(), self._metadata)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
+from stridetwin.outputs.feeding import EstimatorClass
 from stridetwin.outputs.pose_feed import OdometryDriven
 from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.rig import CameraCalibration, Rig
@@ -28,11 +29,19 @@ class Request:
         estimator: Its name.
         options: Its options, without the metadata, which come from the senders.
         output: File to write; None writes none.
+        estimator_class: Class of an estimator that is not installed; None takes the installed one of the name.
+        warms_up: Whether a trial of the estimator takes synthetic samples first, so that it compiles its functions.
     """
 
     estimator: str
     options: Options = field(default_factory=Options)
     output: Path | None = None
+    estimator_class: EstimatorClass | None = None
+    warms_up: bool = True
+
+    def load(self) -> EstimatorClass:
+        """The class of the estimator."""
+        return registry.estimator(self.estimator) if self.estimator_class is None else self.estimator_class
 
 
 class Chain:
@@ -51,7 +60,7 @@ class Chain:
     """
 
     def __init__(self, request: Request, rig: Rig, metadata: Mapping[str, str]) -> None:
-        estimator_class = registry.estimator(request.estimator)
+        estimator_class = request.load()
         options = replace(request.options, metadata=metadata, source="hello")
         self._name, kind = estimator_class.declaration.name, kind_of(estimator_class.declaration)
         self._driven: OdometryDriven | None = None

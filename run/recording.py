@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from stridetwin.estimators.base import PATH, PathEstimate, Progress
 from stridetwin.outputs.aligned_walk import align_walk, odometry_of
 from stridetwin.outputs.base import AnyKind, KindEvaluations, Output
 from stridetwin.outputs.feeding import Instance, runnable_instances
+from stridetwin.outputs.parameters import ParameterValues, with_parameters
 from stridetwin.outputs.path.run import all_paths
 from stridetwin.outputs.pose_feed import replay
 from stridetwin.outputs.registry import kinds
@@ -33,16 +34,18 @@ class Selection:
         only: Names of the estimators to run, see `scenarios.score_needs.estimators_of`; None runs all.
         backend: `Options.backend` of the estimators that have it; "" takes their first.
         frames: Frames whose paths are scored; None takes all.
+        parameters: Values in place of the estimators' own, see `outputs.parameters`.
     """
 
     only: frozenset[str] | None = None
     backend: str = ""
     frames: frozenset[str] | None = None
+    parameters: ParameterValues = field(default_factory=dict)
 
     def instances(self, kind: str, recording: Recording) -> list[Instance]:
         """The selected estimators of one kind of output that the recording feeds, each with its options."""
         return [
-            self._with_backend(instance)
+            with_parameters(self._with_backend(instance), self.parameters)
             for name, estimator_class in estimator_registry.estimators(kind).items()
             if self.only is None or name in self.only
             for instance in runnable_instances(estimator_class, recording)
@@ -109,11 +112,13 @@ def run_recording(
     """
     selection = selection or Selection()
     with ExitStack() as stack:
-        find_paths: Callable[..., list[PathEstimate]] = partial(all_paths, recording, only=selection.only)
+        find_paths: Callable[..., list[PathEstimate]] = partial(
+            all_paths, recording, only=selection.only, parameters=selection.parameters
+        )
         driven: list[KindOutputs] | None = None
         if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
             pool = stack.enter_context(open_pool(1))
-            future = pool.submit(_other_paths, recording.path, recording.lenient, selection.only)
+            future = pool.submit(_other_paths, recording.path, recording.lenient, selection)
             odometries = find_paths(supplies_poses=True)
             driven = _run_driven(recording, selection, odometries, progress)
             paths = future.result() + odometries
@@ -133,9 +138,10 @@ def run_recording(
         yield from _run_driven(recording, selection, paths, progress) if driven is None else driven
 
 
-def _other_paths(path: Path, lenient: bool, only: Container[str] | None) -> list[PathEstimate]:
+def _other_paths(path: Path, lenient: bool, selection: Selection) -> list[PathEstimate]:
     """Runs the estimators of paths that supply no poses, in a process that opens the recording itself."""
-    return all_paths(Recording(path, lenient), supplies_poses=False, only=only)
+    recording = Recording(path, lenient)
+    return all_paths(recording, supplies_poses=False, only=selection.only, parameters=selection.parameters)
 
 
 def _run_driven(

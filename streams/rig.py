@@ -13,7 +13,29 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.samples import Array
+from stridetwin.streams.samples import (
+    Actuator,
+    Ahrs,
+    Array,
+    Depth,
+    Encoder,
+    Image,
+    Imu,
+    Insole,
+    Interaction,
+    Range,
+    Sample,
+)
+
+_KINDS: Mapping[str, type[Sample]] = {
+    "range": Range,
+    "insole": Insole,
+    "ahrs": Ahrs,
+    "encoder": Encoder,
+    "interaction": Interaction,
+    "actuator": Actuator,
+}
+"""Kind of sample by `OtherSensor.kind`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,3 +196,14 @@ class Rig:
         if topic not in self.imus:
             raise StrideTwinError(f"the rig has no IMU {topic!r}; it has {', '.join(sorted(self.imus)) or 'none'}")
         return self.imus[topic]
+
+
+def kinds_of_streams(rig: Rig) -> dict[str, type[Sample]]:
+    """The kind of sample of every stream that a rig describes, by topic; a camera may have two, with its depth."""
+    cameras = rig.cameras.values()
+    return {
+        **dict.fromkeys(rig.imus, Imu),
+        **{camera.topic: Image for camera in cameras},
+        **{camera.depth_topic: Depth for camera in cameras if camera.depth_topic},
+        **{sensor.topic: _KINDS[sensor.kind] for sensor in rig.others.values() if sensor.kind in _KINDS},
+    }

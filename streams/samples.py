@@ -9,6 +9,7 @@ it yields the samples.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Generic, TypeVar
@@ -19,6 +20,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+COMPONENTS = "components"
+"""Key of a field's metadata: names of the vector's components, where they are neither axes nor joints."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,7 +102,7 @@ class Insole(Sample):
         force: (4,) N on the cells heel, lateral ball, medial ball, toe.
     """
 
-    force: Array
+    force: Array = field(metadata={COMPONENTS: ("heel", "lateral_ball", "medial_ball", "toe")})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,7 +137,7 @@ class Interaction(Sample):
         force: (2,) N, front and back of the limb, each ≥ 0.
     """
 
-    force: Array
+    force: Array = field(metadata={COMPONENTS: ("front", "back")})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -283,6 +286,30 @@ class Block(Generic[S]):
         """Some of the samples: a slice, or a copy of those of a (N,) mask."""
         columns = {name: values[index] for name, values in self.columns.items()}
         return replace(self, t_ns=self.t_ns[index], columns=columns)
+
+    def split_columns(self) -> dict[str, NDArray[Any]]:
+        """One (N,) array per number of a sample, in the order of the fields.
+
+        A scalar keeps the name of its field. The components of a vector are named after it: `angular_rate_x`, `_y` and
+        `_z` of three axes, `q_world_sensor_w`, `_x`, `_y` and `_z` of a quaternion, `force_heel` of an insole's cells,
+        `position_hip_l` of joints; `_0`, `_1`, ... where the components have no names.
+        """
+        numbers: dict[str, NDArray[Any]] = {}
+        for name, values in self.columns.items():
+            if values.ndim == 1:
+                numbers[name] = values
+                continue
+            flat = values.reshape(len(self), math.prod(values.shape[1:]))
+            labels = self._component_names(name, flat.shape[1])
+            numbers |= {f"{name}_{label}": flat[:, i] for i, label in enumerate(labels)}
+        return numbers
+
+    def _component_names(self, name: str, size: int) -> tuple[str, ...]:
+        """Names of the `size` components of the field `name`, see `split_columns`."""
+        declared = next((f.metadata.get(COMPONENTS, ()) for f in fields(self.kind) if f.name == name), ())
+        axes = ("w", "x", "y", "z") if name.startswith("q_") else ("x", "y", "z")
+        names = tuple(declared or self.constants.get("names", ()) or axes)
+        return names if len(names) == size else tuple(map(str, range(size)))
 
     @property
     def finite(self) -> Mask:

@@ -19,7 +19,7 @@ class Trajectory:
         t_ns: (N,) int64, strictly increasing.
         p_frame_in_world: (N, 3) m.
         q_world_frame: (N, 4) unit quaternions (w, x, y, z), frame to world.
-        covariance: (N, 6, 6) of position (m) and of rotation about the world axes (rad), or None.
+        covariance: (N, 6, 6) of position (m) and of rotation about the world axes (rad), see `Pose`; or None.
     """
 
     t_ns: Stamps
@@ -54,13 +54,18 @@ class Trajectory:
 class Pose:
     """Pose of a frame in the estimator's own world, z up.
 
+    The covariance is that of the six errors (x, y, z, rx, ry, rz), in this order, all along the axes of the estimator's
+    world: those of the position in m, and the small rotation δθ in rad with R_true = exp(δθ) R_estimated. An estimator
+    that only knows the covariance P of the position returns `np.block([[P, 0], [0, Q]])` with any Q, such as
+    1e-4 rad²: scores use the block of the position.
+
     Attributes:
         t_ns: Time.
         p_frame_in_world: (3,) m.
-        rotation: Frame to world, in the estimator's own form: (4,) unit quaternion (w, x, y, z), or
-            (3, 3) matrix.
+        rotation: Frame to world, in the estimator's own form: (4,) unit quaternion (w, x, y, z), the scalar first, or
+            (3, 3) matrix. SciPy's `Rotation.as_quat` has the scalar last, unless `scalar_first=True`.
         frame: Name of the frame, such as `foot_l/imu`; "" if unknown to the estimator.
-        covariance: (6, 6) of position (m) and of rotation about the world's axes (rad); None if unavailable.
+        covariance: (6, 6), see above; None if unavailable. A path has a covariance if all of its poses have one.
         valid: False while the estimator does not trust the pose itself.
     """
 
@@ -90,9 +95,10 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
     """The path of N ≥ 0 poses of one frame; it has a covariance if all of them have one.
 
     Raises:
-        StrideTwinError: Stamps that do not increase, or arrays of another shape.
+        StrideTwinError: Stamps that do not increase, or arrays of another shape; the message has the time of the first.
     """
     n = len(poses)
+    _check_shapes(poses)
     if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # one conversion is much faster than N
         q = _to_quaternions(np.array([pose.rotation for pose in poses]))
     else:
@@ -104,6 +110,21 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
         q_world_frame=q,
         covariance=np.array(known).reshape(n, 6, 6) if len(known) == n else None,
     )
+
+
+def _check_shapes(poses: Sequence[Pose]) -> None:
+    """Raises StrideTwinError for the first pose with an array of another shape than `Pose` describes."""
+    for pose in poses:
+        covariance = (6, 6) if pose.covariance is None else np.shape(pose.covariance)
+        for name, shape, valid, meaning in (
+            ("p_frame_in_world", np.shape(pose.p_frame_in_world), [(3,)], "m"),
+            ("rotation", np.shape(pose.rotation), [(4,), (3, 3)], "a quaternion, w first, or a matrix"),
+            ("covariance", covariance, [(6, 6)], "of x, y, z in m and of rotation about x, y, z in rad"),
+        ):
+            if shape not in valid:
+                at = f"Pose.{name} at t = {pose.t_ns / 1e9:.3f} s"
+                expected = " or ".join(map(str, valid))
+                raise StrideTwinError(f"{at}: invalid shape {shape}: expected {expected}, {meaning}")
 
 
 def _to_quaternions(R: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from stridetwin.outputs.parameters import ParameterValues
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.studies.design import Design, make_scenario
@@ -54,6 +55,7 @@ class ExperimentCase:
         resume: Reuses files of an earlier run.
         keep: Keeps the recordings.
         estimators: Installed estimators that are run besides those of the study.
+        parameters: Values in place of the estimators' own, see `outputs.parameters`.
     """
 
     seed: int
@@ -63,6 +65,7 @@ class ExperimentCase:
     resume: bool = False
     keep: bool = False
     estimators: tuple[str, ...] = ()
+    parameters: ParameterValues = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -6,7 +6,7 @@ hooks name the module that turns one case into a row, and the one that makes the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -16,16 +16,18 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from stridetwin.scenarios.built_in import experiments
+from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import FileModel
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
+from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.tables import Column, rows_table
 
 ExperimentResult = dict[str, Any]
-_OF_TABLES = ("study", "tables", "report", "columns", "title", "kind")
+_OF_TABLES = ("study", "tables", "report", "columns", "title", "kind", "estimates")
 """Keys of a file that do not change the rows."""
 
 
@@ -62,6 +64,7 @@ class ExperimentFile(DesignFile):
         faults: Each is injected into the same walk, instead of being a factor.
         like: Name of another experiment, whose keys this one takes over.
         kind: Kind of the installed estimators that can be run besides those of the experiment; "" if none can.
+        estimates: Number of estimates of each walk (and fault), for the time that is announced before the start.
     """
 
     run: HookInFile
@@ -71,6 +74,7 @@ class ExperimentFile(DesignFile):
     title: str = ""
     sensors: tuple[str, ...] = Field(default=())
     kind: str = ""
+    estimates: Annotated[int, Field(ge=1)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +89,9 @@ class Experiment:
         module: Name of the module of `run_case`.
         content: What determines a row beside the code.
         kind: See `ExperimentFile`.
+        estimates: Number of estimates of each walk, with all faults.
+        adjustable: Our estimators whose parameters `--set` changes in it: `ESTIMATORS` of the module of `run_case`.
+        list_configs: From a case to the walks that `run_case` makes itself; None for those of `setup`, if there is any.
         run_case: From a case to a result that JSON can hold; runs in a process of its own.
         collect: From the results to `summary` and `paper`.
         table: From the result to lines of text.
@@ -98,10 +105,23 @@ class Experiment:
     module: str = ""
     content: str = ""
     kind: str = ""
+    estimates: int = 1
+    adjustable: tuple[str, ...] = ()
+    list_configs: Callable[[ExperimentCase], list[TwinConfig]] | None = None
     run_case: Callable[[ExperimentCase], ExperimentResult]
     collect: Callable[[list[ExperimentResult]], ExperimentResult]
     table: Callable[[ExperimentResult], list[str]]
     report: Callable[[ExperimentResult], str] | None = None
+
+    def size(self, cases: Sequence[ExperimentCase]) -> Size:
+        """What some cases, at least one, take."""
+        sampled_configs = []
+        for case in cases[:: -(-len(cases) // SAMPLED)]:
+            if self.list_configs is not None:
+                sampled_configs.append(self.list_configs(case))
+            else:
+                sampled_configs.append([walk.config for walk in case.walks()] if case.setup is not None else [])
+        return size_of(sampled_configs, len(cases), self.estimates + len(cases[0].estimators))
 
     def result(self, rows: list[ExperimentResult]) -> ExperimentResult:
         """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
@@ -137,6 +157,7 @@ def read_experiment(path: Path) -> Experiment:
     hook, tables = file.run, file.tables or file.run
     run_module, tables_module = hook.load(), tables.load()
     rows = getattr(tables_module, "rows", None)
+    list_configs = getattr(run_module, "list_configs", None)
     return Experiment(
         name=path.stem,
         description=file.study,
@@ -145,6 +166,9 @@ def read_experiment(path: Path) -> Experiment:
         module=run_module.__name__,
         content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
         kind=file.kind,
+        estimates=file.estimates * max(1, len(file.faults)),
+        adjustable=getattr(run_module, "ESTIMATORS", ()),
+        list_configs=None if list_configs is None else partial(list_configs, **hook.arguments),
         run_case=partial(run_module.run_case, **hook.arguments),
         collect=partial(tables_module.collect, **tables.arguments),
         table=partial(rows_table, file.title, file.columns, rows) if file.columns else tables_module.table,

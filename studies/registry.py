@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from stridetwin.batch.rows import RowFiles
 from stridetwin.batch.run import Batch, Progress
 from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
+from stridetwin.outputs.parameters import ParameterValues, check_used, use_parameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import atomic_file
 from stridetwin.studies.case import ExperimentCase
@@ -36,6 +37,7 @@ class ExperimentBatchOptions(BatchOptions):
             configuration.
         keep: Recordings of walks are kept.
         estimators: Installed estimators that are run besides those of the study.
+        parameters: Values in place of the estimators' own, see `outputs.parameters`; the result records them.
     """
 
     first: int | None = None
@@ -44,6 +46,7 @@ class ExperimentBatchOptions(BatchOptions):
     resume: bool = False
     keep: bool = False
     estimators: tuple[str, ...] = ()
+    parameters: ParameterValues = field(default_factory=dict)
 
     def cases(self, study: Experiment) -> list[ExperimentCase]:
         """The cases of an experiment with these options: one per seed."""
@@ -58,13 +61,25 @@ class ExperimentBatchOptions(BatchOptions):
                 resume=self.resume,
                 keep=self.keep,
                 estimators=self.estimators,
+                parameters=self.parameters,
             )
             for seed in range(first, first + count)
         ]
 
 
-def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progress) -> dict[str, Any]:
+def run_experiment(
+    name: str,
+    options: ExperimentBatchOptions,
+    progress: Progress,
+    announce: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Runs the cases of an experiment.
+
+    Args:
+        name: In the catalogue.
+        options: Which cases, and where.
+        progress: Receives the stage and its progress (0-1).
+        announce: Receives the size of what is missing, such as `60 cases: 60 walks (1500 s), 120 estimates, ...`.
 
     Returns:
         The result of `Experiment.result`.
@@ -75,12 +90,15 @@ def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progres
     """
     study = experiment(name)
     _check_estimators(study, options.estimators)
+    check_used(options.parameters, [*study.adjustable, *options.estimators])
     jobs = [_job(study, case) for case in options.cases(study)]
     folder = options.folder
     with hold_folder(folder, lambda: any(folder.glob("seed_*")), _USED) as unfinished:
         store = RowFiles(folder, unfinished, is_sorted=False)
         batch = Batch(jobs, store, resume=options.resume)
         stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name
+        if missing := [job.task.case for job in batch.missing]:
+            announce(f"{name}: {study.size(missing).describe(len(missing), options.workers)}")
         versions = partial(_versions, study.module, options.estimators)
         work = Work(run=one_by_one(_run_case), versions=versions)
         results = batch.run_with(options, work, stage, progress, "--resume continues")
@@ -89,6 +107,8 @@ def run_experiment(name: str, options: ExperimentBatchOptions, progress: Progres
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
         rows = [read_row(store.path(job)) for job in jobs]
         result = study.result(rows)
+        if options.parameters:
+            result["parameters"] = {name: dict(values) for name, values in options.parameters.items()}
         if study.report is not None:
             with atomic_file(folder / "report.html") as file:
                 file.write_text(study.report(result), encoding="utf-8")
@@ -128,7 +148,8 @@ def _job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
     """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
     content = study.name, study.content, case.seed, case.physics
     task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(study.module, False)))
-    key = content_key(*content, _version(study.module, True), _plugins(case.estimators))
+    changed = [case.parameters] if case.parameters else []
+    key = content_key(*content, _version(study.module, True), _plugins(case.estimators), *changed)
     return Job(name=case.name, key=key, task=task)
 
 
@@ -166,7 +187,8 @@ def _run_case(task: _CaseTask) -> Row:
             recording.unlink()
         with atomic_file(mark) as file:
             file.write_text(task.walks_key, encoding="utf-8")
-    row = task.run(task.case)
+    with use_parameters(task.case.parameters):
+        row = task.run(task.case)
     if not task.case.keep:
         mark.unlink()
     return row

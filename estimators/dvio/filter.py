@@ -134,7 +134,7 @@ class Dvio:
         mounts=MOUNTS,
         supplies_poses=True,
         label="",
-        needs="an RGB-D camera with IMU on head or chest",
+        needs="a camera with IMU on head or chest, better with depth",
         summary="Camera: visual-inertial odometry of the RGB-D camera with IMU.",
     )
 
@@ -167,7 +167,9 @@ class Dvio:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Camera, IMU, and depth or the second camera of a stereo pair.
+        """Camera, IMU, and, where there is one, depth or the second camera of a stereo pair.
+
+        Without depth the IMU gives the scale.
 
         Raises:
             StrideTwinError: The rig has no camera with IMU on head or chest.
@@ -176,11 +178,17 @@ class Dvio:
         color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
         streams = [Stream(role="imu", topic=f"/{mount}/imu", kind=Imu), Stream(role="camera", topic=color, kind=Image)]
         if color in rig.cameras and rig.cameras[color].depth_topic:
-            streams.append(Stream(role="depth", topic=depth, kind=Depth))
-        return (*streams, Stream(role="depth", topic=right, kind=Image, live=False))
+            streams.append(Stream(role="depth", topic=depth, kind=Depth, required=False))
+        return (*streams, Stream(role="depth", topic=right, kind=Image, required=False, live=False))
 
     @classmethod
-    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+    def follow(
+        cls,
+        recording: Recording,
+        options: Options,
+        progress: Progress | None = None,
+        parameters: DvioParameters | None = None,
+    ) -> list[PathEstimate]:
         """The path of the camera's IMU over a whole recording; without a depth stream, a stereo pair gives the depth.
 
         Raises:
@@ -191,13 +199,13 @@ class Dvio:
             raise RecordingError(f"{recording.path}: cannot run dvio: needs {_WANTED}")
         mount = options.mount or available_mounts[0]
         color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
-        rig, parameters = recording.rig, method_parameters(options.method)
+        rig, parameters = recording.rig, parameters or method_parameters(options.method)
         topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
         samples: Iterable[Sample] = recording.samples(topics)
         if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
-        odometry = cls(rig, options=Options(method=options.method, mount=mount))
+        odometry = cls(rig, options=Options(method=options.method, mount=mount), parameters=parameters)
         first, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
         status: list[str] = []
         for sample in samples:

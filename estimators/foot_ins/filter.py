@@ -76,28 +76,39 @@ class FootIns:
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
     @classmethod
-    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+    def follow(
+        cls,
+        recording: Recording,
+        options: Options,
+        progress: Progress | None = None,
+        parameters: FootInsParameters | None = None,
+    ) -> list[PathEstimate]:
         """The path of one foot over a whole recording, smoothed where the options have a lag.
 
         Raises:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
         topic = _topic(options)
-        block, estimator = recording.block(topic), cls.batch(recording.rig, options)
+        block, estimator = recording.block(topic), cls.batch(recording.rig, options, parameters)
         path = estimator.run(block)
         return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis)]
 
     @classmethod
-    def follow_block(cls, block: Block[Imu], options: Options, rig: Rig | None = None) -> Trajectory:
+    def follow_block(
+        cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
+    ) -> Trajectory:
         """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor."""
-        return cls.batch(rig, options).run(block).trajectory
+        return cls.batch(rig, options, parameters).run(block).trajectory
 
     @classmethod
-    def batch(cls, rig: Rig | None, options: Options) -> FootIns | FootInsSmoother:
+    def batch(
+        cls, rig: Rig | None, options: Options, parameters: FootInsParameters | None = None
+    ) -> FootIns | FootInsSmoother:
         """The filter for whole blocks, or its smoother if the options have a lag."""
         if options.lag_s is None:
-            return cls(rig, options=options)
-        return FootInsSmoother(options.lag_s, None if rig is None else rig.imu(_topic(options)))
+            return cls(rig, parameters, options=options)
+        calibration = None if rig is None else rig.imu(_topic(options))
+        return FootInsSmoother(options.lag_s, calibration, parameters)
 
     def update(self, sample: Imu) -> FootInsEstimate | None:
         """Takes one sample; returns the new estimate, or None if the sample is ignored."""

@@ -149,13 +149,19 @@ class FootToFoot:
         )
 
     @classmethod
-    def follow(cls, recording: Recording, options: Options, progress: Progress | None = None) -> list[PathEstimate]:
+    def follow(
+        cls,
+        recording: Recording,
+        options: Options,
+        progress: Progress | None = None,
+        parameters: FootToFootParameters | None = None,
+    ) -> list[PathEstimate]:
         """The paths of both feet over a whole recording.
 
         Raises:
             StrideTwinError: A topic or calibration is missing, or a foot is never stationary.
         """
-        estimator, name = cls(recording.rig, options=options), cls.declaration.name
+        estimator, name = cls(recording.rig, options=options, parameters=parameters), cls.declaration.name
         streams = [s for s in cls.streams(recording.rig, options) if s.required or s.topic in recording.topics]
         if any(s.kind is Image for s in streams):
             paths = follow(estimator, recording.samples([s.topic for s in streams]))

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.alignment import Rigid
@@ -14,11 +15,21 @@ from stridetwin.outputs.path.scores import PathComparison, compare, score
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Array
+from stridetwin.streams.trajectory import Trajectory
 
 LARGEST_SCORE = 1e100
 """Larger values, also in metres, would overflow in squares and sums."""
 _MAX_NORM_ERROR = 1e-3
 """Of a quaternion."""
+_MIN_ORDER_ERROR_RAD, _ORDER_RATIO, _MAX_ORDER_POSES = 0.09, 3.0, 1000
+"""Mean error of the attitude from which another order of the quaternions is tried, how many times smaller the error
+must then be, and how many poses are compared."""
+_ORDERS = {
+    1: "the order x, y, z, w (SciPy's as_quat has it without scalar_first=True)",
+    -1: "w first in a TUM file, which has w last",
+}
+"""What has gone wrong, by the steps that (N, 4) quaternions must be rolled to become w, x, y, z."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +63,8 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
         alignment: `start`, `yaw` or `se3`, see `alignment.align`.
 
     Raises:
-        ConfigError: An invalid pose or score; the message names the estimator and the time.
+        ConfigError: An invalid pose or score, or quaternions in another order than w, x, y, z; the message names the
+            estimator and the time.
         RecordingError: The truth is missing or too short, see `true_path` and `compare`.
     """
     results = []
@@ -61,6 +73,7 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
         _check_poses(estimate)
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
+        _check_order(estimate, comparison.truth)
         if estimate.world:
             worlds.setdefault(estimate.world, comparison.transform)
         scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
@@ -86,3 +99,31 @@ def _check_poses(estimate: PathEstimate) -> None:
             first = int(np.argmin(fits))
             where = f"{name} at t = {path.t_ns[first] / 1e9:.3f} s"
             raise ConfigError(estimate.name, where, getattr(path, name)[first].tolist(), valid)
+
+
+def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
+    """Raises ConfigError for quaternions that agree with the truth only in another order of their components.
+
+    The rotation since the first pose, R₀ᵀ Rᵢ, is compared, since it does not depend on the alignment. Errors of an
+    estimator with the right order do not become several times smaller when w moves elsewhere.
+
+    Args:
+        estimate: The path.
+        truth: True poses at those of its stamps that lie within the truth.
+    """
+    step = 1 + len(truth) // _MAX_ORDER_POSES
+    path, true_q = estimate.path, truth.q_world_frame[::step]
+    q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]
+    error = _mean_rotation_error(q, true_q)
+    if error < _MIN_ORDER_ERROR_RAD:
+        return
+    for steps, cause in _ORDERS.items():
+        if _mean_rotation_error(np.roll(q, steps, axis=1), true_q) * _ORDER_RATIO < error:
+            raise ConfigError(estimate.name, "q_world_frame", q[0].tolist(), f"w, x, y, z; it seems to be {cause}")
+
+
+def _mean_rotation_error(q: Array, true_q: Array) -> float:
+    """Mean angle between the rotations since the first pose, of estimate and truth (N, 4), rad."""
+    rotations = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (q, true_q)]
+    since_first = [rotation[0].inv() * rotation for rotation in rotations]
+    return float((since_first[0].inv() * since_first[1]).magnitude().mean())

@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from stridetwin.estimators.base import FOOT_NAMES, PathEstimate
 from stridetwin.outputs.path.evaluate import Result
-from stridetwin.outputs.path.scores import CHI2_3_95
+from stridetwin.outputs.path.scores import CHI2_3_95, nees_position
 from stridetwin.outputs.route_figures import draw_profile, draw_slabs, outline
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range, faint
 from stridetwin.streams.samples import Array, Block, Footprint
@@ -91,6 +91,34 @@ def error_over_time(results: Sequence[Result]) -> Markup:
             low, high, bound_label = np.zeros_like(t[::10]), bound[::10], f"{label}: own 95 % bound"
             plot.band(t[::10], low, high, faint(color, 0.08), stroke=faint(color, 0.6), label=bound_label)
         plot.line(t, error, color, label=f"{label}: error")
+    return plot.html()
+
+
+def nees_over_time(results: Sequence[Result]) -> Markup:
+    """NEES eᵀ P⁻¹ e of the position, and the value that a consistent estimator stays below for 95 % of the time.
+
+    It is "" if no estimate has a covariance. Values beyond ten times the bound are cut off, so that it remains visible.
+    """
+    consistent = [result for result in results if result.comparison.estimate.covariance is not None]
+    if not consistent:
+        return Markup("")
+    values = [nees_position(result.comparison) for result in consistent]
+    most = max(float(nees.max()) for nees in values)
+    plot = Plot(
+        title=f"NEES of the position over time, {_part_name(results)}",
+        x_label="time, s",
+        y_label="NEES",
+        y=(0.0, min(10.0 * CHI2_3_95, max(1.5 * CHI2_3_95, 1.1 * most))),
+        height=260,
+        hover="x",
+    )
+    colors = _colors(results)
+    for result, nees in zip(consistent, values):
+        t = result.comparison.truth.t_ns * 1e-9
+        plot.line(t, nees, colors[result.estimate.name], label=label_of(result.estimate))
+    ends = np.array([result.comparison.truth.t_ns[[0, -1]] * 1e-9 for result in consistent])
+    span = [ends.min(), ends.max()]
+    plot.line(span, [CHI2_3_95, CHI2_3_95], INK, dash="dash", label=f"95 % of a consistent estimator: {CHI2_3_95:.2f}")
     return plot.html()
 
 

@@ -54,13 +54,14 @@ class Paths(OutputKind[PathEstimate, Result]):
 
     def report(self, evaluations: Sequence[Result], recording: Recording) -> ReportParts:
         """Figures in short, plan and side views, errors over time, and all scores of every path."""
-        from stridetwin.outputs.path.report import describe_distance, path_figures, score_cards, scores_section
+        from stridetwin.outputs.path import report
 
         return ReportParts(
-            chips=(describe_distance(evaluations),),
-            summary=score_cards(evaluations),
-            figures=path_figures(evaluations, recording),
-            scores=scores_section(evaluations),
+            chips=(report.describe_distance(evaluations),),
+            summary=report.score_cards(evaluations),
+            figures=report.path_figures(evaluations, recording),
+            details=report.consistency_section(evaluations),
+            scores=report.scores_section(evaluations),
         )
 
     def rerun_views(self, evaluations: Sequence[Result]) -> dict[str, tuple[str, str]]:

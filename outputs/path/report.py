@@ -9,7 +9,15 @@ from markupsafe import Markup
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import FOOT_NAMES, PATH
 from stridetwin.outputs.path.evaluate import Result
-from stridetwin.outputs.path.figures import by_part, error_over_time, label_of, part_of, plan_view, side_view
+from stridetwin.outputs.path.figures import (
+    by_part,
+    error_over_time,
+    label_of,
+    nees_over_time,
+    part_of,
+    plan_view,
+    side_view,
+)
 from stridetwin.outputs.path.scores import SCORES
 from stridetwin.outputs.score_rows import score_table
 from stridetwin.outputs.truth import FOOTPRINTS
@@ -88,6 +96,19 @@ def path_figures(results: Sequence[Result], recording: Recording) -> str:
         "drag to zoom, double-click to zoom out."
     )
     return section("Paths", lead, boxes(figures), "stack")
+
+
+def consistency_section(results: Sequence[Result]) -> str:
+    """Section with the NEES of each part over time, and which estimates have no covariance."""
+    missing = [result.name for result in results if result.comparison.estimate.covariance is None]
+    lead = (
+        "The squared position error relative to the reported covariance: 3 on average, and below the dashed line 95 % "
+        "of the time, if the covariance is right; far above, the estimator is overconfident."
+    )
+    if missing:
+        lead += f" Without a covariance: {', '.join(missing)}."
+    figures = boxes(nees_over_time(of_part) for of_part in by_part(results).values())
+    return section("Consistency", lead, figures, "stack")
 
 
 def scores_section(results: Sequence[Result]) -> str:

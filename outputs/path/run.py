@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from inspect import signature
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import PATH, PathEstimate, Progress
 from stridetwin.outputs.base import Collector, Output
 from stridetwin.outputs.feeding import Instance, runnable_instances, start
+from stridetwin.outputs.parameters import ParameterValues, with_parameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Sample
@@ -86,15 +89,17 @@ def path_output(path: PathEstimate, instance: Instance) -> Output[PathEstimate]:
 def run_paths(instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[PathEstimate]]:
     """Runs one estimator of paths on a whole recording.
 
-    The estimator's `follow` is used where it has one and the instance has no parameters, because it is faster;
-    otherwise samples are fed one by one.
+    The estimator's `follow` is used where it has one and takes what the instance has, because it is faster; otherwise
+    samples are fed one by one.
 
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """
     follow = getattr(instance.estimator_class, "follow", None)
-    if follow is not None and instance.parameters is None:
-        paths: list[PathEstimate] = follow(recording, instance.options, progress)
+    takes_parameters = follow is not None and "parameters" in signature(follow).parameters
+    if follow is not None and (instance.parameters is None or takes_parameters):
+        more = {} if instance.parameters is None else {"parameters": instance.parameters}
+        paths: list[PathEstimate] = follow(recording, instance.options, progress, **more)
         return [path_output(path, instance) for path in paths]
     estimator, samples = start(instance, recording)
     collector = PathCollector(instance, str(recording.path))
@@ -104,7 +109,11 @@ def run_paths(instance: Instance, recording: Recording, progress: Progress | Non
 
 
 def all_paths(
-    recording: Recording, *, supplies_poses: bool | None = None, only: Container[str] | None = None
+    recording: Recording,
+    *,
+    supplies_poses: bool | None = None,
+    only: Container[str] | None = None,
+    parameters: ParameterValues = MappingProxyType({}),
 ) -> list[PathEstimate]:
     """All paths that can be estimated from a recording, in the order of the estimators.
 
@@ -112,11 +121,12 @@ def all_paths(
         recording: The recording.
         supplies_poses: Selects estimators by `Declaration.supplies_poses`; None takes all.
         only: Names of the estimators to run; None runs all.
+        parameters: Values in place of the estimators' own.
     """
     return [
         output.estimates
         for name, estimator_class in registry.estimators(PATH).items()
         if supplies_poses in (None, estimator_class.declaration.supplies_poses) and (only is None or name in only)
         for instance in runnable_instances(estimator_class, recording)
-        for output in run_paths(instance, recording)
+        for output in run_paths(with_parameters(instance, parameters), recording)
     ]

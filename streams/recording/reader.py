@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import RecordingError, explain_import_error
 from stridetwin.streams.recording.imported import ImportedContents
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 
-_COMPONENTS = {1: ("",), 3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 Contents = McapContents | ImportedContents
 """Source of a recording's samples: an MCAP file, or the files of another tool."""
 
@@ -153,8 +151,8 @@ class Recording:
     def frame(self, topic: str) -> pandas.DataFrame:
         """All samples of a topic without images as a table, indexed by time in s (`t_s`).
 
-        A column of vectors becomes one column per component: `angular_rate_x`, `_y`, `_z` with three components, `_w`,
-        `_x`, `_y`, `_z` with four, else `_0`, `_1`, ...
+        A vector becomes one column per component, named as in `Block.split_columns`: `angular_rate_x`, `force_heel`,
+        `position_hip_l`.
 
         Raises:
             RecordingError: Unknown topic, or it carries images.
@@ -163,12 +161,7 @@ class Recording:
         with explain_import_error("tables of samples need it", "frames"):
             import pandas
         block = self.block(topic)
-        columns: dict[str, NDArray[Any]] = {}
-        for name, values in block.columns.items():
-            flat = np.asarray(values).reshape(len(block), -1)
-            labels = _COMPONENTS.get(flat.shape[1], tuple(map(str, range(flat.shape[1]))))
-            columns |= {f"{name}_{label}" if label else name: flat[:, i] for i, label in enumerate(labels)}
-        return pandas.DataFrame(columns, index=pandas.Index(block.t_ns * 1e-9, name="t_s"))
+        return pandas.DataFrame(block.split_columns(), index=pandas.Index(block.t_ns * 1e-9, name="t_s"))
 
     def images(
         self, topic: str, indices: Sequence[int] | None = None, t_ns: Sequence[int] | None = None

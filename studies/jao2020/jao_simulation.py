@@ -28,6 +28,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.reference.norms import read_reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
@@ -40,6 +41,9 @@ from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.placement.visibility import is_in_image
 from stridetwin.studies.tables import table_lines
+
+ESTIMATORS = ("foot_to_foot",)
+"""Estimators whose parameters `--set` changes here."""
 
 FEET = ("l", "r")
 REPORTED_METHODS = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
@@ -309,6 +313,7 @@ def run_seed(
             options=Options(method=method),
             start=simulation.start(),
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
+            **parameter_keywords(FootToFoot, method),
         )
         paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
         for foot in FEET:

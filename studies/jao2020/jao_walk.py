@@ -19,6 +19,9 @@ from stridetwin.studies.jao2020.two_feet import COMPARED_METHODS, run_every_meth
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
+ESTIMATORS = ("foot_to_foot",)
+"""Estimators whose parameters `--set` changes here."""
+
 CASES = {
     "unclipped": "gyros without saturation",
     "clipped": "ADIS16485, gyros saturate at 450 °/s",

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import Options
+from stridetwin.estimators.base import PROPOSED, Options
 from stridetwin.estimators.foot_ins import FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, RelativePosition, follow
 from stridetwin.outputs.alignment import Rigid, vertical_rotation
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.path.scores import CHI2_3_95, PathComparison, compare, nees_position
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.rig import Mount, Rig
@@ -43,7 +44,7 @@ class MeasurementRecorder(FootToFoot):
     """
 
     def __init__(self, rig: Rig, start: Mapping[str, StartPose]) -> None:
-        super().__init__(rig, start=start)
+        super().__init__(rig, start=start, **parameter_keywords(FootToFoot, PROPOSED))
         self.relative: list[RelativePosition] = []
         self.observations = 0
         self._rig = rig
@@ -100,7 +101,9 @@ def run_every_method(
     recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
     proposed = follow(recorder, _record_echoes(samples, echoes))
     paths = {
-        method: FootToFoot(rig, options=Options(method=method), start=start).run(imus, [*recorder.relative, *echoes])
+        method: FootToFoot(
+            rig, options=Options(method=method), start=start, **parameter_keywords(FootToFoot, method)
+        ).run(imus, [*recorder.relative, *echoes])
         for method in PUBLISHED
     }
     return paths | {"proposed": proposed}, recorder.observations

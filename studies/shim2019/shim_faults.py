@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from stridetwin.estimators.base import PROPOSED
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.steps.scores import ScoredStep, false_steps, percent, score_steps, step_figures
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
 from stridetwin.studies.shim2019.shim_table5 import simulate_walk
+
+ESTIMATORS = ("contact_terrain",)
+"""Estimators whose parameters `--set` changes here."""
 
 USUAL = "usual"
 
@@ -35,7 +40,8 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
             plans = {manner: next(iter(plans.values()))}
         for label, plan in plans.items():
             exo = nominal_geometry(twin.size, plan.rig, case.seed, [fault for fault, _ in plan.planned])
-            estimates = ContactTerrain(plan.rig, exoskeleton=exo).run(plan.samples(samples))
+            estimator = ContactTerrain(plan.rig, exoskeleton=exo, **parameter_keywords(ContactTerrain, PROPOSED))
+            estimates = estimator.run(plan.samples(samples))
             rows_of_fault.setdefault(label, []).extend(s.row() for s in score_steps(footprints, estimates))
             false_counts[label] = false_counts.get(label, 0) + false_steps(footprints, estimates)
         if twin.fell_at is not None:

@@ -18,6 +18,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, Exoskeleton, StepEstimate, TerrainSvm
 from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
     align_yaw,
@@ -34,6 +35,9 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Footprint, Sample
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.tables import table_lines
+
+ESTIMATORS = ("contact_terrain",)
+"""Estimators whose parameters `--set` changes here."""
 
 CASES = {
     "LW": ("shim_level", ""),
@@ -88,10 +92,11 @@ def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Samp
         The last estimate of each step, in order.
     """
     if name in METHODS:
-        return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo).run(iter(samples))
+        keywords = parameter_keywords(ContactTerrain, name)
+        return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo, **keywords).run(iter(samples))
     estimator_class = registry.estimator(name)
     options = Options(method=estimator_class.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
-    estimator = estimator_class(rig, options=options)
+    estimator = estimator_class(rig, options=options, **parameter_keywords(estimator_class, options.method))
     last: dict[int, StepEstimate] = {}
     for sample in samples:
         if (estimate := estimator.update(sample)) is not None and estimate.step > 0:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any, get_args, get_type_hints
+from dataclasses import dataclass, replace
+from typing import Any
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.outputs.aligned_walk import AlignedWalk, align_walk, odometry_of
 from stridetwin.outputs.base import Scores
-from stridetwin.outputs.feeding import EstimatorClass, rig_of, runnable_instances, runnable_on, with_metadata
+from stridetwin.outputs.feeding import rig_of, runnable_instances, runnable_on, with_metadata
+from stridetwin.outputs.parameters import change_parameters
 from stridetwin.outputs.path.run import run_paths
 from stridetwin.outputs.pose_feed import default_odometry, replay
 from stridetwin.outputs.registry import kind_of
-from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
+from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
-from stridetwin.streams.validation import suggest, validate
+from stridetwin.streams.validation import suggest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,48 +50,8 @@ def make_method(name: str, estimator: str, method: str, parameters: Mapping[str,
     if method and method not in methods:
         raise at.key("method").error(method, suggest(method, methods))
     chosen = method or methods[0]
-    values = _set_parameters(estimator_class, chosen, parameters, at.key("parameters")) if parameters else None
+    values = change_parameters(estimator_class, chosen, parameters, at.key("parameters")) if parameters else None
     return Method(name=name, estimator=estimator, method=chosen, parameters=values)
-
-
-def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mapping[str, Any], at: FieldLocation) -> Any:
-    """The parameters that the estimator has with this method, with some values replaced."""
-    hint = get_type_hints(estimator_class.__init__).get("parameters")
-    kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and _fields(kind)]
-    if not kinds:
-        name = estimator_class.declaration.name
-        raise at.error(dict(values), f"no parameters, as the constructor of {name} declares no class of them")
-    default = getattr(estimator_class, "default_parameters", None)
-    group = kinds[0]() if default is None else default(method)
-    for name, value in values.items():
-        group = _replace_value(group, name.split("."), value, at.key(name))
-    return group
-
-
-def _fields(group: Any) -> list[str]:
-    """Names of the fields of a dataclass or a named tuple, or of an object of it; none of anything else."""
-    return [f.name for f in fields(group)] if is_dataclass(group) else list(getattr(group, "_fields", ()))
-
-
-def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -> Any:
-    """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups.
-
-    Raises:
-        ConfigError: No such parameter, or an invalid value.
-    """
-    name, *below = keys
-    if name not in _fields(group):
-        raise at.error(name, suggest(name, _fields(group)) or "no key below a value")
-    try:
-        if below:
-            new = _replace_value(getattr(group, name), below, value, at)
-        else:
-            new = validate(get_type_hints(type(group))[name], value, at.source, at=at.path)
-        return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
-    except ConfigError as error:
-        raise at.error(error.value, error.valid) from error
-    except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
-        raise at.error(value, f"what {type(group).__name__} accepts ({error})") from error
 
 
 def run_method(method: Method, recording: Recording, make_walk: Callable[[], AlignedWalk | None]) -> dict[str, Scores]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,14 @@ from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_o
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import ROWS, Batch, Progress
 from stridetwin.gate.walk_scores import scoring_versions
+from stridetwin.outputs.parameters import ParameterValues, to_texts
 from stridetwin.scenarios.campaign.named_files import copy_files
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 from stridetwin.streams.files import atomic_file, to_json
 from stridetwin.studies.design import make_scenario
+from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
 from stridetwin.studies.study_file.results import collect_result, csv_text
@@ -39,12 +41,14 @@ class StudyOptions(BatchOptions):
         subset: Number of walks of each combination; None takes all.
         physics: How the body moves; None takes the scenarios'.
         resume: Reuses the rows of an earlier run.
+        parameters: The values that the study was read with, see `outputs.parameters`; the result records them.
     """
 
     first: int | None = None
     subset: int | None = None
     physics: str | None = None
     resume: bool = False
+    parameters: ParameterValues = field(default_factory=dict)
 
     def of(self, study: Study) -> Study:
         """The study with the seeds that these options set."""
@@ -55,11 +59,23 @@ class StudyOptions(BatchOptions):
         """The command line that gives this result again."""
         option_values = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
         arguments = [str(word) for name, value in option_values.items() if value is not None for word in (name, value)]
+        arguments += [word for text in to_texts(self.parameters) for word in ("--set", text)]
         return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
 
 
-def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[str, Any]:
+def run_study(
+    study: Study,
+    options: StudyOptions,
+    progress: Progress,
+    announce: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
     """Runs the walks of a study and writes `STUDY_FILES` into the folder.
+
+    Args:
+        study: The study.
+        options: Which walks, and where.
+        progress: Receives the stage and its progress (0-1).
+        announce: Receives the size of what is missing, see `size.Size.describe`.
 
     Returns:
         The result of `results.collect_result`, with `files`.
@@ -78,12 +94,23 @@ def run_study(study: Study, options: StudyOptions, progress: Progress) -> dict[s
         jobs = [_make_job(name, walk, versions()) for name, walk in walks]
         work = Work(run=one_by_one(partial(run_walk, folder.absolute())), versions=versions)
         store = RowLines(folder / ROWS, unfinished)
-        results = Batch(jobs, store).run_with(options, work, study.path.stem, progress, "--resume continues")
+        batch = Batch(jobs, store)
+        if batch.missing:
+            announce(f"{study.path.stem}: {_size(batch.missing, study).describe(len(batch.missing), options.workers)}")
+        results = batch.run_with(options, work, study.path.stem, progress, "--resume continues")
         store.sort([job.key for job in jobs])
         rows = [{"scores": {}, "failed": {WALK: r.reason}} if isinstance(r, Failure) else r for r in results]
         result = {**collect_result(study, rows), "files": list(STUDY_FILES)}
+        if options.parameters:
+            result["parameters"] = {name: dict(values) for name, values in options.parameters.items()}
         _write(study, options, rows, result)
     return result
+
+
+def _size(jobs: Sequence[Job[StudyWalk]], study: Study) -> Size:
+    """What some walks take, at least one."""
+    sampled_jobs = jobs[:: -(-len(jobs) // SAMPLED)]
+    return size_of([[job.task.scenario.config] for job in sampled_jobs], len(jobs), len(study.methods))
 
 
 def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, StudyWalk]]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 from pydantic import Field
 
 from stridetwin.estimators import registry
+from stridetwin.outputs.parameters import ParameterValues, check_used
 from stridetwin.outputs.registry import kind_of
 from stridetwin.streams.errors import FieldLocation
 from stridetwin.streams.fields import FileModel, Text
@@ -60,8 +62,12 @@ class Study(Design):
     scores: tuple[str, ...]
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -> Study:
     """Reads one study file and checks its methods and scores.
+
+    Args:
+        path: The file.
+        parameters: Values for every method of their estimator, in place of the file's (`outputs.parameters`).
 
     Raises:
         ConfigError: The message names the file, the field, the value and what is valid.
@@ -70,8 +76,15 @@ def read_study(path: Path) -> Study:
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(StudyFile, data, path)
+    check_used(parameters, {spec.estimator for spec in file.methods.values()} & set(registry.names()))
     methods = tuple(
-        make_method(name, spec.estimator, spec.method, spec.parameters, where.key("methods").key(name))
+        make_method(
+            name,
+            spec.estimator,
+            spec.method,
+            {**spec.parameters, **parameters.get(spec.estimator, {})},
+            where.key("methods").key(name),
+        )
         for name, spec in file.methods.items()
     )
     _check_scores(file, methods, where.key("scores"))

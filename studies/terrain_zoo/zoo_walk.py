@@ -23,6 +23,9 @@ from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS, draw_walk
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_rows, sole_length_m
 
+ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
+
 _SETTLED_M = 5.0
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
@@ -42,8 +45,7 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
         `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
     names = kinds_of(kinds)
-    kind = names[case.seed % len(names)]
-    config = replace(draw_walk(kind, case.seed), physics=case.physics)
+    kind, (config,) = names[case.seed % len(names)], list_configs(case, kinds)
     mount, poses = config.rig_mount, list[Pose]()
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
@@ -57,6 +59,12 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
             odometry=odometry | {"mount_rad": mount_error(predictions.camera, config)},
             methods=score_rows(predictions, recording, sole_length_m(config)),
         )
+
+
+def list_configs(case: ExperimentCase, kinds: str = "all") -> list[TwinConfig]:
+    """The one walk of a case; `kinds` as in `kinds_of`."""
+    names = kinds_of(kinds)
+    return [replace(draw_walk(names[case.seed % len(names)], case.seed), physics=case.physics)]
 
 
 def kinds_of(kinds: str) -> list[str]:

@@ -23,6 +23,9 @@ from stridetwin.studies.zhao2023.odometry_walks import (
     true_path,
 )
 
+ESTIMATORS = ("dvio",)
+"""Estimators whose parameters `--set` changes here."""
+
 DRIFT_RATIO = 3.0
 NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""

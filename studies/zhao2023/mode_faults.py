@@ -36,6 +36,9 @@ from stridetwin.studies.zhao2023.mode_walks import (
     trajectory,
 )
 
+ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
+
 FAULT_LEAD_S = 3.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
 SURE = 0.9

@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.estimators.base import PROPOSED
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
 from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.truth import true_footprints
 from stridetwin.scenarios.exo_geometry import exo_from_recording
 from stridetwin.streams.recording.reader import Recording
@@ -22,6 +24,9 @@ from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
+
+ESTIMATORS = ("contact_terrain", "dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
 
 LIGHTS = ("light", "dark")
 BY = ("camera", "both", "legs")
@@ -66,7 +71,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
 def leg_steps(recording: Recording) -> list[StepEstimate]:
     """All step estimates from the legs, in time order."""
     exo = exo_from_recording(recording)
-    legs = ContactTerrain(recording.rig, exoskeleton=exo)
+    legs = ContactTerrain(recording.rig, exoskeleton=exo, **parameter_keywords(ContactTerrain, PROPOSED))
     return [step for s in recording.samples(list(exo.topics)) if (step := legs.update(s)) is not None]
 
 

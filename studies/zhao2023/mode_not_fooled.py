@@ -17,6 +17,9 @@ from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
+ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
+
 
 def run_case(case: ExperimentCase) -> dict[str, Any]:
     """Predicts the modes of one walk per trap.

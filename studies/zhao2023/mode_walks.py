@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import CAMERA_POSES, Estimator, Options
+from stridetwin.estimators.base import CAMERA_POSES, PROPOSED, Estimator, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
@@ -25,6 +25,7 @@ from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.chosen_poses import find_pose_topic
 from stridetwin.outputs.modes.scores import ModeScores, score_modes
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
 from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
@@ -37,6 +38,9 @@ from stridetwin.streams.trajectory import Pose, Trajectory
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.odometry_walks import make_odometer
+
+ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
+"""Estimators whose parameters `--set` changes here."""
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
 """Edges of the histograms' bins; values beyond count in the outermost bins."""
@@ -192,15 +196,24 @@ def predict(
     """
     rig = recording.rig
     options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
-    shared = SharedMap(rig, options=options)
+    shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
     def build(name: str) -> Estimator:
         if name == FORGETFUL:
-            return LocomotionMode(rig, options=options, ground=ForgetfulMap(rig, options=options))
+            ground = ForgetfulMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
+            return LocomotionMode(rig, options=options, ground=ground, **parameter_keywords(LocomotionMode, PROPOSED))
         if name in METHODS:
-            return LocomotionMode(rig, options=replace(options, method=name), ground=shared)
+            return LocomotionMode(
+                rig,
+                options=replace(options, method=name),
+                ground=shared,
+                **parameter_keywords(LocomotionMode, name),
+            )
         estimator_class = registry.estimator(name)
-        return estimator_class(rig, options=replace(options, method=estimator_class.declaration.methods[0]))
+        first = estimator_class.declaration.methods[0]
+        return estimator_class(
+            rig, options=replace(options, method=first), **parameter_keywords(estimator_class, first)
+        )
 
     predictors = {name: build(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}

@@ -16,6 +16,7 @@ import numpy as np
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
+from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.outputs.truth import TruePath
@@ -25,6 +26,9 @@ from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.walks import fell_at_s, record_walk
+
+ESTIMATORS = ("dvio",)
+"""Estimators whose parameters `--set` changes here."""
 
 ODOMETRY_METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
@@ -51,9 +55,11 @@ def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
         mount: Mount of the camera: head or chest.
     """
     if name in ODOMETRY_METHODS:
-        return Dvio(rig, options=Options(method=name, mount=mount))
+        return Dvio(rig, options=Options(method=name, mount=mount), **parameter_keywords(Dvio, name))
     estimator_class = registry.estimator(name)
-    return estimator_class(rig, options=Options(method=estimator_class.declaration.methods[0], mount=mount))
+    first = estimator_class.declaration.methods[0]
+    options = Options(method=first, mount=mount)
+    return estimator_class(rig, options=options, **parameter_keywords(estimator_class, first))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -319,7 +319,7 @@ def test_a_missing_topic_is_reported_with_the_existing_ones(walk, capsys, tmp_pa
     line = failed(capsys, "export", path, "--format", "tum", "--frame", "knee", "-o", out)
     assert "no truth of frame 'knee'; it has foot_l/imu, foot_r/imu" in line
     line = failed(capsys, "export", path, "--format", "table", "--frame", "foot_l/imu", "-o", out)
-    assert "it has foot_r/imu" in line
+    assert "(did you mean 'foot_r/imu'?)" in line
 
 
 def test_a_sample_that_is_not_a_number_is_refused_or_left_out(walk, capsys, tmp_path):

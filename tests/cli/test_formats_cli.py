@@ -8,6 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.foreign_files import FORMATS, Walk
 from stridetwin.cli.main import main
+from stridetwin.estimators.dvio import Dvio
+from stridetwin.outputs.feeding import runnable_instances
+from stridetwin.outputs.registry import kind_of
 from stridetwin.outputs.truth import true_path
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.imu_table import read_imu_table
@@ -65,6 +68,15 @@ def test_estimators_take_bags_and_folders_as_they_are(sources, capsys, tmp_path)
     code, _, err = call(capsys, "estimate", "foot_ins", sources["euroc"], "-o", path)
     assert code == 2
     assert "no topic '/foot_l/imu'; it has /head/color, /head/imu" in err
+
+
+def test_score_runs_the_odometry_on_a_folder_of_one_camera_as_estimate_does(sources):
+    recording = open_any(sources["euroc"])
+    assert not {"/head/depth", "/head/color_right"} & set(recording.topics)
+    (instance,) = runnable_instances(Dvio, recording)
+    assert {stream.topic for stream in instance.streams if stream.required} == {"/head/imu", "/head/color"}
+    assert instance.build(recording.rig) is not None
+    assert kind_of(Dvio.declaration).has_truth(recording)
 
 
 def test_a_table_is_estimated_with_its_options(capsys, tmp_path):

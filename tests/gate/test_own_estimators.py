@@ -71,6 +71,12 @@ class Five(Odd):
 class Far(Odd):
     def changed(self, e): return replace(e, p_frame_in_world=np.array([0, 1e200, 0]))
 
+class Covered(Odd):
+    def changed(self, e): return replace(e, covariance=1e-4 * np.eye(6))
+
+class Small(Odd):
+    def changed(self, e): return replace(e, covariance=np.eye(3))
+
 class Elsewhere(Left):
     topics = ("/foot_x/imu",)
 
@@ -150,6 +156,29 @@ def test_a_class_gets_the_scores_of_the_filter_inside(walk, place, capsys):
         assert found[name]["ape_rmse_m"] == pytest.approx(built_in[twin]["ape_rmse_m"], abs=2e-3)
 
 
+def test_a_page_shows_the_error_the_bound_and_the_nees_of_a_class_over_time(walk, place, capsys):
+    words = ["score", str(walk / "recording.mcap"), "--report", "page.html", "--estimator"]
+    assert main([*words, "mine=own_filters:Covered"]) == 0
+    assert f"page  {(place / 'page.html').as_uri()}" in capsys.readouterr().out
+    page = (place / "page.html").read_text(encoding="utf-8")
+    for text in (
+        "Position error over time",
+        "own 95 % bound",
+        "NEES of the position over time",
+        "mine beside the truth",
+    ):
+        assert text in page
+    assert "Without a covariance" not in page
+    assert main([*words, "bare=own_filters:Left"]) == 0
+    page = (place / "page.html").read_text(encoding="utf-8")
+    assert "Without a covariance: bare." in page
+    assert "NEES of the position over time" not in page
+    many = ["score", *[str(walk / "recording.mcap")] * 2, "--report", "none.html"]
+    assert main(many) == 2
+    assert "--report: invalid 'none.html': expected one RECORDING" in capsys.readouterr().err
+    assert not (place / "none.html").exists()
+
+
 def test_what_is_installed_is_found_before_what_lies_in_the_working_folder(place, monkeypatch):
     installed = place / "site-packages"
     installed.mkdir()
@@ -225,6 +254,10 @@ def test_an_invalid_class_is_reported(recording, place, name, said):
         ),
         ("Far", r"mine: p_frame_in_world at t = \d\.\d+ s: invalid \[0\.0, 1e\+200, 0\.0\]: expected finite numbers"),
         ("Quits", r"own_filters:Quits: SystemExit: 0"),
+        (
+            "Small",
+            r"Small.update: Pose.covariance at t = \d\.\d+ s: invalid shape \(3, 3\): expected \(6, 6\), of x, y",
+        ),
     ],
 )
 def test_what_is_no_pose_is_one_error_of_that_estimator(walk, place, capsys, name, said):

@@ -33,7 +33,7 @@ def test_only_the_sensors_that_an_estimator_reads_are_needed():
 
 
 def test_a_walk_without_the_sensors_of_an_estimator_is_refused_by_name():
-    with pytest.raises(StrideTwinError, match="shim_building: dvio cannot run: expected a walk with an RGB-D camera"):
+    with pytest.raises(StrideTwinError, match="shim_building: dvio cannot run: expected a walk with a camera with IMU"):
         groups("dvio", scenario="shim_building")
 
 
@@ -45,4 +45,4 @@ def test_run_only_records_and_scores_nothing_else(tmp_path, simulator, capsys):
     assert main(["score", recording, "--only", "foot_ins_l", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["estimators"] == data["estimators"]
     assert main(["score", recording, "--only", "dvio"]) == 2
-    assert "no estimator can run: expected a recording with an RGB-D camera" in capsys.readouterr().err
+    assert "no estimator can run: expected a recording with a camera with IMU" in capsys.readouterr().err

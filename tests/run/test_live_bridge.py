@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -345,3 +346,71 @@ def test_times_are_accurate_to_a_percent_in_constant_memory():
     assert not latency.within
     latency.add_travel("/head/imu", -0.5)  # a clock that is ahead of ours
     assert latency.data()["stamp_to_arrival"]["/head/imu"]["min_ms"] == -500.0
+
+
+OWN = """
+import numpy as np
+from stridetwin.estimators.base import Options
+from stridetwin.estimators.foot_ins import FootIns
+
+class Left:
+    topics = ("/foot_l/imu",)
+
+    def __init__(self, rig):
+        self.filter = FootIns(rig, options=Options(foot="l"))
+
+    def update(self, sample):
+        print("no row")
+        return self.filter.update(sample)
+
+class Elsewhere(Left):
+    topics = ("/foot_l/imus",)
+
+class Broken(Left):
+    def update(self, sample): raise ValueError("a matrix is singular")
+"""
+
+
+@pytest.fixture
+def own_module(tmp_path, monkeypatch):
+    (tmp_path / "own_live.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    yield
+    sys.modules.pop("own_live", None)
+
+
+@pytest.mark.parametrize("words", [["own_live:Left"], ["--estimator", "mine=own_live:Left"]])
+def test_a_class_of_the_user_runs_live(seen, own_module, tmp_path, words, capsys):
+    result, offline = tmp_path / "live.txt", tmp_path / "offline.txt"
+    done = alive([*words, "-o", result], sent(seen))
+    estimated("foot_ins", seen, "--foot", "l", "-o", offline)
+    assert result.read_bytes() == offline.read_bytes()
+    name = words[-1].removesuffix("=own_live:Left") if "--estimator" in words else words[0]
+    assert done.data["estimator"] == name
+    assert done.data["latency"]["arrival_to_estimate"][name]["/foot_l/imu"]["samples"] > 0
+    printed = capsys.readouterr()
+    assert "no row" in printed.err
+    assert "no row" not in printed.out
+    assert "is being compiled" not in printed.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["own_live:Elsewhere"], "Elsewhere.topics: invalid '/foot_l/imus': .*did you mean '/foot_l/imu'"),
+        (["own_live:Broken"], r"own_live:Broken: ValueError: a matrix is singular \(own_live.py:\d+, in update\)"),
+        (["own_live:Nothing"], "live: own_live:Nothing: cannot be imported: AttributeError"),
+        (["--estimator", "own_live:Left"], "--estimator: invalid 'own_live:Left': expected NAME=MODULE:CLASS"),
+        (["foot_ins", "--estimator", "mine=own_live:Left"], "--estimator names a class: expected no other estimator"),
+    ],
+)
+def test_an_invalid_class_of_the_user_is_reported(seen, own_module, words, said):
+    has_samples = words[0] in ("own_live:Elsewhere", "own_live:Broken")
+
+    def send(where):  # its receiver may be gone
+        outcome("send", seen, "--to", where, "--speed", "0", "--patience", "5", "--topic", "/foot_l/imu")
+
+    error = alive(words, *([send] if has_samples else []))
+    assert isinstance(error, StrideTwinError)
+    assert re.search(said, str(error)), error

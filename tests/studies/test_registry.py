@@ -238,3 +238,36 @@ def test_every_experiment_is_listed_and_others_are_refused(tmp_path) -> None:
         assert loaded.module.startswith("stridetwin.studies.")
     with pytest.raises(StrideTwinError, match="jao_loop_126m"):
         run_experiment("magic", ExperimentBatchOptions(folder=tmp_path), lambda *_: None)
+
+
+def test_the_size_of_what_is_missing_is_said_before_the_start(tmp_path, ran) -> None:
+    said: list[str] = []
+    run_experiment(
+        "small", ExperimentBatchOptions(folder=tmp_path, subset=1), lambda *_: None, lambda text: said.append(text)
+    )
+    options = ExperimentBatchOptions(folder=tmp_path, resume=True)
+    run_experiment("small", options, lambda *_: said.append(f"ran {len(ran)}"), lambda text: said.append(text))
+    run_experiment("small", options, lambda *_: None, lambda text: said.append(text))
+    assert [text for text in said if not text.startswith("ran")] == [
+        "small: 1 case, 1 estimate",
+        "small: 3 cases, 3 estimates",
+    ]
+    assert said.index("small: 3 cases, 3 estimates") < said.index("ran 1")
+
+
+def test_walks_and_estimates_are_counted_and_the_time_grows_with_both(tmp_path) -> None:
+    study = experiment("zhao_generality")
+
+    def size(name, **options):
+        cases = ExperimentBatchOptions(folder=tmp_path, physics="kinematic", **options).cases(experiment(name))
+        return experiment(name).size(cases), len(cases)
+
+    (few, _), (every, count) = size("zhao_generality", subset=60), size("zhao_generality")
+    assert (few.walks, few.estimates, every.walks, every.estimates) == (60, 120, 540, 1080)
+    assert every.cpu_s / few.cpu_s == pytest.approx(9, rel=0.2)
+    assert every.cpu_s > 3600  # hours, as the terminal says
+    assert f"{count} cases: 540 walks" in every.describe(count)
+    assert "with 2 processes" in every.describe(count, 2)
+    three, _ = size("zhao_baselines")
+    assert three.estimates == 3 * three.walks == 180
+    assert len(study.seeds) == count
