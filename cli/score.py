@@ -18,6 +18,7 @@ from stridetwin.gate.formatting import (
     collect_failures,
     find_changes,
     format_failures,
+    format_limits,
     to_cells,
     to_junit,
     to_markdown,
@@ -158,10 +159,16 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
 
 
 def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
-    """The scores that differ from the baseline, regressions first."""
+    """The scores that differ from the baseline, regressions first, and what the verdict does not prove."""
     rows = [to_cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.words}"
-    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
+    return [
+        "",
+        head,
+        *([table(rows, HEAD, text_columns=3)] if rows else []),
+        *format_limits(comparison),
+        verdict_line(comparison, failed),
+    ]
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:
