@@ -360,7 +360,8 @@ def _group_type(group: str) -> Any:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
-    hints["position_m"] = Annotated[hints["position_m"], AfterValidator(_check_on_shoe)]
+    position = hints["position_m"]
+    hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)
