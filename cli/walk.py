@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stridetwin.cli.commands import GenerateOptions, RunOptions
-from stridetwin.cli.options import Outcome, Progress, check_executor
+from stridetwin.cli.options import Outcome, Progress, check_executor, check_recording_name
 from stridetwin.cli.score import score_tables
 from stridetwin.scenarios import record
 from stridetwin.scenarios.campaign import manifest
@@ -134,6 +134,7 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """`generate` of a scenario."""
+    check_recording_name("generate -o", arguments.output)
     scenario = _restrict_sensors(_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
@@ -153,7 +154,6 @@ def load_with_notes(name: str) -> Scenario:
 
 
 def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
-
     scenario = load_with_notes(arguments.scenario)
     if arguments.physics is not None:
         scenario = replace(scenario, config=replace(scenario.config, physics=arguments.physics))

@@ -16,6 +16,7 @@ from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
+from stridetwin.streams.errors import explain_import_error
 from stridetwin.streams.files import to_json
 from stridetwin.streams.recording.reader import Recording
 
@@ -66,9 +67,10 @@ def run_scenario(
     Raises:
         StrideTwinError: Any usage error.
     """
-    from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
-    from stridetwin.report.rerun_file import rerun_installed, write_rerun
-    from stridetwin.report.run_report import ReportData, render_report
+    with explain_import_error("runs need the simulator and its reports", "twin"):
+        from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
+        from stridetwin.report.rerun_file import rerun_installed, write_rerun
+        from stridetwin.report.run_report import ReportData, render_report
 
     estimators = estimators_of(only) if only else None
     if estimators is not None:

@@ -53,6 +53,43 @@ def read_error(path: Path, error: OSError) -> StrideTwinError:
     return StrideTwinError(f"{path}: cannot be read: {error.strerror or error}")
 
 
+EXTRA_OF = {
+    "mujoco": "twin",
+    "glfw": "twin",
+    "trimesh": "twin",
+    "jinja2": "report",
+    "markupsafe": "report",
+    "plotly": "report",
+    "dm_control": "closed-loop",
+    "dm_env": "closed-loop",
+    "joblib": "closed-loop",
+    "platformdirs": "closed-loop",
+    "cma": "placement",
+    "rerun": "view",
+    "rerun_sdk": "view",
+    "zenoh": "live",
+    "dask": "cluster",
+    "distributed": "cluster",
+    "pandas": "frames",
+    "sklearn": "learn",
+    "open3d": "open3d",
+    "lzfse": "record3d",
+    "projectaria_tools": "aria",
+}
+"""The extra that brings each optional library, by the library's import name."""
+
+
+def missing_library_error(error: ModuleNotFoundError, need: str = "this needs it") -> StrideTwinError | None:
+    """The one line to print in place of a failed import; None if no extra brings the library.
+
+    Args:
+        error: The failed import.
+        need: What needs the library, such as `experiments need the simulator`.
+    """
+    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    return None if extra is None else StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}")
+
+
 class Missing:
     """Type of `ConfigError.value` for a required key that a file lacks; the message then says `missing`."""
 
