@@ -13,7 +13,7 @@ from stridetwin.gate.bootstrap import BootstrapResult, compare_groups, compare_p
 from stridetwin.gate.metric_policy import ARITHMETIC, OVERALL, Scale, scale_of
 from stridetwin.gate.score_table import EVERY_ESTIMATOR, ScoreTable
 from stridetwin.outputs.base import CLAIM, ERROR, Scores
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, check_type
 from stridetwin.streams.samples import Array
 
 MIN_WALKS = 8
@@ -144,6 +144,8 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     Raises:
         ConfigError: The baseline has too many scores for the level, see `check_level`.
     """
+    for name, scores in (("now", now), ("baseline", baseline)):
+        check_type("compare_scores", name, scores, ScoreTable, "a ScoreTable, such as read_table(FILE)")
     check_level(baseline, rules)
     shared = [key for key in baseline.walks if key in now.walks]
     few = min(len(baseline.walks), len(now.walks))

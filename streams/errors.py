@@ -120,6 +120,23 @@ class ConfigError(StrideTwinError):
         return type(self), (self.source, self.field, self.value, self.valid)
 
 
+def check_type(source: object, field: str, value: object, types: type | tuple[type, ...], valid: str) -> None:
+    """Refuses an argument of another type, such as a path where an opened recording is expected.
+
+    Args:
+        source: Function or class that was called.
+        field: Name of its parameter.
+        value: The argument.
+        types: The accepted types.
+        valid: What to pass instead, and where it comes from.
+
+    Raises:
+        ConfigError: It is of another type, which the message names.
+    """
+    if not isinstance(value, types):
+        raise ConfigError(source, field, type(value).__name__, valid)
+
+
 @dataclass(frozen=True, kw_only=True)
 class FieldLocation:
     """Position in a file, for errors that are found after reading: the file as the user named it, and the keys."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, check_type
 from stridetwin.streams.samples import Array
 
 
@@ -158,6 +158,19 @@ class Rig:
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict)
     boards: Mapping[str, Board] = field(default_factory=dict)
     others: Mapping[str, OtherSensor] = field(default_factory=dict)
+
+    @classmethod
+    def check(cls, rig: object, owner: str) -> None:
+        """Refuses an argument that is no rig, such as a recording; an estimator calls it first in its constructor.
+
+        Args:
+            rig: The argument.
+            owner: Name of the estimator.
+
+        Raises:
+            ConfigError: It is of another type.
+        """
+        check_type(owner, "rig", rig, cls, "a Rig, such as the rig of a Recording (recording.rig)")
 
     def imu(self, topic: str) -> ImuCalibration:
         """Calibration of one IMU.

@@ -11,7 +11,7 @@ from stridetwin.estimators import registry
 from stridetwin.estimators.base import PATH, PathEstimate, Progress
 from stridetwin.outputs.base import Collector, Output
 from stridetwin.outputs.feeding import Instance, runnable_instances, start
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, check_type
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
@@ -113,6 +113,7 @@ def all_paths(
         supplies_poses: Selects estimators by `Declaration.supplies_poses`; None takes all.
         only: Names of the estimators to run; None runs all.
     """
+    check_type("all_paths", "recording", recording, Recording, "a Recording, such as open_any(PATH)")
     return [
         output.estimates
         for name, estimator_class in registry.estimators(PATH).items()
