@@ -17,7 +17,7 @@ import typer
 from stridetwin.cli.commands import COMMANDS, Command
 from stridetwin.cli.console import Console, show
 from stridetwin.cli.options import Options, Outcome, Progress, check_outputs
-from stridetwin.streams.errors import StrideTwinError, was_interrupted
+from stridetwin.streams.errors import StrideTwinError, missing_library_error, was_interrupted
 from stridetwin.streams.files import final_name
 
 _PIPE_CLOSED = 128 + 13  # as a shell reports SIGPIPE
@@ -77,6 +77,11 @@ def _run(call: Call, console: Console) -> int:
         outcome = call.run(console)
     except StrideTwinError as error:
         return _print_error(console, str(error))
+    except ModuleNotFoundError as error:
+        missing = missing_library_error(error, f"{call.command} needs it")
+        if missing is None:
+            raise
+        return _print_error(console, str(missing))
     except OSError as error:
         return _print_error(
             console, f"{final_name(str(error.filename))}: {error.strerror}" if error.filename else str(error)

@@ -36,6 +36,9 @@ _OUTPUTS = {
 }
 _FOLDERS = ("run", "generate", "export", "experiment", "place", "scene")
 """Commands whose `-o` may be a folder."""
+_ONLY_RECORDINGS = (("import", "output"), ("live", "record"))
+"""Commands and options whose file is always a recording."""
+RECORDING_SUFFIX = ".mcap"
 _MAKE_FOLDERS = (("import", "output"), ("score", "history"))
 Progress = Callable[[str, float], None]
 
@@ -253,11 +256,27 @@ def check_outputs(command: str, arguments: Options) -> None:
         option = f"{command} {_OUTPUTS[name]}"
         if any(_same(path, other) for other in taken):
             raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
+        if (command, name) in _ONLY_RECORDINGS:
+            check_recording_name(option, path)
         if name != "output" or command not in _FOLDERS:
             partial_path(path)
             if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
                 raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
         taken.append(path)
+
+
+def check_recording_name(option: str, path: Path) -> None:
+    """Refuses a file for a recording whose name says that it is something else, such as a bag; recordings are MCAP.
+
+    Args:
+        option: Command and option that name the file, for the error.
+        path: The file.
+
+    Raises:
+        ConfigError: Its suffix is not `.mcap`.
+    """
+    if path.suffix != RECORDING_SUFFIX:
+        raise ConfigError(option, "", str(path), f"a file that ends in {RECORDING_SUFFIX}")
 
 
 def _files(values: Iterable[object]) -> Iterator[Path]:

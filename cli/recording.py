@@ -13,7 +13,7 @@ from stridetwin.cli.options import ImportableOptions, Outcome, Progress
 from stridetwin.outputs.truth import true_frames, true_path
 from stridetwin.scenarios.check import check_recording, check_table
 from stridetwin.scenarios.files import stage_files
-from stridetwin.streams.errors import ConfigError, StrideTwinError, install_hint
+from stridetwin.streams.errors import ConfigError, StrideTwinError, explain_import_error, install_hint
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.euroc import write_euroc
 from stridetwin.streams.formats.imu_columns import parse_mapping
@@ -159,7 +159,8 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
         return play_walk(str(arguments.source), arguments.seed or 0, progress)
     if arguments.seed is not None:
         raise ConfigError("view", "--seed", arguments.seed, "no --seed, as a recording has its own")
-    from stridetwin.report.rerun_file import rerun_installed, write_rerun
+    with explain_import_error("the viewer needs it", "view"):
+        from stridetwin.report.rerun_file import rerun_installed, write_rerun
     from stridetwin.run.recording import Selection, evaluate_recording
 
     if not rerun_installed():

@@ -19,6 +19,7 @@ from stridetwin.gate.formatting import (
     collect_failures,
     find_changes,
     format_failures,
+    format_limits,
     to_cells,
     to_junit,
     to_markdown,
@@ -202,10 +203,16 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
 
 
 def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
-    """The lines on the comparison: how it was made, the scores that differ (regressions first), and the verdict."""
+    """How the comparison was made, the scores that differ (regressions first), what it does not prove, the verdict."""
     rows = [to_cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.description}"
-    return ["", head, *([table(rows, HEAD, text_columns=3)] if rows else []), verdict_line(comparison, failed)]
+    return [
+        "",
+        head,
+        *([table(rows, HEAD, text_columns=3)] if rows else []),
+        *format_limits(comparison),
+        verdict_line(comparison, failed),
+    ]
 
 
 def _split_assignment(text: str, option: str, what: str) -> tuple[str, str]:

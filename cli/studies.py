@@ -24,7 +24,7 @@ from stridetwin.cli.options import (
     whole,
 )
 from stridetwin.scenarios.built_in import experiments
-from stridetwin.streams.errors import FieldLocation, StrideTwinError, explain_import_error, install_hint
+from stridetwin.streams.errors import FieldLocation, explain_import_error, missing_library_error
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from stridetwin.studies.placement.problem_file import PlacementProblem
 
 _SUFFIXES = (".yaml", ".yml")
-_CLOSED_LOOP = ("dm_control", "dm_env", "joblib", "platformdirs")
 """Libraries of the extra `closed-loop` beside those of `twin`."""
 
 
@@ -92,10 +91,9 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
         study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
-        extra = "closed-loop" if (error.name or "").partition(".")[0] in _CLOSED_LOOP else "twin"
-        raise StrideTwinError(
-            f"{error.name} is not installed; experiments need the simulator: {install_hint(extra)}"
-        ) from error
+        if (missing := missing_library_error(error, "experiments need the simulator")) is None:
+            raise
+        raise missing from error
     options = ExperimentBatchOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,
         workers=arguments.workers or 1,

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stridetwin.cli.commands import GenerateOptions, RunOptions
-from stridetwin.cli.options import Outcome, Progress, check_executor
+from stridetwin.cli.options import Outcome, Progress, check_executor, check_recording_name
 from stridetwin.cli.score import score_tables
 from stridetwin.estimators.registry import names as estimator_names
 from stridetwin.outputs.parameters import check_used, parse_parameters
@@ -143,6 +143,7 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
 
 def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """Generates the walk of one scenario as a recording."""
+    check_recording_name("generate -o", arguments.output)
     scenario = _restrict_sensors(_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0

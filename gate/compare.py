@@ -13,11 +13,13 @@ from stridetwin.gate.bootstrap import BootstrapResult, compare_groups, compare_p
 from stridetwin.gate.metric_policy import ARITHMETIC, OVERALL, Scale, scale_of
 from stridetwin.gate.score_table import EVERY_ESTIMATOR, ScoreTable
 from stridetwin.outputs.base import CLAIM, ERROR, Scores
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, check_type
 from stridetwin.streams.samples import Array
 
 MIN_WALKS = 8
 """Fewer walks have too few distinct resamples for a significance level of 1 % over sixty scores."""
+ENOUGH_WALKS = 30
+"""Fewer walks reveal only large changes: thirty find most of 5 to 20 % (docs/gate.md, "Measured")."""
 PAIRED, UNPAIRED, TOLERANCE = "paired", "unpaired", "tolerance"
 SAME, WORSE, BETTER, MISSING, NEW = "same", "worse", "better", "missing", "new"
 _MAX_DRAWS = 2_000_000
@@ -61,6 +63,7 @@ class Line:
         in_points: The change is in percentage points.
         mean: ARITHMETIC or GEOMETRIC mean over walks; None for a number of walks.
         absolute: Values are means of absolute values of a signed score.
+        near_miss: The verdict is SAME, but the whole 95 % interval is worse than the baseline: further walks decide.
     """
 
     estimator: str
@@ -78,6 +81,7 @@ class Line:
     in_points: bool = False
     mean: str | None = None
     absolute: bool = False
+    near_miss: bool = False
 
     @property
     def regressed(self) -> bool:
@@ -101,6 +105,16 @@ class Comparison:
     def regressions(self) -> list[Line]:
         """The lines for which the gate fails."""
         return [line for line in self.lines if line.regressed]
+
+    @property
+    def near_misses(self) -> list[Line]:
+        """The lines that seem worse, without proof (`Line.near_miss`)."""
+        return [line for line in self.lines if line.near_miss]
+
+    @property
+    def tested_walks(self) -> int:
+        """Largest number of walks of a statistical test; 0 if means alone were compared."""
+        return max((line.walks for line in self.lines if line.p is not None), default=0)
 
 
 def check_level(baseline: ScoreTable, rules: Rules) -> None:
@@ -130,6 +144,8 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     Raises:
         ConfigError: The baseline has too many scores for the level, see `check_level`.
     """
+    for name, scores in (("now", now), ("baseline", baseline)):
+        check_type("compare_scores", name, scores, ScoreTable, "a ScoreTable, such as read_table(FILE)")
     check_level(baseline, rules)
     shared = [key for key in baseline.walks if key in now.walks]
     few = min(len(baseline.walks), len(now.walks))
@@ -336,6 +352,7 @@ def _with_verdict(
     """The line of a score with its change, interval, p-value and verdict.
 
     A significant change (p up to the level) of more than `Rules.least` is WORSE or BETTER; a claim is never BETTER.
+    Another change of more than `Rules.least` for the worse whose 95 % interval excludes 0 is a near miss.
 
     Args:
         line: The line without verdict.
@@ -352,7 +369,10 @@ def _with_verdict(
         verdict = WORSE
     elif p[1] <= rules.level and -scale.worse_by(mean) > rules.least and scale.kind != CLAIM:
         verdict = BETTER
-    return replace(line, verdict=verdict, change=scale.change(mean), low=ends[0], high=ends[1], p=p[0])
+    near_miss = verdict == SAME and result.low[k] > 0.0 and scale.worse_by(mean) > rules.least
+    return replace(
+        line, verdict=verdict, change=scale.change(mean), low=ends[0], high=ends[1], p=p[0], near_miss=bool(near_miss)
+    )
 
 
 def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], method: str) -> list[Line]:

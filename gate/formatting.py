@@ -8,11 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
-from stridetwin.gate.compare import BETTER, MISSING, NEW, SAME, WALKS, Comparison, Line
+from stridetwin.gate.compare import BETTER, ENOUGH_WALKS, MISSING, NEW, SAME, WALKS, Comparison, Line
 
 HEAD = ("estimator", "score", "mean", "baseline", "now", "change", "95 % interval", "p", "verdict")
 _NOT_WORSE = "not worse"
 """Of a score without a significant change for the worse or the better, or within the tolerance."""
+_NEAR_MISS = "near miss"
+"""Of a score that is not proven to be worse, although its whole 95 % interval is worse than the baseline."""
 _NOT_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -63,13 +65,26 @@ def to_cells(line: Line) -> list[str]:
         change,
         interval,
         p,
-        _NOT_WORSE if line.verdict == SAME else line.verdict,
+        _NEAR_MISS if line.near_miss else _NOT_WORSE if line.verdict == SAME else line.verdict,
     ]
 
 
 def find_changes(comparison: Comparison) -> list[Line]:
-    """The lines whose verdict is not SAME, regressions first."""
-    return sorted((x for x in comparison.lines if x.verdict != SAME), key=lambda line: not line.regressed)
+    """The lines whose verdict is not SAME, and near misses: regressions first, then near misses."""
+    changes = [line for line in comparison.lines if line.verdict != SAME or line.near_miss]
+    return sorted(changes, key=lambda line: (not line.regressed, not line.near_miss))
+
+
+def format_limits(comparison: Comparison) -> list[str]:
+    """What the verdict does not prove, one line each: near misses, and walks too few to find small changes."""
+    near_misses, walks = comparison.near_misses, comparison.tested_walks
+    lines = []
+    if near_misses:
+        count = "1 near miss" if len(near_misses) == 1 else f"{len(near_misses)} near misses"
+        lines.append(f"{count}: the whole 95 % interval is worse, but p is above the level; more walks decide")
+    if 0 < walks < ENOUGH_WALKS:
+        lines.append(f"{walks} walks are too few for changes of 5 to 20 %: expected {ENOUGH_WALKS} or more")
+    return lines
 
 
 def verdict_line(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> str:
@@ -88,8 +103,9 @@ def to_markdown(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -
     result = f"**{count} worse**" if count else "**nothing worse**"
     result += f"{' and' if count else ', but'} **{len(failed)} failed**" if failed else ""
     out = ["### Estimators against the baseline", "", f"{result} ({comparison.description})", ""]
+    out += [line for limit in format_limits(comparison) for line in (_escape(limit), "")]
     changes = find_changes(comparison)
-    same = [line for line in comparison.lines if line.verdict == SAME]
+    same = [line for line in comparison.lines if line.verdict == SAME and not line.near_miss]
     if failed:
         rows = [(_escape(x.walk), _escape(x.estimator), _escape(x.why)) for x in failed]
         out += [_markdown_row(row) for row in (("walk", "estimator", "failed"), ("---",) * 3, *rows)] + [""]
@@ -170,7 +186,7 @@ def to_sentence(line: Line) -> str:
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
     _, _, _, baseline, now, change, interval, *_ = to_cells(line)
-    result = {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
+    result = _NEAR_MISS if line.near_miss else {BETTER: "better", SAME: _NOT_WORSE}.get(line.verdict, line.verdict)
     mean = f" in the {line.mean} mean" if line.mean else ""
     return f"{name}: {result}, {baseline} to {now}{mean} ({change}, {interval})"
 

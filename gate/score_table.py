@@ -67,7 +67,7 @@ def table_of(document: object, source: str) -> ScoreTable:
     return ScoreTable(walks=walks, failed=failed, means=means)
 
 
-def read_table(path: Path) -> ScoreTable:
+def read_table(path: str | Path) -> ScoreTable:
     """Reads a baseline: a file of scores with at least one comparable score.
 
     Raises:
@@ -75,7 +75,7 @@ def read_table(path: Path) -> ScoreTable:
         OSError: It cannot be read.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
         table = table_of(document, str(path))
     except (ValueError, RecursionError) as error:
         raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_EXPECTED_FORM}") from error

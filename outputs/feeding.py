@@ -127,7 +127,9 @@ def missing_topics(streams: Iterable[Stream], available_topics: Container[str]) 
 def check_topics(instance: Instance, recording: Recording) -> None:
     """Raises RecordingError if a recording lacks a stream that an instance requires."""
     if missing := missing_topics(instance.streams, recording.topics):
-        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {instance.declaration.name} needs it")
+        hint = next(filter(None, map(recording.map_hint, missing)), "")
+        name = instance.declaration.name
+        raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {name} needs it{hint}")
 
 
 def start(instance: Instance, recording: Recording) -> tuple[Estimator, Iterator[Sample]]:

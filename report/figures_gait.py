@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.outputs.path.figures import COLORS
 from stridetwin.pages.plot import MUTED, Plot, faint
-from stridetwin.reference.norms import level_norm, speed_group
+from stridetwin.reference.norms import level_norm, read_reference, speed_group
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array, Footprint
@@ -24,6 +24,8 @@ _JOINTS = {
     "ankle_dorsiflexion": "Ankle dorsiflexion",
 }
 _CYCLE = np.linspace(0.0, 100.0, 101)
+_LOAD_PCT = {"first_peak": (10.0, 20.0), "valley": (25.0, 37.0), "second_peak": (43.0, 53.0)}
+"""Where in the gait cycle the vertical load has its peaks and valley at a comfortable speed."""
 _SOLE_M = (0.32, 0.08)
 _PAUSE_NS = 30_000_000
 
@@ -97,7 +99,15 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
 
 
 def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg: float) -> str:
-    """Vertical load of one foot over the gait cycle, in body weights; empty without its truth."""
+    """Vertical load of one foot over the gait cycle, in multiples of the carried weight; empty without its truth.
+
+    At a comfortable speed, boxes show the ranges of people's two peaks and of the valley between them.
+
+    Args:
+        recording: The walk.
+        strides: Strides on the level.
+        mass_kg: Mass that the feet carry: of the person and of the exoskeleton.
+    """
     loads = {}
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
@@ -107,7 +117,16 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
             loads[foot] = block.t_ns, load
     if not loads:
         return ""
-    plot = Plot(title="Vertical ground reaction", x=(0, 100), x_label="gait cycle, %", y_label="force, body weights")
+    plot = Plot(
+        title="Vertical ground reaction",
+        x=(0, 100),
+        x_label="gait cycle, %",
+        y_label="force / carried weight",
+    )
+    if speed_group(float(np.mean([s.speed_mps for s in strides]))) == "Free":
+        norms = read_reference("gait_norms")["level_walking"]["vertical_grf_bw"]
+        for name, (begin_pct, end_pct) in _LOAD_PCT.items():
+            plot.bars(begin_pct, end_pct, *norms[name], faint(MUTED, 0.2), label="people, range")
     _draw_strides(plot, strides, loads)
     return plot.html()
 

@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
+from stridetwin.estimators.base import FEET
 from stridetwin.pages.plot import ERROR, PALETTE, Plot, data_range, faint
 from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.streams.recording.reader import Recording
@@ -36,7 +37,7 @@ class Curves:
     """What to draw of one stream.
 
     Attributes:
-        title: Such as `foot_l/imu: angular rate, °/s`.
+        title: Such as `Left foot IMU: angular rate, °/s`.
         values: (N, K) values.
         labels: K names.
     """
@@ -46,6 +47,7 @@ class Curves:
     labels: tuple[str, ...]
 
 
+_SENSOR_NAMES = {"imu": "IMU", "ahrs": "AHRS", "interaction": "cuff", "actuator": "motor"}
 _XYZ = ("x", "y", "z")
 _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[str, ...]], ...]] = {
     Imu: (
@@ -63,7 +65,7 @@ _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[st
 
 def curves_of(block: Block[Sample]) -> list[Curves]:
     """The curves of one stream of small samples, in the units of a report; none for kinds that have no figure."""
-    name, c = block.topic.strip("/"), block.columns
+    name, c = describe_topic(block.topic), block.columns
     if block.kind is Ahrs:
         euler = Rotation.from_quat(c["q_world_sensor"], scalar_first=True).as_euler("ZYX", degrees=True)
         return [Curves(title=f"{name}: attitude, °", values=euler, labels=("yaw", "pitch", "roll"))]
@@ -71,6 +73,22 @@ def curves_of(block: Block[Sample]) -> list[Curves]:
         Curves(title=f"{name}: {quantity}", values=np.column_stack([c[n] for n in columns]) * factor, labels=labels)
         for quantity, columns, factor, labels in _CURVES.get(block.kind, ())
     ]
+
+
+def describe_topic(topic: str) -> str:
+    """The sensor behind a topic, such as `Left foot IMU` or `Exoskeleton, right knee encoder`."""
+    *places, sensor = topic.strip("/").split("/")
+    names = [_describe_place(place) for place in places]
+    text = f"{', '.join(names)} {_SENSOR_NAMES.get(sensor, sensor.replace('_', ' '))}".strip()
+    return text[:1].upper() + text[1:]
+
+
+def _describe_place(place: str) -> str:
+    """A part of a topic that says where a sensor is, such as `left thigh` for `thigh_l`."""
+    name, _, side = place.rpartition("_")
+    if side in FEET and name:
+        return f"{FEET[side]} {name.replace('_', ' ')}"
+    return "exoskeleton" if place == "exo" else place.replace("_", " ")
 
 
 def stream_figures(recording: Recording, topics: list[str], window: tuple[float, float]) -> list[Markup]:
@@ -119,9 +137,12 @@ def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float],
 
 
 def scalar_topics(recording: Recording) -> list[str]:
-    """The sensor topics without images, the feet's first."""
+    """The sensor topics without images and without joints that have no motor, the feet's first."""
     kinds = {t: info.kind for t, info in recording.topics.items() if not t.startswith("/truth/")}
-    return sorted((t for t, kind in kinds.items() if kind not in (Image, Depth)), key=_by_place)
+    sensors = recording.rig.others if recording.has_rig else {}
+    without_motor = {t for t, s in sensors.items() if s.kind == "actuator" and "torque_max_nm" not in s.parameters}
+    topics = [t for t, kind in kinds.items() if kind not in (Image, Depth) and t not in without_motor]
+    return sorted(topics, key=_by_place)
 
 
 def _by_place(topic: str) -> tuple[int, str]:

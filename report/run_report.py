@@ -31,6 +31,7 @@ class ReportData:
         scenario: Scenario of the walk.
         seed: Seed of the walk.
         duration_s: Length of the walk.
+        total_mass_kg: Mass of person and exoskeleton.
         command: The command that reproduces it.
         recording: Recording of the walk.
         of_kinds: The evaluated outputs of each kind.
@@ -40,6 +41,7 @@ class ReportData:
     scenario: Scenario
     seed: int
     duration_s: float
+    total_mass_kg: float
     command: str
     recording: Recording
     of_kinds: Sequence[KindEvaluations]
@@ -124,15 +126,24 @@ def _gait(data: ReportData) -> str:
     strides = level_strides(footprints)
     figures = [
         *joint_figures(data.recording, strides),
-        ground_reaction_figure(data.recording, strides, data.scenario.config.person.mass_kg),
+        ground_reaction_figure(data.recording, strides, data.total_mass_kg),
         pressure_figure(data.recording, footprints),
     ]
     body = boxes(figures)
     lead = (
         f"{len(strides)} level strides, one curve each. Bands: people at this speed, mean ± one and two SD "
-        "(Schwartz, Rozumalski and Trost 2008)."
+        "(Schwartz, Rozumalski and Trost 2008). Loads are multiples of the carried weight, that of "
+        f"{_describe_load(data)}: 1 is standing on one foot; boxes: people's peaks and valley at a comfortable speed."
     )
     return section("Gait", lead, body, "plots") if body else ""
+
+
+def _describe_load(data: ReportData) -> str:
+    """What the feet carry in a walk, with its mass, such as `person and exoskeleton, 75 + 10 kg`."""
+    person_kg = data.scenario.config.person.mass_kg
+    if data.scenario.config.exo is None:
+        return f"the person, {person_kg:.1f} kg"
+    return f"person and exoskeleton, {person_kg:.1f} + {data.total_mass_kg - person_kg:.1f} kg"
 
 
 def _streams(data: ReportData) -> str:

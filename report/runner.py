@@ -17,8 +17,10 @@ from stridetwin.run.recording import Selection, run_recording
 from stridetwin.scenarios.files import stage_files
 from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.scenarios.record import Progress, make_twin, record, walk_metadata
-from stridetwin.scenarios.scenario_file import Scenario
+from stridetwin.scenarios.scenario_file import Scenario, to_scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
+from stridetwin.sim.config import TwinConfig
+from stridetwin.streams.errors import explain_import_error
 from stridetwin.streams.files import to_json
 from stridetwin.streams.recording.reader import Recording
 
@@ -41,9 +43,9 @@ class Run:
 
 
 def run_scenario(
-    scenario: Scenario,
+    scenario: Scenario | TwinConfig | str | Path,
     seed: int,
-    folder: Path,
+    folder: str | Path,
     command: str = "",
     progress: Progress = lambda stage, share: None,
     *,
@@ -55,7 +57,7 @@ def run_scenario(
     """Simulates a walk, runs the estimators and scores them.
 
     Args:
-        scenario: Walker and route.
+        scenario: Walker and route: a scenario, a configuration, a name in the catalogue, or the path of a file.
         seed: Fixes every byte of the recording and of the scores.
         folder: Receives `recording.mcap`, `scores.json`, `report.html`, `run.rrd` (if Rerun is installed), one TUM file
             per path estimator, one table per step estimator, and the final terrain map; all at the end, or none if
@@ -71,9 +73,11 @@ def run_scenario(
     Raises:
         StrideTwinError: Any usage error.
     """
-    from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
-    from stridetwin.report.rerun_file import rerun_installed, write_rerun
-    from stridetwin.report.run_report import ReportData, render_report
+    scenario, folder = to_scenario(scenario), Path(folder)
+    with explain_import_error("runs need the simulator and its reports", "twin"):
+        from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
+        from stridetwin.report.rerun_file import rerun_installed, write_rerun
+        from stridetwin.report.run_report import ReportData, render_report
 
     estimators = estimators_of(only) if only else None
     if estimators is not None:
@@ -104,6 +108,7 @@ def run_scenario(
             scenario=scenario,
             seed=seed,
             duration_s=twin.duration_s,
+            total_mass_kg=twin.total_mass_kg,
             command=command,
             recording=recording,
             of_kinds=of_kinds,

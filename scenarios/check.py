@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stridetwin.scenarios.camera_clock import CameraClock, camera_clock, moving_board
 from stridetwin.sim.parts.library import full_scales
+from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import find_implausible_values, force_at_rest
 from stridetwin.streams.recording.reader import Recording
@@ -112,6 +113,9 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         recording: Opened leniently, so that damage becomes a finding instead of an error.
         progress: Receives the share of the work that is done (0-1).
     """
+    check_type(
+        "check_recording", "recording", recording, Recording, "a Recording, such as open_any(PATH, lenient=True)"
+    )
     _decode_images(recording)
     findings = [Finding(topic=p.topic, what=str(p)) for p in recording.problems]
     findings += [Finding(topic="", what=w, is_error=False) for w in recording.warnings]

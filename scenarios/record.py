@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.metadata import fault_metadata
-from stridetwin.scenarios.scenario_file import CAMERAS, Scenario
+from stridetwin.scenarios.scenario_file import CAMERAS, Scenario, to_scenario
+from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.faults.faults import FaultPlan, check_times
 from stridetwin.sim.wearer.anthropometry import anthropometry
-from stridetwin.streams.errors import explain_import_error
+from stridetwin.streams.errors import ConfigError, explain_import_error
 from stridetwin.streams.recording.reader import RecordingWriter
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Sample
@@ -24,9 +25,17 @@ if TYPE_CHECKING:
 Progress = Callable[[str, float], None]
 
 
-def make_twin(scenario: Scenario, seed: int) -> Twin:
-    """The twin of a scenario; see `twin_class`."""
-    return twin_class()(scenario.config, seed)
+def make_twin(scenario: Scenario | TwinConfig | str | Path, seed: int = 0) -> Twin:
+    """The twin of a walk; see `twin_class`.
+
+    Args:
+        scenario: A scenario, the configuration of a walk, a name in the catalogue, or the path of a file.
+        seed: Determines every sample.
+
+    Raises:
+        StrideTwinError: There is no such scenario, it cannot be walked, or the simulator is not installed.
+    """
+    return twin_class()(to_scenario(scenario).config, seed)
 
 
 def twin_class() -> type[Twin]:
@@ -40,18 +49,21 @@ def twin_class() -> type[Twin]:
     return Twin
 
 
-def without_cameras(scenario: Scenario) -> Scenario:
-    """The scenario with all cameras off."""
+def without_cameras(scenario: Scenario | TwinConfig | str | Path) -> Scenario:
+    """The scenario (see `make_twin`) with all cameras off."""
+    scenario = to_scenario(scenario)
     sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
     return replace(scenario, config=replace(scenario.config, sensors=sensors))
 
 
-def record(twin: Twin, path: Path, progress: Progress = lambda stage, share: None) -> None:
+def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, share: None) -> None:
     """Runs the twin and writes the truth and the sensor samples that arrive as one recording.
 
     Raises:
-        ConfigError: A fault begins after the walk's end.
+        ConfigError: A fault begins after the walk's end, or the first argument is no twin.
     """
+    if isinstance(twin, str | Path | Scenario | TwinConfig):
+        raise ConfigError("record", "twin", type(twin).__name__, "a Twin, such as make_twin(SCENARIO)")
     config = twin.config
     plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
     metadata = walk_metadata(twin, plan.rig)

@@ -16,7 +16,7 @@ from stridetwin.sim.faults.faults import check_faults
 from stridetwin.sim.sensors.standard_rig import EXO_GROUPS, standard_rig
 from stridetwin.sim.world.mesh_terrain import MeshWay, mesh_terrain
 from stridetwin.sim.world.route import lay_out
-from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, ConfigFileError, StrideTwinError, check_type
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
@@ -35,7 +35,25 @@ class Scenario:
     notes: tuple[str, ...] = ()
 
 
-def load_scenario(name: str) -> Scenario:
+def to_scenario(scenario: Scenario | TwinConfig | str | Path) -> Scenario:
+    """A scenario from what a caller has of it, for functions that take any of these.
+
+    Args:
+        scenario: A scenario, the configuration of a walk, a name in the catalogue, or the path of a file.
+
+    Raises:
+        ConfigError: It is of another type, or a value in the file is invalid.
+        StrideTwinError: Unknown scenario; the message lists the known ones.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    if isinstance(scenario, TwinConfig):
+        return Scenario(description=scenario.name, config=scenario)
+    check_type("scenario", "", scenario, (str, Path), "a Scenario, a TwinConfig, a name in the catalogue or a path")
+    return load_scenario(scenario)
+
+
+def load_scenario(name: str | Path) -> Scenario:
     """Reads a scenario by its name in the catalogue, or from a YAML file.
 
     Args:
@@ -45,7 +63,8 @@ def load_scenario(name: str) -> Scenario:
         StrideTwinError: Unknown scenario; the message lists the known ones.
         ConfigError: An invalid value.
     """
-    known = catalogue()
+    check_type("load_scenario", "name", name, (str, Path), "a name in the catalogue or a path")
+    name, known = str(name), catalogue()
     if name in known:
         return read_scenario(known[name])
     path = Path(name)
@@ -54,14 +73,15 @@ def load_scenario(name: str) -> Scenario:
     raise StrideTwinError(f"invalid scenario {name!r}: expected {suggest(name, known)}, or the path of a .yaml file")
 
 
-def read_scenario(path: Path) -> Scenario:
+def read_scenario(path: str | Path) -> Scenario:
     """Reads one scenario file.
 
     Raises:
         ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read.
     """
-    return scenario_of(read_yaml(path, most_values=LARGEST_FILE_VALUES), path)
+    check_type("read_scenario", "path", path, (str, Path), "the path of a .yaml file")
+    return scenario_of(read_yaml(path, most_values=LARGEST_FILE_VALUES), Path(path))
 
 
 def scenario_of(node: object, path: Path) -> Scenario:

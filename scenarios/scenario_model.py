@@ -60,6 +60,7 @@ from stridetwin.sim.world.mesh_terrain import MeshWay
 from stridetwin.streams.errors import ConfigError, Missing, StrideTwinError
 from stridetwin.streams.fields import (
     DEG,
+    MM,
     FileModel,
     InputFile,
     Number,
@@ -274,6 +275,12 @@ _OPTIONS = {
 }
 """Attributes of a `SensorConfig` that only some groups have."""
 _COMMON_OPTIONS = ("ideal", "rate_hz", "clock")
+_HIGHEST_ON_SHOE_M = 0.15
+"""Height of the upper of a high shoe above its sole."""
+_ON_SHOE = (
+    f"up to {_HIGHEST_ON_SHOE_M / MM:g}, as foot_imu is fixed to the shoe and turns with the foot; an IMU on the shank "
+    "is imus.shank_l in the rig file of an exoskeleton of your own"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,6 +349,13 @@ def _check_direction(options: Any) -> Any:
     return options
 
 
+def _check_on_shoe(position_m: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+    """Returns the position of a shoe's IMU; refuses one above the shoe, which in reality the shank would carry."""
+    if position_m is not None and position_m[2] > _HIGHEST_ON_SHOE_M:
+        raise field_error(round(position_m[2] / MM, 6), _ON_SHOE, 2)
+    return position_m
+
+
 def _group_type(group: str) -> Any:
     """Pydantic type of a sensor group in a file: `true`, `false`, the name of a part, or a mapping of options."""
     hints = get_type_hints(SensorConfig, include_extras=True)
@@ -349,6 +363,8 @@ def _group_type(group: str) -> Any:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
+    position = hints["position_m"]
+    hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)

@@ -120,6 +120,11 @@ class Twin:
         return twin
 
     @property
+    def total_mass_kg(self) -> float:
+        """Mass of the wearer with everything worn: person, exoskeleton and its motors, kg."""
+        return float(self.model.body_subtreemass[1])
+
+    @property
     def duration_s(self) -> float:
         """Length of the walk, s."""
         return self.walk.duration_s

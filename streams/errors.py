@@ -53,6 +53,43 @@ def read_error(path: Path, error: OSError) -> StrideTwinError:
     return StrideTwinError(f"{path}: cannot be read: {error.strerror or error}")
 
 
+EXTRA_OF = {
+    "mujoco": "twin",
+    "glfw": "twin",
+    "trimesh": "twin",
+    "jinja2": "report",
+    "markupsafe": "report",
+    "plotly": "report",
+    "dm_control": "closed-loop",
+    "dm_env": "closed-loop",
+    "joblib": "closed-loop",
+    "platformdirs": "closed-loop",
+    "cma": "placement",
+    "rerun": "view",
+    "rerun_sdk": "view",
+    "zenoh": "live",
+    "dask": "cluster",
+    "distributed": "cluster",
+    "pandas": "frames",
+    "sklearn": "learn",
+    "open3d": "open3d",
+    "lzfse": "record3d",
+    "projectaria_tools": "aria",
+}
+"""The extra that brings each optional library, by the library's import name."""
+
+
+def missing_library_error(error: ModuleNotFoundError, need: str = "this needs it") -> StrideTwinError | None:
+    """The one line to print in place of a failed import; None if no extra brings the library.
+
+    Args:
+        error: The failed import.
+        need: What needs the library, such as `experiments need the simulator`.
+    """
+    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    return None if extra is None else StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}")
+
+
 class Missing:
     """Type of `ConfigError.value` for a required key that a file lacks; the message then says `missing`."""
 
@@ -81,6 +118,23 @@ class ConfigError(StrideTwinError):
     def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, object, str]]:
         """Pickles the constructor's arguments; by default an exception pickles its message alone."""
         return type(self), (self.source, self.field, self.value, self.valid)
+
+
+def check_type(source: object, field: str, value: object, types: type | tuple[type, ...], valid: str) -> None:
+    """Refuses an argument of another type, such as a path where an opened recording is expected.
+
+    Args:
+        source: Function or class that was called.
+        field: Name of its parameter.
+        value: The argument.
+        types: The accepted types.
+        valid: What to pass instead, and where it comes from.
+
+    Raises:
+        ConfigError: It is of another type, which the message names.
+    """
+    if not isinstance(value, types):
+        raise ConfigError(source, field, type(value).__name__, valid)
 
 
 @dataclass(frozen=True, kw_only=True)

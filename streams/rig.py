@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, check_type
 from stridetwin.streams.samples import (
     Actuator,
     Ahrs,
@@ -186,6 +186,19 @@ class Rig:
         """Topics of all sensors, the depth images of cameras among them."""
         depth = {camera.depth_topic for camera in self.cameras.values()} - {""}
         return {*self.imus, *self.cameras, *self.others} | depth
+
+    @classmethod
+    def check(cls, rig: object, owner: str) -> None:
+        """Refuses an argument that is no rig, such as a recording; an estimator calls it first in its constructor.
+
+        Args:
+            rig: The argument.
+            owner: Name of the estimator.
+
+        Raises:
+            ConfigError: It is of another type.
+        """
+        check_type(owner, "rig", rig, cls, "a Rig, such as the rig of a Recording (recording.rig)")
 
     def imu(self, topic: str) -> ImuCalibration:
         """Calibration of one IMU.

@@ -33,6 +33,7 @@ class FakeTwin:
     def __init__(self, config: TwinConfig, seed: int) -> None:
         self.config, self.seed = config, seed
         self.fell_at, self.size = None, SimpleNamespace(exo=None)
+        self.total_mass_kg = config.person.mass_kg
         self.duration_s = 2 * STAND_S + (STRIDES + 1) * STRIDE_S
         route = Route(segments=(Level(length_m=STRIDES * STRIDE_M),))
         self.terrain = SimpleNamespace(layout=lay_out(route))

@@ -60,6 +60,7 @@ class ContactTerrain:
         exoskeleton: Exoskeleton | None = None,
         parameters: ContactTerrainParameters = DEFAULTS,
     ) -> None:
+        Rig.check(rig, "ContactTerrain")
         options = options or Options()
         method, exo = options.method, exoskeleton or _geometry(options)
         if method not in METHODS:

@@ -141,6 +141,7 @@ class Dvio:
     default_parameters = staticmethod(method_parameters)
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
+        Rig.check(rig, "Dvio")
         options = options or Options()
         mount = _mount(rig, options)
         if mount not in MOUNTS:

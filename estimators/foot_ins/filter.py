@@ -58,6 +58,8 @@ class FootIns:
         *,
         options: Options | None = None,
     ) -> None:
+        if rig is not None:
+            Rig.check(rig, "FootIns")
         options = options or Options()
         if options.lag_s is not None:
             raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")

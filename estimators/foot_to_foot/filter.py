@@ -100,6 +100,7 @@ class FootToFoot:
         start: Mapping[str, StartPose] | None = None,
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        Rig.check(rig, "FootToFoot")
         method = (options or Options()).method
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))

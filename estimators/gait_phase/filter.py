@@ -48,6 +48,7 @@ class GaitPhase:
     def __init__(
         self, rig: Rig, *, options: Options | None = None, parameters: GaitPhaseParameters | None = None
     ) -> None:
+        Rig.check(rig, "GaitPhase")
         options = options or Options()
         if options.foot not in FOOT_NAMES:
             raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FOOT_NAMES))

@@ -91,6 +91,7 @@ class LocomotionMode:
         ground: TerrainMap | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
+        Rig.check(rig, "LocomotionMode")
         options = options or Options()
         camera, method = depth_calibration(rig), options.method
         T_frame_camera = camera_in_frame(rig, camera, options.poses_of)

@@ -74,6 +74,7 @@ class TerrainMap:
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
+        Rig.check(rig, "TerrainMap")
         options = options or Options()
         self.parameters = p = parameters or TerrainMapParameters()
         camera = depth_calibration(rig, topic)

@@ -13,7 +13,7 @@ from stridetwin.outputs.alignment import Rigid
 from stridetwin.outputs.base import Scores
 from stridetwin.outputs.path.scores import PathComparison, compare, score
 from stridetwin.outputs.truth import true_path
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, check_type
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
@@ -67,6 +67,7 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
             estimator and the time.
         RecordingError: The truth is missing or too short, see `true_path` and `compare`.
     """
+    check_type("evaluate", "recording", recording, Recording, "a Recording, such as open_any(PATH)")
     results = []
     worlds: dict[str, Rigid] = {}
     for estimate in estimates:

@@ -83,7 +83,7 @@ def error_over_time(results: Sequence[Result]) -> Markup:
         height=260,
         hover="x",
     )
-    colors = _colors(results)
+    colors = estimate_colors(results)
     for result, error, bound in zip(results, errors, bounds):
         color = colors[result.estimate.name]
         t, label = result.comparison.truth.t_ns * 1e-9, label_of(result.estimate)
@@ -136,7 +136,7 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
         results: The estimates.
         paths: For each, horizontal and vertical coordinate of truth and estimate, (2, 2, N) m.
     """
-    colors = _colors(results)
+    colors = estimate_colors(results)
     for part_results in by_part(results).values():
         truth = paths[results.index(part_results[0])][:, 0]
         plot.line(truth[0], truth[1], INK, width=3.0, label="truth")
@@ -144,7 +144,7 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
         plot.line(path[0, 1], path[1, 1], colors[result.estimate.name], label=label_of(result.estimate))
 
 
-def _colors(results: Sequence[Result]) -> dict[str, str]:
+def estimate_colors(results: Sequence[Result]) -> dict[str, str]:
     """The colour of each estimate by name: that of its part, and further colours for further estimators."""
     return {
         result.estimate.name: color

@@ -12,6 +12,7 @@ from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.figures import (
     by_part,
     error_over_time,
+    estimate_colors,
     label_of,
     nees_over_time,
     part_of,
@@ -57,13 +58,13 @@ def describe_distance(results: Sequence[Result]) -> str:
 
 def score_cards(results: Sequence[Result]) -> str:
     """The main scores of every path as cards with large numbers; "" without any."""
-    cards = []
+    cards, colors = [], estimate_colors(results)
     for key, title, unit, scale, digits, note in _CARDS:
         values = [
             {
                 "number": number_text(r.scores[key] * scale, digits),
                 "unit": unit,
-                "part": part_of(r.estimate),
+                "color": colors[r.estimate.name],
                 "label": label_of(r.estimate),
             }
             for r in results

@@ -14,7 +14,7 @@ from stridetwin.estimators.base import PATH, PathEstimate, Progress
 from stridetwin.outputs.base import Collector, Output
 from stridetwin.outputs.feeding import Instance, runnable_instances, start
 from stridetwin.outputs.parameters import ParameterValues, with_parameters
-from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.errors import StrideTwinError, check_type
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
@@ -123,6 +123,7 @@ def all_paths(
         only: Names of the estimators to run; None runs all.
         parameters: Values in place of the estimators' own.
     """
+    check_type("all_paths", "recording", recording, Recording, "a Recording, such as open_any(PATH)")
     return [
         output.estimates
         for name, estimator_class in registry.estimators(PATH).items()

@@ -18,7 +18,7 @@ from stridetwin.scenarios.campaign.named_files import Base, NamedFiles, Variable
 from stridetwin.scenarios.scenario_file import catalogue
 from stridetwin.sim.config import Person
 from stridetwin.sim.people import PEOPLE
-from stridetwin.streams.errors import FieldLocation, StrideTwinError
+from stridetwin.streams.errors import FieldLocation, StrideTwinError, check_type
 from stridetwin.streams.fields import FileModel, Number, OneOf, ReadAs, Text, check_unique, field_error
 from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
@@ -288,14 +288,18 @@ def read_campaign(path: Path) -> Campaign:
     return campaign
 
 
-def load_campaign(name: str) -> Campaign:
+def load_campaign(name: str | Path) -> Campaign:
     """Reads a campaign by its name in the catalogue, or from a YAML file.
 
     Raises:
         ConfigError: An invalid value in the file.
         StrideTwinError: The name is unknown, and the message lists the known ones; or a file cannot be read.
     """
+    check_type("load_campaign", "name", name, (str, Path), "a name in the catalogue or a path")
+    name = str(name)
     path = find_campaign(name)
+    if path is None and Path(name).suffix.lower() in _SUFFIXES:
+        path = Path(name)  # a missing file, or one without the keys of a campaign, which reading it reports
     if path is None:
         raise StrideTwinError(f"invalid campaign {name!r}: expected {suggest(name, campaigns())}, or a .yaml file")
     return read_campaign(path)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
 from stridetwin.sim.config import TwinConfig
-from stridetwin.sim.parts.sensor_config import KIND
+from stridetwin.sim.parts.sensor_config import KIND, Seat
+from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, FOOT_IMU, RGBD_MOUNT, RGBD_PITCH_RAD, SONAR
 from stridetwin.streams.errors import FieldLocation
+from stridetwin.streams.fields import DEG, MM
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
@@ -42,7 +44,8 @@ def field_path(text: str, where: FieldLocation) -> FieldPath:
 def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: FieldLocation) -> None:
     """Sets a value in a scenario's plain data and creates missing keys on the way.
 
-    A list of sensor groups, and the short forms of a group, become mappings first.
+    A list of sensor groups, and the short forms of a group, become mappings first. A mount of which the value is only a
+    part, such as one coordinate, gets the standard values first, so that the rest stays where it was.
 
     Raises:
         ConfigError: A node on the way has no such place.
@@ -50,13 +53,52 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Fiel
     node: Any = scenario
     for depth, key in enumerate(path.keys[:-1]):
         _check_place(node, path, depth, where)
-        if isinstance(key, str):
-            node.setdefault(key, {})
+        if isinstance(key, str) and key not in node:
+            node[key] = _standard_mount(scenario, path.keys[: depth + 1])
         if path.keys[0] == "sensors" and depth < 2:
             node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
     _check_place(node, path, len(path.keys) - 1, where)
     node[path.keys[-1]] = value
+
+
+def _standard_mount(scenario: Mapping[str, Any], keys: tuple[str | int, ...]) -> Any:
+    """The standard mount at a path in plain data of a file, such as that of `sensors.foot_imu.position_mm`.
+
+    Args:
+        scenario: Plain data; a pitch of its RGB-D camera moves into the camera's mount.
+        keys: Path of the mount.
+
+    Returns:
+        A list or mapping in mm and degrees; {} where there is no mount.
+    """
+    match keys:
+        case ("sensors", "foot_imu", "position_mm"):
+            return _in_units(FOOT_IMU, MM)
+        case ("sensors", "foot_imu", "rotation_deg"):
+            return [0.0, 0.0, 0.0]
+        case ("sensors", "foot_camera", "mount"):
+            return _mount_in_file(FOOT_CAMERA) | {"roll_deg": _in_units([FOOT_CAMERA.roll_rad], DEG)[0]}
+        case ("sensors", "foot_camera", "board"):
+            return _mount_in_file(FOOT_BOARD)
+        case ("sensors", "sonar", "mount"):
+            return _mount_in_file(SONAR)
+        case ("sensors", "head_camera", "mount"):
+            pitch_deg = scenario["sensors"]["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
+            position_m = RGBD_MOUNT[scenario.get("camera_mount", "head")][1]
+            return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
+        case _:
+            return {}
+
+
+def _mount_in_file(seat: Seat) -> dict[str, list[float]]:
+    """Position and direction of a mount as a scenario file gives them, mm and degrees."""
+    return {"position_mm": _in_units(seat.position_m, MM), "faces_deg": _in_units(seat.faces_rad, DEG)}
+
+
+def _in_units(values: Iterable[float], unit: float) -> list[float]:
+    """Values in SI units as multiples of a unit, rounded as in a file."""
+    return [round(value / unit, 6) for value in values]
 
 
 def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: FieldLocation) -> None:

@@ -37,11 +37,12 @@ EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
 _WALK_S = 100.0
 
-_FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
+FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
+SONAR = Seat(position_m=(-0.030, 0.040, 0.050), faces_rad=(90 * _DEG, 0.0))
 RGBD_PITCH_RAD = 25 * _DEG
-_RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
+RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
 _P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
@@ -103,8 +104,8 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     for i, group in enumerate(config.sensors):
         if group not in GROUPS:
             raise ConfigError(config.name, f"sensors[{i}]", group, ", ".join(GROUPS))
-    if config.rig_mount not in _RGBD_MOUNT:
-        raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(_RGBD_MOUNT))
+    if config.rig_mount not in RGBD_MOUNT:
+        raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(RGBD_MOUNT))
     on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
     sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
     calibrations = [s.calibration for s in sensors.values()]
@@ -179,7 +180,7 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
 
 def foot_imu_position(config: TwinConfig, side: str) -> Array:
     """(3,) m, position of a shoe's IMU in the foot's frame; it is defined even if that IMU is off."""
-    forward, outward, up = _group_config(config, "foot_imu").position_m or _FOOT_IMU
+    forward, outward, up = _group_config(config, "foot_imu").position_m or FOOT_IMU
     return np.array([forward, outward * _outward(side), up])
 
 
@@ -268,7 +269,7 @@ def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
     """Mount of the RGB-D camera: on head or chest, pitched down."""
-    body, position = _RGBD_MOUNT[config.rig_mount]
+    body, position = RGBD_MOUNT[config.rig_mount]
     sensor_config = _group_config(config, "head_camera")
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     seat = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
@@ -316,7 +317,8 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
     seat = _group_config(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
-        inward, place = np.array([0.0, -out, 0.0]), np.array([-0.030, -0.040 * out, 0.050])
+        forward, aside, up = SONAR.position_m
+        inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
         mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_rotation_with_x(inward), place))

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
+from xml.sax.saxutils import escape, quoteattr, unescape
 
 import mujoco
 import numpy as np
@@ -29,6 +29,7 @@ MOST_LINKS = 100
 MASS_KG = (0.05, 60.0)
 """Least and largest mass of the whole exoskeleton."""
 _URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
+_PACKAGE = "package://"
 _LARGEST_FILE = 4 << 20
 _MOST_FACES = 100_000
 _LIGHTEST_KG = 1e-3
@@ -142,7 +143,7 @@ def files_of(path: Path) -> list[str]:
     with _one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parse_spec(path, text)
-            names = (mesh.file.removeprefix("package://") for mesh in spec.meshes)
+            names = (mesh.file.removeprefix(_PACKAGE) for mesh in spec.meshes)
             files = [os.path.join(folder, spec.meshdir, name) for name in names]
         else:
             files = mujoco.mju_getXMLDependencies(str(path.absolute()))
@@ -179,8 +180,24 @@ def _parse_spec(path: Path, text: str) -> mujoco.MjSpec:
     if not _is_urdf(text) or "<mujoco" in text:
         return mujoco.MjSpec.from_file(str(path))
     folder = quoteattr(str(path.absolute().parent))
+    text = re.sub(rf"(?<=[\"']){_PACKAGE}[^\"']*", lambda uri: _resolve_package(path, uri[0]), text)
     text = text.replace("</robot>", f"<mujoco><compiler {_URDF} meshdir={folder}/></mujoco></robot>")
     return mujoco.MjSpec.from_string(text)
+
+
+def _resolve_package(path: Path, uri: str) -> str:
+    """Path of a file `package://NAME/PATH` of a URDF, relative to the URDF's folder, escaped for XML.
+
+    The file is searched as PATH and as NAME/PATH beside the URDF, then as PATH in the nearest folder above that is
+    called NAME, where ROS packages keep `urdf` beside `meshes`. It stays NAME/PATH, which MuJoCo then misses by name,
+    if there is none.
+    """
+    named = unescape(uri.removeprefix(_PACKAGE))
+    package, _, inside = named.partition("/")
+    folder = path.absolute().parent
+    roots = [folder / inside, folder / named, *(up / inside for up in folder.parents if up.name == package)]
+    file = next((file for file in roots if inside and file.is_file()), folder / named)
+    return escape(os.path.relpath(file, folder))
 
 
 def _compile(path: Path) -> mujoco.MjModel:

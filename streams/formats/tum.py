@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.streams.bounded import read_lines
-from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.errors import ConfigError, StrideTwinError, check_type
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.text_rows import parse_row_stamp
 from stridetwin.streams.trajectory import Trajectory
@@ -20,6 +20,7 @@ _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
     """Writes a trajectory, atomically. Its covariance is not part of the format."""
+    check_type("write_tum", "trajectory", trajectory, Trajectory, "a Trajectory, such as the path of a PathEstimate")
     poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
     with atomic_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):

@@ -209,4 +209,21 @@ class Recording:
         """
         if topic not in self.topics:
             topics = ", ".join(sorted(self.topics)) or "none"
-            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}")
+            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}{self.map_hint(topic)}")
+
+    def map_hint(self, topic: str) -> str:
+        """How `--map` gives a stream of another tool's recording the name of a missing topic, to append to an error.
+
+        Args:
+            topic: The missing topic, such as `/foot_l/imu`.
+
+        Returns:
+            Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`; "" if no topic ends alike, or for
+            our own recordings, whose topics say where the sensors are.
+        """
+        last = topic.rpartition("/")[2]
+        alike = [t for t in sorted(self.topics) if t.rpartition("/")[2] == last and not t.startswith("/truth/")]
+        if self.schema_version or not alike:
+            return ""
+        new = f"/{topic.lstrip('/')}"
+        return f"; if {alike[0]} is that sensor: --map {alike[0]}={new}"

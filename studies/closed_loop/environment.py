@@ -32,7 +32,7 @@ from stridetwin.streams.samples import Array, Sample
 from stridetwin.studies.closed_loop.plan_cache import cache_plans
 
 HIP_NM, KNEE_NM = 20.0, 15.0
-"""Torque limits of hips and of other joints, N m; a motor's own limit may be lower."""
+"""Torque limits of hips and knees of the built-in exoskeleton, N m; an exoskeleton of the user's has its own."""
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
 _ORDER = ("hip", "knee", "ankle")
 _OBSERVED = {
@@ -55,7 +55,7 @@ class WalkPhysics(control.Physics):
 
     Attributes:
         joints: Powered joints, in the order of actions: hips, knees, ankles, then others by name; left first.
-        max_torque_nm: (n,) torque limit of each, N m.
+        max_torque_nm: (n,) torque limit of each, N m; of an exoskeleton of the user's, those of its rig file.
         rig: The nominal sensor rig of the first walk, as estimators read it.
 
     Raises:
@@ -67,9 +67,9 @@ class WalkPhysics(control.Physics):
         if not powered:
             raise _no_power_error(config)
         self.joints = tuple(sorted(powered, key=_rank))
-        self.max_torque_nm = np.minimum(
-            torque_limits_nm(self.joints), [powered[joint].torque_max_nm for joint in self.joints]
-        )
+        motor_limits = np.array([powered[joint].torque_max_nm for joint in self.joints])
+        is_own = config.exo is not None and config.exo.own is not None
+        self.max_torque_nm = motor_limits if is_own else np.minimum(torque_limits_nm(self.joints), motor_limits)
         self._driven = [self.joints.index(joint) for joint in powered]  # in the order of the motors
         first = next(seeds)
         self._config, self._seeds = config, chain((first,), seeds)
@@ -156,7 +156,7 @@ def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
 
 
 def torque_limits_nm(joints: Sequence[str]) -> Array:
-    """(n,) torque limits of joints by name, N m, before the motors' own limits."""
+    """(n,) torque limits of the built-in exoskeleton's joints by name, N m, before the motors' own limits."""
     return np.array([HIP_NM if joint.startswith("hip") else KNEE_NM for joint in joints])
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from stridetwin.streams.errors import install_hint
+from stridetwin.streams.errors import EXTRA_OF, install_hint
 from tools.without_extras import EXTRAS
 
 ROOT = Path(__file__).parents[2]
@@ -37,6 +38,20 @@ def test_what_is_blocked_is_what_the_extras_bring():
             name = requirement.split(">")[0].split("[")[0].strip()
             if name != "stridetwin":  # an extra that takes another one with it
                 assert NAMES.get(name, name.replace("-", "_")) in EXTRAS
+
+
+def test_every_blocked_library_has_a_hint_with_its_extra_and_the_readme_lists_every_extra():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    assert set(EXTRA_OF) == EXTRAS
+    assert set(EXTRA_OF.values()) == set(extras) - {"dev", "docs"}
+    for extra in set(extras) - {"dev", "docs"}:
+        for requirement in extras[extra]:
+            name = requirement.split(">")[0].split("[")[0].strip()
+            if name != "stridetwin":
+                assert EXTRA_OF[NAMES.get(name, name.replace("-", "_"))] == extra
+    table = (ROOT / "README.md").read_text(encoding="utf-8").split("| extra | adds |")[1].split("\n\n")[0]
+    assert set(re.findall(r"`([\w-]+)`(?=[, |])", table)) >= set(extras) - {"dev", "docs"}
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +105,8 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         ["view", "demo", "--mujoco"],
         ["live", "--record", "x.mcap"],
         ["history", "x.jsonl", "-o", "x.html"],
+        ["run", "level_20m"],
+        ["view", "x.mcap"],
     ]
     script = (
         "import json, sys; from tools.without_extras import Nothing; sys.meta_path.insert(0, Nothing());"
@@ -105,14 +122,16 @@ def test_list_needs_no_extra_and_what_needs_the_simulator_says_so_in_one_line(tm
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2, 2]"
+    assert done.stdout.splitlines()[-1] == " [0, 2, 2, 2, 2, 2, 2, 2, 2]"
     assert "\nshoe_sight " in done.stdout
     lines = done.stderr.splitlines()
     assert [line.partition(" is not installed; ")[2] for line in lines] == [
         f"placements need the simulator: {install_hint('twin')}",
-        f"experiments need the simulator: {install_hint('closed-loop')}",
+        f"the closed loop needs it: {install_hint('closed-loop')}",
         *[f"scenes need the simulator: {install_hint('twin')}"] * 2,
         f"live and send need it: {install_hint('live')}",
         f"pages need it: {install_hint('report')}",
+        f"runs need the simulator and its reports: {install_hint('twin')}",
+        f"the viewer needs it: {install_hint('view')}",
     ]
     assert list(tmp_path.iterdir()) == []

@@ -153,6 +153,14 @@ def test_generate_writes_a_recording_alone(simulator, capsys, tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["walk.mcap"]
 
 
+@pytest.mark.parametrize("command", [("generate", "level_20m"), ("import", "x.csv"), ("live", "--record")])
+def test_a_recording_is_no_bag(capsys, tmp_path, command):
+    words = (*command, tmp_path / "w.bag") if command[0] == "live" else (*command, "-o", tmp_path / "w.bag")
+    line = failed(capsys, *words)
+    assert line.endswith("expected a file that ends in .mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_a_table_comes_back_with_a_pose_a_row(walk, capsys, tmp_path, suffix):
     table, path = tmp_path / f"imu{suffix}", tmp_path / "path.txt"

@@ -68,6 +68,9 @@ def test_estimators_take_bags_and_folders_as_they_are(sources, capsys, tmp_path)
     code, _, err = call(capsys, "estimate", "foot_ins", sources["euroc"], "-o", path)
     assert code == 2
     assert "no topic '/foot_l/imu'; it has /head/color, /head/imu" in err
+    assert "if /head/imu is that sensor: --map /head/imu=/foot_l/imu" in err
+    code, _, err = call(capsys, "estimate", "foot_ins", sources["euroc"], "--map", "/head/imu=/foot_l/imu", "-o", path)
+    assert "no topic" not in err
 
 
 def test_score_runs_the_odometry_on_a_folder_of_one_camera_as_estimate_does(sources):

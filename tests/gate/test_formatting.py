@@ -13,6 +13,7 @@ from stridetwin.gate.compare import Line, Rules, compare_scores
 from stridetwin.gate.formatting import (
     collect_failures,
     find_changes,
+    format_limits,
     to_cells,
     to_junit,
     to_markdown,
@@ -151,3 +152,36 @@ def test_one_line_is_history_enough_and_others_are_none(fine, tmp_path):
     file.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(StrideTwinError, match=r"h\.jsonl: is not text in UTF-8"):
         read_history(file)
+
+
+def test_near_misses_and_too_few_walks_are_said():
+    """An error doubles on ten walks, so unevenly that the test proves nothing: the terminal says what it cannot."""
+    baseline = of_rows(_height_rows([0.1] * 10))
+    now = of_rows(_height_rows([0.1, 0.08, 0.12, 0.2, 0.2, 0.3, 0.5, 0.9, 0.07, 0.11]))
+    comparison = compare_scores(now, baseline, Rules())
+    (height,) = comparison.near_misses
+    assert (height.metric, height.verdict, comparison.regressions) == ("end_error_m", "same", [])
+    assert height.low > 0.0
+    limits = format_limits(comparison)
+    assert limits[0].startswith("1 near miss: the whole 95 % interval is worse")
+    assert limits[1] == "10 walks are too few for changes of 5 to 20 %: expected 30 or more"
+    assert find_changes(comparison) == [height]
+    assert to_cells(height)[-1] == "near miss"
+    page = to_markdown(comparison)
+    assert page.count(r"end\_error\_m |") == 1
+    assert "10 walks are too few" in page
+    better = of_rows(_height_rows([0.1, 0.1, 0.1, 0.05, 0.05, 0.03, 0.02, 0.01, 0.01, 0.11]))
+    assert compare_scores(better, baseline, Rules()).near_misses == []
+
+
+def _height_rows(values):
+    return [
+        {"name": f"w{i}", "sha256": f"{i}", "estimators": {"mine": {"end_error_m": value}}}
+        for i, value in enumerate(values)
+    ]
+
+
+def test_enough_walks_without_a_change_have_no_remark(fine):
+    assert format_limits(fine) == ["20 walks are too few for changes of 5 to 20 %: expected 30 or more"]
+    assert format_limits(compare_scores(table(1, 30), table(1, 30), Rules())) == []
+    assert format_limits(compare_scores(table(1, 3), table(1, 3), Rules())) == []  # the heading says it

@@ -1,10 +1,12 @@
 """HTML pages: text is escaped, HTML is not, and what is empty is left out."""
 
 import pytest
+from browser import CHROMIUM, Browser
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
 from stridetwin.pages.html import boxes, multiples, page, render_template, section, table
+from stridetwin.pages.plot import PALETTE, Plot
 
 
 def test_text_is_escaped_and_html_is_not():
@@ -32,3 +34,20 @@ def test_boxes_leave_out_what_is_empty():
 def test_a_template_without_one_of_its_values_is_an_error():
     with pytest.raises(UndefinedError):
         render_template("film", source="", stills=[])
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+def test_a_long_legend_leaves_a_strip_its_scale_on_a_telephone(tmp_path):
+    strip = Plot(title="Strip", x=(0.0, 9.0), y=(-1.0, 1.0), x_label="along, m", y_label="left, m", to_scale=True)
+    for name in ("level", "stairs up", "stairs down", "ramp up", "ramp down", "unknown class", "edge"):
+        strip.key(f"mapped: {name}", PALETTE[0])
+    strip.line([0.0, 9.0], [0.0, 0.0], PALETTE[1], label="true path of the camera")
+    file = tmp_path / "page.html"
+    file.write_text(page("Title", "Text", [], [strip.html()], ""), encoding="utf-8")
+    with Browser() as browser:
+        browser.open(file, 390)
+        assert browser.wait(
+            "(() => { const axes = document.querySelector('.nsewdrag')?.getBoundingClientRect();"
+            " return axes && axes.width > 250 && Math.abs(axes.height / axes.width - 2 / 9) < 0.03; })()",
+            30,
+        )

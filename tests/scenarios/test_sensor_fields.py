@@ -104,6 +104,10 @@ def test_a_trigger_offset_is_in_the_calibration_if_the_clock_says_so(calibrated)
         ({"foot_imu": {"clock": {"offset_s": 3}}}, ["sensors.foot_imu.clock.offset_s: invalid 3", "-1 to 1"]),
         ({"sonar": {"clock": {"calibrated": True}}}, ["sensors.sonar.clock: invalid 'calibrated'", "offset_s"]),
         ({"foot_imu": {"position_mm": [1, 2]}}, ["sensors.foot_imu.position_mm: invalid [1, 2]", "three items"]),
+        (
+            {"foot_imu": {"position_mm": [0, 60, 280]}},
+            ["sensors.foot_imu.position_mm[2]: invalid 280", "up to 150", "imus.shank_l in the rig file"],
+        ),
         ({"foot_imu": {"light": 1}}, ["sensors.foot_imu: invalid 'light'"]),
         ({"foot_camera": {"frames": "half"}}, ["sensors.foot_camera.frames: invalid 'half'", "board, full"]),
         ({"foot_camera": {"mount": {"faces_deg": [27, 24]}}}, ["sensors.foot_camera.mount", "position_mm"]),

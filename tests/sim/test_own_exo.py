@@ -156,6 +156,35 @@ def test_meshes_of_a_urdf_are_files_of_it(tmp_path, mesh, compiler, file):
     assert files_of(tmp_path / "my_exo.urdf") == [file]
 
 
+@pytest.mark.parametrize(
+    ("urdf", "mesh"),
+    [
+        ("my_exo.urdf", "meshes/back.stl"),
+        ("my_exo.urdf", "my_pkg/meshes/back.stl"),
+        ("my_pkg/urdf/my_exo.urdf", "my_pkg/meshes/back.stl"),
+    ],
+)
+def test_meshes_of_a_package_are_found_beside_the_urdf(tmp_path, urdf, mesh):
+    text = URDF.read_text().replace(
+        '<box size="0.06 0.20 0.26"/>', '<mesh filename="package://my_pkg/meshes/back.stl"/>'
+    )
+    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], "<f4")
+    triangles = b"".join(
+        np.zeros(3, "<f4").tobytes() + corners[list(face)].tobytes() + b"\0\0"
+        for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    )
+    for file, content in ((urdf, text.encode()), (mesh, bytes(80) + np.uint32(4).tobytes() + triangles)):
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / file).write_bytes(content)
+    own = read_own_exo(tmp_path / urdf, RIG)
+    assert [len(shape.vertices) for shape in own.base.shapes if len(shape.vertices)] == [4]
+    (listed,) = files_of(tmp_path / urdf)
+    assert (tmp_path / urdf).parent.joinpath(listed).resolve() == tmp_path / mesh
+    (tmp_path / mesh).unlink()
+    with pytest.raises(StrideTwinError, match=r"my_exo\.urdf: MuJoCo cannot compile it: .*my_pkg/meshes/back\.stl"):
+        read_own_exo(tmp_path / urdf, RIG)
+
+
 def test_entities_of_a_urdf_are_not_expanded(tmp_path):
     text = URDF.read_text().replace('<box size="0.06 0.20 0.26"/>', '<mesh filename="&x;.stl"/>')
     text = text.replace("<robot", '<!DOCTYPE robot [<!ENTITY x SYSTEM "my_exo.urdf">]><robot')

@@ -144,9 +144,9 @@ def test_motors_of_a_custom_exoskeleton_have_a_fixed_order_and_their_own_limits(
     env = environment(own_walk(tmp_path, motors), 3, sensors=("actuator",))
     assert env.physics.joints == ("hip_l", "hip_r", "knee_l", "knee_r", "ankle_l")
     torques = env.action_spec()
-    assert torques.maximum.tolist() == [5.0, 20.0, 15.0, 15.0, 10.0]
-    assert torques.minimum.tolist() == [-5.0, -20.0, -15.0, -15.0, -10.0]
-    assert given_at_first(env, [-4.0, 3.0, -2.0, 1.0, 5.0]) == pytest.approx([-4.0, 3.0, -2.0, 1.0, 5.0])
+    assert torques.maximum.tolist() == [5.0, 40.0, 35.0, 35.0, 10.0]
+    assert torques.minimum.tolist() == [-5.0, -40.0, -35.0, -35.0, -10.0]
+    assert given_at_first(env, [-4.0, 30.0, -20.0, 1.0, 5.0]) == pytest.approx([-4.0, 30.0, -20.0, 1.0, 5.0])
 
 
 def test_actions_come_in_the_same_order_however_the_scenario_names_its_joints() -> None:

@@ -2,6 +2,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -88,6 +89,27 @@ def test_invalid_values_are_refused_before_the_first_walk(tmp_path):
     said = r"free\.sensors\.foot_imu\.position_m\.around_deg: invalid 'position_m': .* mean 'position_mm'\?"
     with pytest.raises(StrideTwinError, match=said):
         check_ends(read_problem(written(tmp_path, free=misspelt)), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("path", "standard", "value", "changed"),
+    [
+        ("foot_imu.position_mm[2]", "/foot_l/imu", 70, [-30, 42, 70]),
+        ("foot_camera.mount.position_mm[0]", "/foot_l/camera", -60, [-60, -45, 36]),
+        ("head_camera.mount.position_mm[2]", "/head/color", 90, [100, 0, 90]),
+    ],
+)
+def test_one_coordinate_leaves_the_others_at_their_standard(tmp_path, path, standard, value, changed):
+    free = {f"sensors.{path}": {"between": [value - 10, value], "step": 10}}
+    problem = read_problem(written(tmp_path, free=free, set={}))
+    check_ends(problem, tmp_path)
+    place = Place(values={problem.knobs[0].name: float(value)})
+    mounts = []
+    for chosen in (place, Place()):
+        rig = sensor_rig(scenario_at(problem, problem.bases[0], chosen, tmp_path).config).rig
+        mounts.append({**rig.imus, **rig.cameras}[standard].mount.T_body_sensor)
+    np.testing.assert_allclose(1e3 * mounts[0][:3, 3], changed, atol=1e-6)
+    np.testing.assert_allclose(mounts[0][:3, :3], mounts[1][:3, :3], atol=1e-6)
 
 
 def test_a_point_on_the_shoe_is_outside_of_it_by_what_is_asked(tmp_path):
