@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.projection import (
     COLUMNS,
     HOST,
@@ -43,7 +42,8 @@ from stridetwin.estimators.dvio.state import (
     Landmarks,
     WindowState,
 )
-from stridetwin.estimators.matrices import REORDERED, clear, clear_block, mul, transposed
+from stridetwin.streams.algebra.matrices import REORDERED, clear, clear_block, multiply, transposed
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 POSE = 6
@@ -411,7 +411,7 @@ def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points.
     """
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
-    A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))
+    A = multiply(transposed(R_camera), multiply(multiply(transposed(f.R[newest]), f.R[since]), R_camera))
     total, count, still = 0.0, 0, np.zeros(3)
     for l in range(marks.host.shape[0]):
         if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # Hand-chosen on twin walks of tuning seeds.

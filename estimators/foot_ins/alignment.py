@@ -6,22 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    Quaternion,
-    Vec3,
-    axpy,
-    dot,
-    product,
-    put_quaternion,
-    put_vec3,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_statistic
 from stridetwin.estimators.foot_ins.state import (
     ALIGNING,
@@ -41,6 +26,7 @@ from stridetwin.estimators.foot_ins.state import (
     NAVIGATING,
     NEVER_LANDED,
     PHASE,
+    SERIES_RAD,
     STATES,
     T_ALIGN,
     T_KNOWN,
@@ -50,7 +36,23 @@ from stridetwin.estimators.foot_ins.state import (
     VELOCITY,
     FilterState,
 )
-from stridetwin.estimators.matrices import clear
+from stridetwin.streams.algebra.matrices import clear
+from stridetwin.streams.algebra.tuples import (
+    Quaternion,
+    Vec3,
+    axpy,
+    dot,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    to_matrix,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _ALIGN_S = 0.1  # stationary time of an alignment
 _ALIGN_TIMEOUT_S = 2.0  # after this time the filter starts without a stationary window
@@ -72,8 +74,8 @@ def begin(memory: FilterState, t_ns: int) -> None:
     memory.clock[T_LAST_MOTION] = t_ns
     clear(memory.force_sum[0])
     clear(memory.force_sum[1])
-    put_quaternion(quaternion(memory.nominal, ATTITUDE), memory.tilted, 0)
-    put_vec3((0.0, 0.0, 0.0), memory.nominal, VELOCITY)
+    store_quaternion_at(quaternion_at(memory.nominal, ATTITUDE), memory.tilted, 0)
+    store_vec3_at((0.0, 0.0, 0.0), memory.nominal, VELOCITY)
 
 
 @njit(**INNER_KERNEL)
@@ -98,20 +100,20 @@ def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: V
     stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= _ALIGN_S
     late = (t_ns - clock[T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
     period = 0 if stationary or not late else 1
-    level_attitude(memory, vec3(force_sum[period], 0))
+    level_attitude(memory, vec3_at(force_sum[period], 0))
     tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
     speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if stationary or late:
-        size = math.sqrt(dot(vec3(force_sum[0], 0), vec3(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
+        size = math.sqrt(dot(vec3_at(force_sum[0], 0), vec3_at(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
         memory.norm[0] = size if stationary else parameters.gravity_mps2
         _widen_accel_bias(memory, memory.norm[0] - parameters.gravity_mps2)
         clock[PHASE] = NAVIGATING
         clock[HEADING_KNOWN] = 1
         if clock[LEVER_KNOWN] == 0:
             clock[LEVER_KNOWN] = 1
-            up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
-            put_vec3(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
+            up = to_matrix(quaternion_at(memory.nominal, ATTITUDE))[2]  # in the sensor
+            store_vec3_at(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
             P, o = memory.covariance, memory.row + D_CONTACT
             for i in range(3):
                 for j in range(3):
@@ -138,16 +140,16 @@ def level_attitude(memory: FilterState, force: Vec3) -> None:
         memory: State of the foot, whose attitude is written.
         force: (3,) sum of the specific force, sensor axes.
     """
-    q = quaternion(memory.tilted, 0)
-    x, y, z = rotate(rotation_matrix(q), force)
+    q = quaternion_at(memory.tilted, 0)
+    x, y, z = matvec(to_matrix(q), force)
     size = math.sqrt(x * x + y * y + z * z)
     if size > 0.0:
-        q = product(_onto_vertical(x / size, y / size, z / size), q)
+        q = normalized(multiply(_onto_vertical(x / size, y / size, z / size), q))
     if memory.clock[HEADING_KNOWN] == 0:
-        R = rotation_matrix(q)
+        R = to_matrix(q)
         heading = math.atan2(R[1][0], R[0][0]) if abs(R[2][0]) < 0.9 else math.atan2(R[1][2], R[0][2])
-        q = product(quat_exp(0.0, 0.0, -heading), q)
-    put_quaternion(q, memory.nominal, ATTITUDE)
+        q = normalized(multiply(exp((0.0, 0.0, -heading), SERIES_RAD), q))
+    store_quaternion_at(q, memory.nominal, ATTITUDE)
 
 
 @njit(**INNER_KERNEL)

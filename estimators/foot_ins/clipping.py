@@ -4,17 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    axpy,
-    conjugate,
-    product,
-    put_quaternion,
-    quaternion,
-    rotation_matrix,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     FILL,
@@ -29,6 +19,17 @@ from stridetwin.estimators.foot_ins.state import (
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift_covariance
+from stridetwin.streams.algebra.tuples import (
+    axpy,
+    inverse,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    to_matrix,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _MAX_PEAK_S = 0.15  # a longer clipped peak is not determined by its two ends
 # Least number of clipped samples of a peak: shorter impacts on an accelerometer ring and have no such shape.
@@ -58,8 +59,8 @@ def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     if first == 0:
         return
     x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
-    down = vec3(memory.lever, 0)
-    p, v = vec3(x, POSITION), vec3(x, VELOCITY)
+    down = vec3_at(memory.lever, 0)
+    p, v = vec3_at(x, POSITION), vec3_at(x, VELOCITY)
     for back in range(first + 1):
         i = ring_row(memory, back)
         for k in range(GYRO_BIAS):
@@ -73,9 +74,12 @@ def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
         propagate_state(x, rate_of(memory, i), force_of(memory, i), _dt(memory, i), gravity, down)
         for k in range(ATTITUDE):
             moved[back, k] = x[k] - moved[back, k]
-        before = quaternion(moved[back], ATTITUDE)
-        put_quaternion(product(quaternion(x, ATTITUDE), conjugate(before)), moved[back], ATTITUDE)
-    shift_covariance(memory.covariance, memory.row, axpy(vec3(x, POSITION), -1.0, p), axpy(vec3(x, VELOCITY), -1.0, v))
+        before = quaternion_at(moved[back], ATTITUDE)
+        turn = normalized(multiply(quaternion_at(x, ATTITUDE), inverse(before)))
+        store_quaternion_at(turn, moved[back], ATTITUDE)
+    shift_covariance(
+        memory.covariance, memory.row, axpy(vec3_at(x, POSITION), -1.0, p), axpy(vec3_at(x, VELOCITY), -1.0, v)
+    )
 
 
 @njit(**INNER_KERNEL)
@@ -131,7 +135,7 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
     if max(x0, x1, x_end) >= limit:
         return 0
     if end - 2 < least:
-        up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
+        up = to_matrix(quaternion_at(memory.nominal, ATTITUDE))[2]  # in the sensor
         if channel < 3 or sign * up[channel - 3] < _MIN_LANDING_COSINE:
             return 0
         for back in range(2, end):

@@ -9,11 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, axpy, put_vec3, vec3
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -39,7 +37,9 @@ from stridetwin.estimators.foot_ins.state import (
     FilterState,
 )
 from stridetwin.estimators.foot_ins.strapdown import predict
-from stridetwin.estimators.matrices import copy
+from stridetwin.streams.algebra.matrices import copy
+from stridetwin.streams.algebra.tuples import Vec3, axpy, store_vec3_at, vec3_at
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
@@ -84,7 +84,7 @@ def add_sample(
     if clock[PHASE] == EMPTY:
         begin(memory, t_ns)
         clock[T_LAST] = t_ns
-        put_vec3(vec3(memory.nominal, POSITION), memory.path, 0)
+        store_vec3_at(vec3_at(memory.nominal, POSITION), memory.path, 0)
         memory.path[3] = parameters.path_scale_sd
     elif t_ns <= clock[T_LAST]:
         return IGNORED, 0.0, 0.0
@@ -151,7 +151,7 @@ def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None
         covariance: (6, 6) written: of position (m) and attitude (rad), world axes.
     """
     P, o = memory.covariance, memory.row
-    way = axpy(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
+    way = axpy(vec3_at(memory.nominal, POSITION), -1.0, vec3_at(memory.path, 0))
     copy(memory.nominal, state)
     for i in range(3):
         for j in range(3):
@@ -187,5 +187,5 @@ def run(
         covariance: (N, 6, 6) written: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):
-        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
+        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
         write_estimate(memory, state[k], covariance[k])

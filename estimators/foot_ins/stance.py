@@ -6,7 +6,6 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import (
     apply_gated_update,
     clear,
@@ -15,22 +14,6 @@ from stridetwin.estimators.foot_ins.kalman import (
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    Mat3,
-    Vec3,
-    axpy,
-    cross,
-    dot,
-    product,
-    put_quaternion,
-    put_vec3,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    transposed,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
     BY_FLOOR,
@@ -53,6 +36,7 @@ from stridetwin.estimators.foot_ins.state import (
     NEVER_LANDED,
     POSITION,
     RING,
+    SERIES_RAD,
     STANDING,
     STATES,
     SWINGING,
@@ -64,6 +48,24 @@ from stridetwin.estimators.foot_ins.state import (
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import shift_covariance
+from stridetwin.streams.algebra.tuples import (
+    Mat3,
+    Vec3,
+    axpy,
+    cross,
+    dot,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    to_matrix,
+    transposed,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _UNIT: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -108,7 +110,7 @@ def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float
     """
     newest = memory.ring_t_ns[ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
-    bias = vec3(memory.nominal, GYRO_BIAS)
+    bias = vec3_at(memory.nominal, GYRO_BIAS)
     n, rate2, force2, mean = 0, 0.0, 0.0, (0.0, 0.0, 0.0)
     for back in range(memory.clock[FILL]):
         i = ring_row(memory, back)
@@ -166,7 +168,7 @@ def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: flo
 @njit(**INNER_KERNEL)
 def add_across_sole(memory: FilterState, variance: float) -> None:
     """Adds `variance` (m²) to the covariance of the stationary point, in every direction across the lever arm."""
-    P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
+    P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3_at(memory.lever, 0)
     down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
     for i in range(3):
         for j in range(3):
@@ -204,21 +206,21 @@ def zero_velocity_update(
         stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s.
     """
     x, work = memory.nominal, memory.work
-    R = rotation_matrix(quaternion(x, ATTITUDE))
-    v = vec3(x, VELOCITY)
-    w = rotate(R, axpy(rate, -1.0, vec3(x, GYRO_BIAS)))
-    r = rotate(R, axpy(vec3(memory.lever, 0), 1.0, vec3(x, CONTACT)))
+    R = to_matrix(quaternion_at(x, ATTITUDE))
+    v = vec3_at(x, VELOCITY)
+    w = matvec(R, axpy(rate, -1.0, vec3_at(x, GYRO_BIAS)))
+    r = matvec(R, axpy(vec3_at(memory.lever, 0), 1.0, vec3_at(x, CONTACT)))
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
     whitening = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     clear(work, 3)
     axes = transposed(R)
     for i in range(3):
-        _put_column(work.jacobian, D_VELOCITY + i, rotate(whitening, _UNIT[i]))
-        _put_column(work.jacobian, D_ATTITUDE + i, rotate(whitening, cross(v, _UNIT[i])))
-        _put_column(work.jacobian, D_GYRO_BIAS + i, rotate(whitening, cross(r, axes[i])))
-        _put_column(work.jacobian, D_CONTACT + i, rotate(whitening, cross(w, axes[i])))
+        _put_column(work.jacobian, D_VELOCITY + i, matvec(whitening, _UNIT[i]))
+        _put_column(work.jacobian, D_ATTITUDE + i, matvec(whitening, cross(v, _UNIT[i])))
+        _put_column(work.jacobian, D_GYRO_BIAS + i, matvec(whitening, cross(r, axes[i])))
+        _put_column(work.jacobian, D_CONTACT + i, matvec(whitening, cross(w, axes[i])))
     slip = axpy(v, 1.0, cross(w, r))
-    put_vec3(rotate(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
+    store_vec3_at(matvec(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
     memory.nis[BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
     memory.nis[BY_VELOCITY, 1] += 1.0
@@ -279,9 +281,9 @@ def inject(memory: FilterState) -> None:
         x[i] += error[o + i]
     for i in range(D_GYRO_BIAS, STATES):
         x[i + GYRO_BIAS - D_GYRO_BIAS] += error[o + i]
-    rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
-    put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
-    shift_covariance(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
+    rotation = exp(vec3_at(error, o + D_ATTITUDE), SERIES_RAD)
+    store_quaternion_at(normalized(multiply(rotation, quaternion_at(x, ATTITUDE))), x, ATTITUDE)
+    shift_covariance(memory.covariance, o, vec3_at(error, o + D_POSITION), vec3_at(error, o + D_VELOCITY))
     for i in range(STATES):
         error[o + i] = 0.0
 
@@ -348,7 +350,7 @@ def level_floor_update(
     if clock[CONTACT_PHASE] == STANDING or (t_ns - clock[T_LAST_MOTION]) * 1e-9 < _STAND_S:
         return
     x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
-    r = rotate(rotation_matrix(quaternion(x, ATTITUDE)), vec3(memory.lever, 0))
+    r = matvec(to_matrix(quaternion_at(x, ATTITUDE)), vec3_at(memory.lever, 0))
     clear(work, 1)
     h = work.jacobian[0]  # of the sole's height above the floor
     h[D_POSITION + 2], h[D_ATTITUDE], h[D_ATTITUDE + 1], h[D_FLOOR] = 1.0, r[1], -r[0], -1.0

@@ -6,22 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    Mat3,
-    Vec3,
-    axpy,
-    dot,
-    product,
-    put_quaternion,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    transposed,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -37,11 +22,28 @@ from stridetwin.estimators.foot_ins.state import (
     GYRO_BIAS,
     POSITION,
     SCALE,
+    SERIES_RAD,
     VELOCITY,
     FilterState,
     force_of,
     ring_row,
 )
+from stridetwin.streams.algebra.tuples import (
+    Mat3,
+    Vec3,
+    axpy,
+    dot,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    to_matrix,
+    transposed,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _MAX_STEP_S = 0.03  # a longer step is a gap
@@ -88,8 +90,8 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
     fx, fy, fz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
     for j in range(M.shape[1]):
         a0, a1, a2 = M[a, j], M[a + 1, j], M[a + 2, j]
-        gyro = rotate(R, (dt * M[g, j], dt * M[g + 1, j], dt * M[g + 2, j]))
-        accel = rotate(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
+        gyro = matvec(R, (dt * M[g, j], dt * M[g + 1, j], dt * M[g + 2, j]))
+        accel = matvec(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
         for i in range(3):
             M[p + i, j] += 0.5 * dt * M[v + i, j]
         M[p + 2, j] -= path * M[o + D_DRIFT, j]
@@ -163,23 +165,23 @@ def propagate_state(
         Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
         across `down` in the world, rad.
     """
-    w = axpy(rate, -1.0, vec3(x, GYRO_BIAS))
+    w = axpy(rate, -1.0, vec3_at(x, GYRO_BIAS))
     across = axpy(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
     wx, wy, wz = axpy(w, -x[SCALE], across)
-    half = quat_exp(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
-    q_middle = product(quaternion(x, ATTITUDE), half)
-    R = rotation_matrix(q_middle)
-    f_sensor = force_at_middle(axpy(force, -1.0, vec3(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
-    f_world = rotate(R, f_sensor)
+    half = exp((0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz), SERIES_RAD)
+    q_middle = normalized(multiply(quaternion_at(x, ATTITUDE), half))
+    R = to_matrix(q_middle)
+    f_sensor = force_at_middle(axpy(force, -1.0, vec3_at(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
+    f_world = matvec(R, f_sensor)
     acceleration = f_world[0], f_world[1], f_world[2] - gravity
-    moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3(x, VELOCITY), 0.5 * dt, acceleration))
+    moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3_at(x, VELOCITY), 0.5 * dt, acceleration))
     path = math.copysign(math.sqrt(dot(moved, moved)), dt)
     for i in range(3):
         x[POSITION + i] += moved[i]
         x[VELOCITY + i] += dt * acceleration[i]
     x[POSITION + 2] -= path * x[DRIFT]
-    put_quaternion(product(q_middle, half), x, ATTITUDE)
-    turn = rotate(R, across)
+    store_quaternion_at(normalized(multiply(q_middle, half)), x, ATTITUDE)
+    turn = matvec(R, across)
     return R, f_world, path, (dt * turn[0], dt * turn[1], dt * turn[2])
 
 
@@ -199,7 +201,7 @@ def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force
         dt: Length of the interval, s.
     """
     P, o = memory.covariance, memory.row
-    down = vec3(memory.lever, 0)
+    down = vec3_at(memory.lever, 0)
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)

@@ -31,17 +31,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.foot_ins.quaternions import (
-    Vec3,
-    axpy,
-    cross,
-    product,
-    put_quaternion,
-    put_vec3,
-    quaternion,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.stance import inject
 from stridetwin.estimators.foot_ins.state import (
     ATTITUDE,
@@ -59,7 +48,27 @@ from stridetwin.estimators.foot_ins.state import (
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import mirror, shift_covariance, shift_rows, transpose_rows
-from stridetwin.estimators.matrices import clear, clear_block, copy, copy_matrix
+from stridetwin.streams.algebra.matrices import (
+    add_transposed_matvec,
+    add_transposed_product,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    multiply_into,
+)
+from stridetwin.streams.algebra.tuples import (
+    Vec3,
+    axpy,
+    cross,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 OLDEST, HELD, SUMMED = range(3)  # of `place`
@@ -152,10 +161,11 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
         return
     for back in range(1, reach + 1):
         i = (place[OLDEST] + held - back) % capacity
-        x, dp, dv = window.nominal[i], vec3(moved[back], POSITION), vec3(moved[back], VELOCITY)
-        put_vec3(axpy(vec3(x, POSITION), 1.0, dp), x, POSITION)
-        put_vec3(axpy(vec3(x, VELOCITY), 1.0, dv), x, VELOCITY)
-        put_quaternion(product(quaternion(moved[back], ATTITUDE), quaternion(x, ATTITUDE)), x, ATTITUDE)
+        x, dp, dv = window.nominal[i], vec3_at(moved[back], POSITION), vec3_at(moved[back], VELOCITY)
+        store_vec3_at(axpy(vec3_at(x, POSITION), 1.0, dp), x, POSITION)
+        store_vec3_at(axpy(vec3_at(x, VELOCITY), 1.0, dv), x, VELOCITY)
+        q = multiply(quaternion_at(moved[back], ATTITUDE), quaternion_at(x, ATTITUDE))
+        store_quaternion_at(normalized(q), x, ATTITUDE)
         shift_covariance(window.covariance[i], 0, dp, dv)
         if held - back >= summed:
             _apply_reset(window, i, moved, back, back + 1, reach)
@@ -164,7 +174,7 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
         for k in range(summed):
             _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
     _apply_reset(window, capacity, moved, 1, last_summed, reach)
-    dp, dv = vec3(moved[1], POSITION), vec3(moved[1], VELOCITY)
+    dp, dv = vec3_at(moved[1], POSITION), vec3_at(moved[1], VELOCITY)
     _reset_symmetric(memory.covariance, STATES, dp, dv)
     _reset_row(memory.error, STATES, dp, dv)
 
@@ -184,9 +194,9 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         reach: Samples back that the window holds of the peak; older ones stay as they are.
     """
     if end <= reach:
-        shift_rows(window.transition[row], 0, vec3(moved[end], POSITION), vec3(moved[end], VELOCITY))
+        shift_rows(window.transition[row], 0, vec3_at(moved[end], POSITION), vec3_at(moved[end], VELOCITY))
     if begin <= reach:
-        dp, dv = vec3(moved[begin], POSITION), vec3(moved[begin], VELOCITY)
+        dp, dv = vec3_at(moved[begin], POSITION), vec3_at(moved[begin], VELOCITY)
         _reset_columns(window.transition[row], 0, dp, dv)
         _reset_symmetric(window.information[row], 0, dp, dv)
         _reset_row(window.evidence[row], 0, dp, dv)
@@ -211,10 +221,10 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 @njit(**INNER_KERNEL)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
-    by_position = cross(vec3(row, o + D_POSITION), dp)
-    by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
-    attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
-    put_vec3(attitude, row, o + D_ATTITUDE)
+    by_position = cross(vec3_at(row, o + D_POSITION), dp)
+    by_velocity = cross(vec3_at(row, o + D_VELOCITY), dv)
+    attitude = axpy(axpy(vec3_at(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
+    store_vec3_at(attitude, row, o + D_ATTITUDE)
 
 
 @njit(**INNER_KERNEL)
@@ -240,42 +250,12 @@ def append(window: TransitionWindow, memory: FilterState, phase: int, speed: flo
 def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
     """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16)."""
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
-    _add_by_transposed(A, window.evidence[later], window.evidence[earlier])
-    _multiply(window.information[later], A, JA)
-    _add_product_by_transposed(A, JA, window.information[earlier])
+    add_transposed_matvec(A, window.evidence[later], window.evidence[earlier])
+    multiply_into(window.information[later], A, JA)
+    add_transposed_product(A, JA, window.information[earlier])
     BA = window.scratch[0]
-    _multiply(B, A, BA)
+    multiply_into(B, A, BA)
     copy_matrix(BA, A)
-
-
-@njit(**INNER_KERNEL)
-def _multiply(A: Array, B: Array, out: Array) -> None:
-    """Writes A B into `out`; the compiler vectorises the sums, so that BLAS is no faster for matrices so small."""
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] = 0.0
-        for k in range(STATES):
-            a = A[i, k]
-            for j in range(STATES):
-                out[i, j] += a * B[k, j]
-
-
-@njit(**INNER_KERNEL)
-def _add_product_by_transposed(A: Array, B: Array, out: Array) -> None:
-    """Adds Aᵀ B to `out`."""
-    for k in range(STATES):
-        for i in range(STATES):
-            a = A[k, i]
-            for j in range(STATES):
-                out[i, j] += a * B[k, j]
-
-
-@njit(**INNER_KERNEL)
-def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
-    """Adds Aᵀ b to `out`."""
-    for k in range(STATES):
-        for i in range(STATES):
-            out[i] += A[k, i] * b[k]
 
 
 @njit(**INNER_KERNEL)
@@ -312,15 +292,15 @@ def release_oldest(window: TransitionWindow) -> int:
     if place[SUMMED] > 0:
         oldest = place[OLDEST]
         A = window.transition[oldest]
-        _multiply(J, A, first)
+        multiply_into(J, A, first)
         copy_matrix(window.information[oldest], second)
-        _add_product_by_transposed(A, first, second)
+        add_transposed_product(A, first, second)
         copy(window.evidence[oldest], evidence_sum)
-        _add_by_transposed(A, evidence, evidence_sum)
+        add_transposed_matvec(A, evidence, evidence_sum)
         J, evidence = second, evidence_sum
     _symmetrize(J, first)
-    _multiply(P, first, second)
-    _multiply(second, P, first)
+    multiply_into(P, first, second)
+    multiply_into(second, P, first)
     _symmetrize(first, second)
     for k in range(STATES):
         released.error[k] = 0.0

@@ -6,18 +6,6 @@ from typing import NamedTuple
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.foot_ins.quaternions import (
-    Mat3,
-    Vec3,
-    axpy,
-    product,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.state import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -26,6 +14,7 @@ from stridetwin.estimators.foot_ins.state import (
     NAVIGATING,
     PHASE,
     POSITION,
+    SERIES_RAD,
     T_LAST,
     VELOCITY,
     FilterState,
@@ -34,6 +23,20 @@ from stridetwin.estimators.foot_ins.state import (
     ring_row,
 )
 from stridetwin.estimators.foot_ins.strapdown import force_at_middle
+from stridetwin.streams.algebra.tuples import (
+    Mat3,
+    Vec3,
+    axpy,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    times,
+    to_matrix,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _MAX_LEAD_S = 0.05  # longest extrapolation of the newest IMU sample, for a camera whose clock is late
 
@@ -74,8 +77,8 @@ def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> 
         max_age_s: Largest time before the newest sample, s; an older state is not known.
     """
     clock, x = memory.clock, memory.nominal
-    p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)
-    gyro_bias, accel_bias = vec3(x, GYRO_BIAS), vec3(x, ACCEL_BIAS)
+    p, v, q = vec3_at(x, POSITION), vec3_at(x, VELOCITY), quaternion_at(x, ATTITUDE)
+    gyro_bias, accel_bias = vec3_at(x, GYRO_BIAS), vec3_at(x, ACCEL_BIAS)
     age = (clock[T_LAST] - t_ns) * 1e-9
     known = clock[PHASE] == NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
     w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
@@ -91,16 +94,16 @@ def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> 
         else:
             left, dt = False, age
         w = axpy(rate_of(memory, i), -1.0, gyro_bias)
-        half = quat_exp(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
-        middle = product(q, half)
+        half = exp(times(-0.5 * dt, w), SERIES_RAD)
+        middle = normalized(multiply(q, half))
         force = axpy(force_of(memory, i), -1.0, accel_bias)
-        a = rotate(rotation_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
+        a = matvec(to_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
         a = a[0], a[1], a[2] - gravity
         v = axpy(v, -dt, a)
         p = axpy(p, -dt, axpy(v, 0.5 * dt, a))
-        q = product(middle, half)
+        q = normalized(multiply(middle, half))
         back += 1
-    moved = axpy(axpy(p, -1.0, vec3(x, POSITION)), age, vec3(x, VELOCITY))
+    moved = axpy(axpy(p, -1.0, vec3_at(x, POSITION)), age, vec3_at(x, VELOCITY))
     displacement = moved[0], moved[1], moved[2] + 0.5 * gravity * age * age
-    R = rotation_matrix(q)
-    return PastState(known, p, R, v, rotate(R, w), age, displacement)
+    R = to_matrix(q)
+    return PastState(known, p, R, v, matvec(R, w), age, displacement)
