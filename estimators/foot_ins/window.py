@@ -31,22 +31,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.stance import inject
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    D_ATTITUDE,
-    D_POSITION,
-    D_VELOCITY,
-    NOMINAL,
-    POSITION,
-    RESTORED,
-    STATES,
-    T_LAST,
-    VELOCITY,
-    FilterState,
-    initial_state,
-    ring_row,
-)
 from stridetwin.estimators.foot_ins.strapdown import mirror, shift_covariance, shift_rows, transpose_rows
 from stridetwin.streams.algebra.matrices import (
     add_transposed_matvec,
@@ -103,47 +89,47 @@ class TransitionWindow(NamedTuple):
     information: Array
     evidence: Array
     path: Array
-    released: FilterState
+    released: state.FilterState
     scratch: Array
 
 
 def empty_window(capacity: int) -> TransitionWindow:
     """An empty window of at most `capacity` samples."""
-    transition = np.zeros((capacity + 1, STATES, STATES))
-    transition[capacity] = np.eye(STATES)
+    transition = np.zeros((capacity + 1, state.STATES, state.STATES))
+    transition[capacity] = np.eye(state.STATES)
     return TransitionWindow(
         place=np.zeros(3, np.int64),
         t_ns=np.zeros(capacity, np.int64),
         phase=np.zeros(capacity, np.int8),
         speed=np.zeros(capacity),
-        nominal=np.zeros((capacity, NOMINAL)),
-        covariance=np.zeros((capacity, STATES, STATES)),
+        nominal=np.zeros((capacity, state.NOMINAL)),
+        covariance=np.zeros((capacity, state.STATES, state.STATES)),
         transition=transition,
-        information=np.zeros((capacity + 1, STATES, STATES)),
-        evidence=np.zeros((capacity + 1, STATES)),
+        information=np.zeros((capacity + 1, state.STATES, state.STATES)),
+        evidence=np.zeros((capacity + 1, state.STATES)),
         path=np.zeros(4),
-        released=initial_state(),
-        scratch=np.zeros((2, STATES, STATES)),
+        released=state.initial_state(),
+        scratch=np.zeros((2, state.STATES, state.STATES)),
     )
 
 
-def initial_augmented_state() -> FilterState:
+def initial_augmented_state() -> state.FilterState:
     """State of a foot without samples, whose covariance has the rows that `augment` needs."""
-    return initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+    return state.initial_state(np.zeros((2 * state.STATES, 2 * state.STATES)), np.zeros(2 * state.STATES))
 
 
 @njit(**INNER_KERNEL)
-def augment(memory: FilterState) -> None:
+def augment(memory: state.FilterState) -> None:
     """Writes zeros and ones into the additional rows of covariance and error before the next sample, in place."""
-    P, n = memory.covariance, 2 * STATES
-    for i in range(STATES, n):
+    P, n = memory.covariance, 2 * state.STATES
+    for i in range(state.STATES, n):
         for j in range(n):
-            P[i, j] = P[j, i] = 1.0 if i == j + STATES else 0.0
+            P[i, j] = P[j, i] = 1.0 if i == j + state.STATES else 0.0
         memory.error[i] = 0.0
 
 
 @njit(**INNER_KERNEL)
-def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
+def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
     Args:
@@ -153,19 +139,19 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
     reach = 0  # samples back, from the newest held; older ones have left the window
-    for back in range(1, min(memory.clock[RESTORED], held) + 1):
-        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[ring_row(memory, back)]:
+    for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
+        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[state.ring_row(memory, back)]:
             break
         reach = back
     if reach == 0:
         return
     for back in range(1, reach + 1):
         i = (place[OLDEST] + held - back) % capacity
-        x, dp, dv = window.nominal[i], vec3_at(moved[back], POSITION), vec3_at(moved[back], VELOCITY)
-        store_vec3_at(axpy(vec3_at(x, POSITION), 1.0, dp), x, POSITION)
-        store_vec3_at(axpy(vec3_at(x, VELOCITY), 1.0, dv), x, VELOCITY)
-        q = multiply(quaternion_at(moved[back], ATTITUDE), quaternion_at(x, ATTITUDE))
-        store_quaternion_at(normalized(q), x, ATTITUDE)
+        x, dp, dv = window.nominal[i], vec3_at(moved[back], state.POSITION), vec3_at(moved[back], state.VELOCITY)
+        store_vec3_at(axpy(vec3_at(x, state.POSITION), 1.0, dp), x, state.POSITION)
+        store_vec3_at(axpy(vec3_at(x, state.VELOCITY), 1.0, dv), x, state.VELOCITY)
+        q = multiply(quaternion_at(moved[back], state.ATTITUDE), quaternion_at(x, state.ATTITUDE))
+        store_quaternion_at(normalized(q), x, state.ATTITUDE)
         shift_covariance(window.covariance[i], 0, dp, dv)
         if held - back >= summed:
             _apply_reset(window, i, moved, back, back + 1, reach)
@@ -174,9 +160,9 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
         for k in range(summed):
             _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
     _apply_reset(window, capacity, moved, 1, last_summed, reach)
-    dp, dv = vec3_at(moved[1], POSITION), vec3_at(moved[1], VELOCITY)
-    _reset_symmetric(memory.covariance, STATES, dp, dv)
-    _reset_row(memory.error, STATES, dp, dv)
+    dp, dv = vec3_at(moved[1], state.POSITION), vec3_at(moved[1], state.VELOCITY)
+    _reset_symmetric(memory.covariance, state.STATES, dp, dv)
+    _reset_row(memory.error, state.STATES, dp, dv)
 
 
 @njit(**INNER_KERNEL)
@@ -194,9 +180,9 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         reach: Samples back that the window holds of the peak; older ones stay as they are.
     """
     if end <= reach:
-        shift_rows(window.transition[row], 0, vec3_at(moved[end], POSITION), vec3_at(moved[end], VELOCITY))
+        shift_rows(window.transition[row], 0, vec3_at(moved[end], state.POSITION), vec3_at(moved[end], state.VELOCITY))
     if begin <= reach:
-        dp, dv = vec3_at(moved[begin], POSITION), vec3_at(moved[begin], VELOCITY)
+        dp, dv = vec3_at(moved[begin], state.POSITION), vec3_at(moved[begin], state.VELOCITY)
         _reset_columns(window.transition[row], 0, dp, dv)
         _reset_symmetric(window.information[row], 0, dp, dv)
         _reset_row(window.evidence[row], 0, dp, dv)
@@ -206,9 +192,9 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
 def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T⁻ᵀ M T⁻¹ in place, M symmetric; T of `strapdown.shift_covariance`, at the rows and columns from `o` on."""
     _reset_columns(M, o, dp, dv)
-    transpose_rows(M, o + D_ATTITUDE, 3)
+    transpose_rows(M, o + state.D_ATTITUDE, 3)
     _reset_columns(M, o, dp, dv)
-    mirror(M, o + D_ATTITUDE, 3)
+    mirror(M, o + state.D_ATTITUDE, 3)
 
 
 @njit(**INNER_KERNEL)
@@ -221,20 +207,20 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 @njit(**INNER_KERNEL)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
-    by_position = cross(vec3_at(row, o + D_POSITION), dp)
-    by_velocity = cross(vec3_at(row, o + D_VELOCITY), dv)
-    attitude = axpy(axpy(vec3_at(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
-    store_vec3_at(attitude, row, o + D_ATTITUDE)
+    by_position = cross(vec3_at(row, o + state.D_POSITION), dp)
+    by_velocity = cross(vec3_at(row, o + state.D_VELOCITY), dv)
+    attitude = axpy(axpy(vec3_at(row, o + state.D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
+    store_vec3_at(attitude, row, o + state.D_ATTITUDE)
 
 
 @njit(**INNER_KERNEL)
-def append(window: TransitionWindow, memory: FilterState, phase: int, speed: float) -> None:
+def append(window: TransitionWindow, memory: state.FilterState, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
     window.place[HELD] += 1
-    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
-    P, n = memory.covariance, STATES
+    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[state.T_LAST], phase, speed
+    P, n = memory.covariance, state.STATES
     copy(memory.path, window.path)
     copy(memory.nominal, window.nominal[i])
     for k in range(n):
@@ -261,8 +247,8 @@ def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
 @njit(**INNER_KERNEL)
 def _symmetrize(A: Array, out: Array) -> None:
     """Writes (A + Aᵀ)/2 into `out`."""
-    for i in range(STATES):
-        for j in range(STATES):
+    for i in range(state.STATES):
+        for j in range(state.STATES):
             out[i, j] = 0.5 * (A[i, j] + A[j, i])
 
 
@@ -279,10 +265,10 @@ def release_oldest(window: TransitionWindow) -> int:
         for k in range(place[HELD] - 2, -1, -1):
             _compose(window, (i + k) % capacity, (i + k + 1) % capacity)
         place[SUMMED] = place[HELD]
-        clear_block(window.transition[capacity], STATES)
-        clear_block(window.information[capacity], STATES)
+        clear_block(window.transition[capacity], state.STATES)
+        clear_block(window.information[capacity], state.STATES)
         clear(window.evidence[capacity])
-        for k in range(STATES):
+        for k in range(state.STATES):
             window.transition[capacity, k, k] = 1.0
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
@@ -302,13 +288,13 @@ def release_oldest(window: TransitionWindow) -> int:
     multiply_into(P, first, second)
     multiply_into(second, P, first)
     _symmetrize(first, second)
-    for k in range(STATES):
+    for k in range(state.STATES):
         released.error[k] = 0.0
-        for m in range(STATES):
+        for m in range(state.STATES):
             released.covariance[k, m] = P[k, m] - second[k, m]
             released.error[k] += P[k, m] * evidence[m]
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
-    released.clock[T_LAST] = window.t_ns[i]
+    released.clock[state.T_LAST] = window.t_ns[i]
     inject(released)
     return i
