@@ -13,19 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.dvio.state import (
-    CALIBRATION,
-    D_ATTITUDE,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_VELOCITY,
-    FRAME,
-    FactorParameters,
-    ImuNoise,
-    ImuSamples,
-    Preintegration,
-    WindowState,
-)
+from stridetwin.estimators.dvio import state
 from stridetwin.streams.algebra.matrices import (
     apply,
     apply_inverse,
@@ -49,7 +37,7 @@ from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def reset(z: Preintegration, bias: Array) -> None:
+def reset(z: state.Preintegration, bias: Array) -> None:
     """Resets a measurement to zero duration, at the biases (6,) of gyroscope (rad/s) and accelerometer (m/s²)."""
     z.dt[0] = 0.0
     clear(z.delta_p)
@@ -61,7 +49,7 @@ def reset(z: Preintegration, bias: Array) -> None:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
+def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
     See docs/dvio.md (1)-(3).
@@ -152,7 +140,9 @@ def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
+def integrate(
+    z: state.Preintegration, imu: state.ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: state.ImuNoise
+) -> None:
     """Preintegrates IMU samples into `z` from `start_ns` to `end_ns`, at the biases (6,), rad/s and m/s².
 
     The first sample must not be later than the start, and the last one not before the end. An interval within one
@@ -198,7 +188,7 @@ def _relative_motion(
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
+def imu_residual(window: state.WindowState, k: int, factors: state.FactorParameters, r: Array, J: Array) -> None:
     """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
 
     Args:
@@ -235,43 +225,43 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
     by_bias = multiply(inverse, multiply(transposed(exp(e)), right_jacobian(rotation)))
     J[:] = 0.0
-    n = FRAME
+    n = state.FRAME
     for i in range(3):
         for j in range(3):
-            J[i, D_POSITION + j] = -Ri[j, i]
-            J[i, D_ATTITUDE + j] = P[i, j]
-            J[i, D_VELOCITY + j] = -Ri[j, i] * dt
-            J[i, n + D_POSITION + j] = Ri[j, i]
-            J[3 + i, D_ATTITUDE + j] = -by_turn[i, j]
-            J[3 + i, n + D_ATTITUDE + j] = inverse[i, j]
-            J[6 + i, D_ATTITUDE + j] = V[i, j]
-            J[6 + i, D_VELOCITY + j] = -Ri[j, i]
-            J[6 + i, n + D_VELOCITY + j] = Ri[j, i]
+            J[i, state.D_POSITION + j] = -Ri[j, i]
+            J[i, state.D_ATTITUDE + j] = P[i, j]
+            J[i, state.D_VELOCITY + j] = -Ri[j, i] * dt
+            J[i, n + state.D_POSITION + j] = Ri[j, i]
+            J[3 + i, state.D_ATTITUDE + j] = -by_turn[i, j]
+            J[3 + i, n + state.D_ATTITUDE + j] = inverse[i, j]
+            J[6 + i, state.D_ATTITUDE + j] = V[i, j]
+            J[6 + i, state.D_VELOCITY + j] = -Ri[j, i]
+            J[6 + i, n + state.D_VELOCITY + j] = Ri[j, i]
         for j in range(6):
             by_gyro_bias = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
-            J[i, D_GYRO_BIAS + j] = -of_z[i, j]
-            J[3 + i, D_GYRO_BIAS + j] = -by_gyro_bias
-            J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
+            J[i, state.D_GYRO_BIAS + j] = -of_z[i, j]
+            J[3 + i, state.D_GYRO_BIAS + j] = -by_gyro_bias
+            J[6 + i, state.D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
     See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
     """
-    r, J = np.empty(9), np.empty((9, 2 * FRAME))
+    r, J = np.empty(9), np.empty((9, 2 * state.FRAME))
     imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
     WJ = multiply(weight, J)
-    o = CALIBRATION + FRAME * k
+    o = state.CALIBRATION + state.FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
         for j in range(9):
             wr += weight[i, j] * r[j]
         cost += 0.5 * r[i] * wr
-        for a in range(2 * FRAME):
+        for a in range(2 * state.FRAME):
             g = J[i, a]
             if g == 0.0:
                 continue
@@ -284,12 +274,12 @@ def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Ar
         walk = factors.rate_walk if i < 3 else factors.force_walk
         w = 1.0 / (walk * walk * dt)
         step = frames.bias[k + 1, i] - frames.bias[k, i]
-        at = o + D_GYRO_BIAS + i
+        at = o + state.D_GYRO_BIAS + i
         H[at, at] += w
-        H[at + FRAME, at + FRAME] += w
-        H[at + FRAME, at] -= w
+        H[at + state.FRAME, at + state.FRAME] += w
+        H[at + state.FRAME, at] -= w
         b[at] += w * step
-        b[at + FRAME] -= w * step
+        b[at + state.FRAME] -= w * step
         cost += 0.5 * w * step * step
     return cost
 
@@ -316,11 +306,15 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
+def add_imu_factors(
+    window: state.WindowState, factors: state.FactorParameters, frames: int, H: Array, b: Array
+) -> float:
     """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
     f, cost = window.frames, 0.0
     for k in range(frames):
-        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
+        cost += add_zero_velocity(
+            f.v[k], f.zero_velocity_sd[k], state.CALIBRATION + state.FRAME * k + state.D_VELOCITY, H, b
+        )
         if k + 1 < f.count[0]:
             cost += add_imu_factor(window, k, factors, H, b)
     return cost
