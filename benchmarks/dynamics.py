@@ -36,8 +36,8 @@ from stridetwin.sim.config import (
     TwinConfig,
 )
 from stridetwin.sim.dynamics.simulated_walk import SimulatedWalk
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
@@ -179,7 +179,7 @@ def slips(twin: Twin, walk: SimulatedWalk) -> list[float]:
             if len(t) < 20:
                 continue
             track = motion_at(twin, t).tracks[f"foot_{side}"]
-            p = track.p_body_in_world + matrix_from_quat(track.q_world_body) @ hinge
+            p = track.p_body_in_world + from_quaternion(track.q_world_body) @ hinge
             slips_m.append(float(np.linalg.norm(np.ptp(p, axis=0))))
     return slips_m
 
@@ -190,7 +190,7 @@ def penetration(twin: Twin, walk: SimulatedWalk) -> float:
     motion, deepest = motion_at(twin, np.arange(0.0, walk.duration_s, 0.005)), 0.0
     for side in SIDES:
         track, shoe = motion.tracks[f"foot_{side}"], twin.size.shoe
-        R = matrix_from_quat(track.q_world_body)
+        R = from_quaternion(track.q_world_body)
         for x in (shoe.heel_back_x, shoe.toe_hinge_x):
             p = track.p_body_in_world + R @ np.array([x, 0.0, 0.0])
             deepest = max(deepest, float((twin.terrain.height(p[:, :2]) + floor - p[:, 2]).max()))

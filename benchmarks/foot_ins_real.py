@@ -18,22 +18,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks import foot_ins_days
+from benchmarks import foot_ins_days, real_walks
 from benchmarks.command import answer, command
 from benchmarks.consistency import means, nees
-from benchmarks.real_walks import (
-    MarkerWalk,
-    ViconWalk,
-    armse,
-    bearing,
-    data_folder,
-    load_loop,
-    load_markers,
-    load_stairs,
-    load_vicon,
-    spread,
-    stance_error,
-)
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsPath, StartPose
 from stridetwin.estimators.foot_to_foot import FootToFoot
@@ -53,14 +40,14 @@ PUBLISHED = {  # 2-D ARMSE in m on the same walks (pyshoe's filter, one threshol
 LAG_S = 1.0  # of the smoother
 
 
-def halved_rate(walk: ViconWalk) -> ViconWalk:
+def halved_rate(walk: real_walks.ViconWalk) -> real_walks.ViconWalk:
     """The samples of a sensor of half the rate: means over pairs of samples."""
     n = len(walk.imu) // 2 * 2
     columns = {k: v[:n].reshape(-1, 2, 3).mean(1) for k, v in walk.imu.columns.items()}
     return replace(walk, imu=replace(walk.imu, t_ns=walk.imu.t_ns[1:n:2], columns=columns), truth=walk.truth[1:n:2])
 
 
-def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
+def stretched(walk: real_walks.ViconWalk, factor: float) -> real_walks.ViconWalk:
     """The same path, walked in `factor` times the time: rates / factor, accelerations / factor².
 
     The filter's own attitude separates gravity from the specific force.
@@ -74,7 +61,7 @@ def stretched(walk: ViconWalk, factor: float) -> ViconWalk:
     return replace(walk, imu=replace(walk.imu, t_ns=(walk.imu.t_ns * factor).astype(np.int64), columns=columns))
 
 
-def biased(walk: ViconWalk, bias: float, rng: np.random.Generator) -> ViconWalk:
+def biased(walk: real_walks.ViconWalk, bias: float, rng: np.random.Generator) -> real_walks.ViconWalk:
     """With a constant gyro bias of size `bias` (rad/s) in a random direction."""
     direction = rng.standard_normal(3)
     rate = walk.imu.columns["angular_rate"] + bias * direction / np.linalg.norm(direction)
@@ -86,9 +73,9 @@ def estimate(imu: Block[Imu]) -> FootInsPath:
     return FootIns().run(imu)
 
 
-def armse_of(walks: Iterable[ViconWalk]) -> dict[str, float]:
+def armse_of(walks: Iterable[real_walks.ViconWalk]) -> dict[str, float]:
     """2-D ARMSE in m of each walk."""
-    return {w.name: armse(estimate(w.imu).trajectory.p_frame_in_world, w.truth) for w in walks}
+    return {w.name: real_walks.armse(estimate(w.imu).trajectory.p_frame_in_world, w.truth) for w in walks}
 
 
 def climb(path: Array) -> float:
@@ -96,10 +83,11 @@ def climb(path: Array) -> float:
     return float(path[-1, 2] - path[0, 2])
 
 
-def marker_errors(feet: Sequence[MarkerWalk], paths: Sequence[FootInsPath]) -> dict[str, dict[str, float]]:
+def marker_errors(feet: Sequence[real_walks.MarkerWalk], paths: Sequence[FootInsPath]) -> dict[str, dict[str, float]]:
     """Errors of each foot of `dual_foot_walk` at its rests, by name; see `stance_error`."""
     figures = {
-        f.name: stance_error(p.trajectory.t_ns * 1e-9, p.trajectory.p_frame_in_world, f) for f, p in zip(feet, paths)
+        f.name: real_walks.stance_error(p.trajectory.t_ns * 1e-9, p.trajectory.p_frame_in_world, f)
+        for f, p in zip(feet, paths)
     }
     return {
         "stance_rmse_m": {name: value[0] for name, value in figures.items()},
@@ -127,7 +115,7 @@ def climb_of(imu: Block[Imu]) -> dict[str, float]:
     return {"height": climb(path.p_frame_in_world), "sd": float(np.sqrt(path.covariance[-1, 2, 2]))}
 
 
-def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) -> dict[str, Any]:
+def both_feet(feet: Sequence[real_walks.MarkerWalk], start: dict[str, StartPose] | None) -> dict[str, Any]:
     """Errors of both feet of `dual_foot_walk` in one filter with unknown calibration, and of their distance.
 
     Args:
@@ -161,21 +149,21 @@ def both_feet(feet: Sequence[MarkerWalk], start: dict[str, StartPose] | None) ->
     return marker_errors(feet, paths) | distance
 
 
-def known_start(foot: MarkerWalk) -> StartPose:
+def known_start(foot: real_walks.MarkerWalk) -> StartPose:
     """Start pose from the markers; its heading aligns the one-foot path with theirs at the farthest point."""
     path, t = estimate(foot.imu).trajectory.p_frame_in_world, foot.imu.t_ns * 1e-9
     way = foot.middle - foot.middle[0]
     far = int(np.nanargmax(np.linalg.norm(way, axis=1)))
     out = np.array([np.interp(foot.t[far], t, path[:, i]) for i in range(3)]) - path[0]
-    q = Rotation.from_euler("z", bearing(way[far]) - bearing(out)).as_quat(scalar_first=True)
+    q = Rotation.from_euler("z", real_walks.bearing(way[far]) - real_walks.bearing(out)).as_quat(scalar_first=True)
     return StartPose(p_imu_in_world=foot.middle[0], q_world_imu=q)
 
 
 def measure(folder: Path) -> dict[str, Any]:
     """All figures, in the form of an experiment's JSON."""
-    walks, feet = load_vicon(folder), load_markers(folder)
+    walks, feet = real_walks.load_vicon(folder), real_walks.load_markers(folder)
     rng = np.random.default_rng(3)
-    variants: dict[str, Callable[[ViconWalk], ViconWalk]] = {
+    variants: dict[str, Callable[[real_walks.ViconWalk], real_walks.ViconWalk]] = {
         "rate_100hz": halved_rate,
         "time_x0.8": lambda w: stretched(w, 0.8),
         "time_x1.3": lambda w: stretched(w, 1.3),
@@ -190,22 +178,26 @@ def measure(folder: Path) -> dict[str, Any]:
     paths = {name: path.p_frame_in_world for name, path in estimates.items()}
     consistent = {w.name: nees(estimates[w.name], w.truth) for w in walks}
     innovations = {name: {f"nis_{k}": v for k, v in f.nis.items()} for name, f in filters.items()}
-    error = {w.name: armse(paths[w.name], w.truth) for w in walks}
+    error = {w.name: real_walks.armse(paths[w.name], w.truth) for w in walks}
     height = {w.name: climb(paths[w.name]) - climb(w.truth) for w in walks}
     ours = {
-        "armse_m": spread(error.values()),
-        "end_height_error_m": spread(abs(h) for h in height.values()),
+        "armse_m": real_walks.spread(error.values()),
+        "end_height_error_m": real_walks.spread(abs(h) for h in height.values()),
         "consistency": means([*consistent.values()]) | means([*innovations.values()]),
         **marker_errors(feet, [estimate(f.imu) for f in feet]),
-        "loop": loop_errors(load_loop(folder)),
-        "stairs_m": {side: climb_of(imu) for side, imu in load_stairs(folder).items()},
+        "loop": loop_errors(real_walks.load_loop(folder)),
+        "stairs_m": {side: climb_of(imu) for side, imu in real_walks.load_stairs(folder).items()},
         "both_feet_start_known": both_feet(feet, {f.name[0]: known_start(f) for f in feet}),
         "both_feet_side_by_side": both_feet(feet, None),
         "times_real_time": recorded_s / elapsed_s,
     }
-    ours |= {f"armse_{name}_m": spread(armse_of(map(make, walks)).values()) for name, make in variants.items()}
+    ours |= {
+        f"armse_{name}_m": real_walks.spread(armse_of(map(make, walks)).values()) for name, make in variants.items()
+    }
     smoothed = ((FootIns.batch(None, Options(lag_s=LAG_S)).run(w.imu).trajectory, w.truth) for w in walks)
-    ours["armse_smoothed_m"] = spread(armse(path.p_frame_in_world, truth) for path, truth in smoothed)
+    ours["armse_smoothed_m"] = real_walks.spread(
+        real_walks.armse(path.p_frame_in_world, truth) for path, truth in smoothed
+    )
     return {
         "experiment": "foot_ins_real",
         "summary": {"proposed": ours},
@@ -223,10 +215,10 @@ def main() -> int:
     parser.add_argument("--days", action="store_true", help="tune without the walks of a day, score on those")
 
     def measured(arguments: Namespace) -> dict[str, Any]:
-        folder = data_folder()
+        folder = real_walks.data_folder()
         if folder is None:
             raise StrideTwinError("no recordings: set STRIDETWIN_DATA to the folder that holds foot_imu_vicon")
-        return foot_ins_days.measure(load_vicon(folder)) if arguments.days else measure(folder)
+        return foot_ins_days.measure(real_walks.load_vicon(folder)) if arguments.days else measure(folder)
 
     return answer(parser, measured, lambda result: print(json.dumps(result, indent=2)))
 

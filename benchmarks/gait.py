@@ -14,9 +14,9 @@ import numpy as np
 
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Motion
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.samples import Array
 
 SCENARIOS = ("level_20m", "stair_up_down", "ramp_up_down", "turns", "cross_slope")
@@ -34,7 +34,7 @@ def penetration(twin: Twin, side: str) -> float:
     motion = motion_at(twin, np.arange(0.0, twin.duration_s, 0.004))
     shoe = twin.size.shoe
     foot, toe = motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
-    R_foot, R_toe = matrix_from_quat(foot.q_world_body), matrix_from_quat(toe.q_world_body)
+    R_foot, R_toe = from_quaternion(foot.q_world_body), from_quaternion(toe.q_world_body)
     w = shoe.half_width - 0.004
     rear = [[x, y, 0.0] for x in (shoe.heel_back_x, 0.9 * shoe.toe_hinge_x) for y in (-w, w)]
     front = [[x, 0.0, -shoe.toe_hinge_z] for x in (0.0, shoe.toe_tip_x - shoe.toe_hinge_x)]
@@ -50,7 +50,7 @@ def slip(twin: Twin, side: str) -> float:
     for step in twin.walk.steps[side]:
         t = np.arange(max(step.t_touch, 0.0) + 1e-3, min(step.t_off, twin.duration_s) - 1e-3, 0.004)
         track = motion_at(twin, t).tracks[f"foot_{side}"]
-        R = matrix_from_quat(track.q_world_body)
+        R = from_quaternion(track.q_world_body)
         pitch = twin.walk.pitch(side, t)
         heel = track.p_body_in_world + R @ np.array([shoe.heel_back_x, 0.0, 0.0])
         hinge = track.p_body_in_world + R @ np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
@@ -72,7 +72,7 @@ def landing_pitch_deg(twin: Twin, mode: str) -> list[float]:
     pitches = []
     for step in (s for steps_of_foot in twin.walk.steps.values() for s in steps_of_foot if s.mode == mode):
         track = motion_at(twin, np.array([step.t_touch + 0.002])).tracks[f"foot_{step.foot}"]
-        pitches.append(float(np.degrees(np.arcsin(-matrix_from_quat(track.q_world_body)[0, 2, 0]))))
+        pitches.append(float(np.degrees(np.arcsin(-from_quaternion(track.q_world_body)[0, 2, 0]))))
     return pitches
 
 

@@ -23,9 +23,9 @@ from stridetwin.pages.plot import Plot, data_range
 from stridetwin.reference.norms import level_norm, read_reference, speed_group
 from stridetwin.sim.config import SIDES, Exo, Gait, Level, Person, Ramp, Route, Segment, Stairs, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import FootLoad, Motion
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
 
@@ -160,7 +160,7 @@ def level_case(twin: Twin, labels: dict[str, str | float]) -> Case:
             curves[f"{name}_deg"] -= SHOE_DROP_DEG
         torque = {s: -loads.joint_torque[:, names.index(f"{name}_{s}")] / mass for s in SIDES}
         curves[MOMENTS[joint]] = _both(strides, torque)
-    curves |= _pelvis(strides, matrix_from_quat(motion.tracks["pelvis"].q_world_body))
+    curves |= _pelvis(strides, from_quaternion(motion.tracks["pelvis"].q_world_body))
     curves["vertical_force_bw"] = _both(
         strides, {s: loads.feet[s].force[:, 2] / (mass * NOMINAL_GRAVITY_MPS2) for s in SIDES}
     )
@@ -240,7 +240,7 @@ def _pressure(twin: Twin, side: str, strides: Strides, load: FootLoad, motion: M
 
 def _foot(twin: Twin, side: str, strides: Strides, motion: Motion) -> dict[str, float]:
     shoe, foot, toe = twin.size.shoe, motion.tracks[f"foot_{side}"], motion.tracks[f"toe_{side}"]
-    R_foot, R_toe = matrix_from_quat(foot.q_world_body), matrix_from_quat(toe.q_world_body)
+    R_foot, R_toe = from_quaternion(foot.q_world_body), from_quaternion(toe.q_world_body)
     sole = np.array([0.0, 0.0, -shoe.toe_hinge_z])
     tip = sole + [shoe.toe_tip_x - shoe.toe_hinge_x, 0.0, 0.0]
     points = [(foot, R_foot, np.array([shoe.heel_back_x, 0.0, 0.0])), (toe, R_toe, sole), (toe, R_toe, tip)]

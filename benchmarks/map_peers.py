@@ -47,8 +47,8 @@ from stridetwin.outputs.terrain.scores import (
 )
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Odometry
@@ -124,7 +124,7 @@ class Open3d:
         """As `Map`."""
         if isinstance(sample, Odometry):
             T = np.eye(4)
-            T[:3, :3], T[:3, 3] = matrix_from_quat(sample.q_world_frame), sample.p_frame_in_world
+            T[:3, :3], T[:3, 3] = from_quaternion(sample.q_world_frame), sample.p_frame_in_world
             self._T_world_camera = T @ self._T_frame_camera
             return
         depth = o3d.t.geometry.Image(np.ascontiguousarray(np.nan_to_num(sample.depth), np.float32))

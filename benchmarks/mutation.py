@@ -38,13 +38,21 @@ from benchmarks.mutants import Mutant, is_change, mutants
 from stridetwin.streams.errors import StrideTwinError
 
 ROOT = Path(__file__).parents[1]
-SCOPES = ("estimators", "outputs", "gate", "sim/truth.py", "sim/gait/footsteps.py", "sim/sensors/exo_sensors.py")
+SCOPES = (
+    "streams/algebra",
+    "estimators",
+    "outputs",
+    "gate",
+    "sim/truth.py",
+    "sim/gait/footsteps.py",
+    "sim/sensors/exo_sensors.py",
+)
 """Folders and files into which bugs are inserted."""
 _SET = "tests/estimators/test_parameter_set.py"
 NEAREST: dict[str, tuple[str, ...]] = {
     "estimators/foot_ins": (
         _SET,
-        "tests/estimators/test_kernel_algebra.py",
+        "tests/estimators/test_kalman.py",
         "tests/estimators/test_foot_kernels.py",
         "tests/estimators/test_strapdown.py",
         "tests/estimators/test_foot_ins.py",
@@ -82,12 +90,15 @@ NEAREST: dict[str, tuple[str, ...]] = {
     "estimators/locomotion_mode": (_SET, "tests/estimators/locomotion_mode"),
     "estimators/dvio": (_SET, "tests/estimators/dvio", "tests/outputs/test_odometry.py"),
     "estimators": (
-        "tests/estimators/test_kernel_algebra.py",
-        "tests/estimators/test_methods.py",
         "tests/estimators/test_compiled.py",
         "tests/estimators/test_foot_ins.py",
         "tests/estimators/test_contact_terrain_filter.py",
         "tests/run/test_example_package.py",
+    ),
+    "streams/algebra": (
+        "tests/streams/algebra",
+        "tests/estimators/test_foot_ins.py",
+        "tests/estimators/test_contact_terrain_filter.py",
     ),
     "gate": ("tests/gate",),
     "reference/norms.py": ("tests/report/test_report.py",),
@@ -125,7 +136,7 @@ EQUIVALENT = {
         "truth.p_frame_in_world - mean_t",
         "truth.p_frame_in_world",
     ): "the other factor has the mean 0, so a constant adds nothing to the sum of the products",
-    ("estimators/so3.py", "s > 1e-7", "s >= 1e-7"): "both branches agree at their limit to the last digits",
+    ("streams/algebra/matrices.py", "s > 1e-7", "s >= 1e-7"): "both branches agree at their limit to the last digits",
     ("estimators/foot_ins/kalman.py", "n = P.shape[0]", "n = P.shape[1]"): "P is square",
     ("estimators/foot_ins/smoother.py", "llvm_level=1", "llvm_level=2"): "another speed of the same result",
     ("estimators/checkerboard/pose.py", ".max() < 1e-4", ".max() <= 1e-4"): "no two solutions differ by just that",
@@ -134,11 +145,6 @@ EQUIVALENT = {
         "points[:, :2] - points[:, :2].mean(axis=0)",
         "points[:, :2].mean(axis=0) - points[:, :2]",
     ): "singular values have no sign",
-    (
-        "estimators/compiled.py",
-        '("so3.py", "matrices.py", "cholesky.py")',
-        '("matrices.py", "so3.py", "cholesky.py")',
-    ): "the order of the sources names the folder of compiled functions alone",
     ("estimators/dvio/landmarks.py", "> most * most", ">= most * most"): "no residual is just that",
     ("estimators/foot_to_foot/published.py", "total += value", "total -= value"): "only its square counts",
     (

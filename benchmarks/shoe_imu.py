@@ -29,6 +29,7 @@ from stridetwin.sim.sensors.imu import ImuModel
 from stridetwin.sim.sensors.model import instants
 from stridetwin.sim.twin import Twin
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Block, Imu
 
 BAND = {
@@ -78,7 +79,7 @@ def stillness(rate: Array, force: Array, dt: float) -> Array:
         return np.convolve(x, np.ones(n) / n, "same")
 
     mean = np.column_stack([smooth(axis) for axis in force.T])
-    gravity = 9.81 * mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    gravity = NOMINAL_GRAVITY_MPS2 * mean / np.linalg.norm(mean, axis=1, keepdims=True)
     energy = ((force - gravity) ** 2).sum(1) / 0.5e-4 + (rate**2).sum(1) / np.radians(0.1) ** 2
     return smooth(energy)
 
@@ -108,7 +109,7 @@ def strides(walk: FootWalk) -> Iterator[dict[str, float]]:
             "speed_mps": length / duration,
             "peak_speed_mps": float(walk.speed[a:b].max()),
             "peak_rate_dps": float(np.degrees(np.linalg.norm(walk.rate[off:end], axis=1).max())),
-            "heel_strike_g": float(np.linalg.norm(walk.force[off:end], axis=1).max() / 9.81),
+            "heel_strike_g": float(np.linalg.norm(walk.force[off:end], axis=1).max() / NOMINAL_GRAVITY_MPS2),
             "stance_quietest_mmps": 1e3 * float(stance.min()),
             "stance_rms_mmps": 1e3 * float(np.sqrt((stance**2).mean())),
             "stance_rate_rms_dps": float(np.degrees(np.sqrt((walk.rate[touch:end] ** 2).sum(1).mean()))),

@@ -30,9 +30,9 @@ from benchmarks.peers.vocabulary import write_vocabulary
 from stridetwin.outputs.path.scores import OdometryPath, drift_figures
 from stridetwin.scenarios.record import record
 from stridetwin.scenarios.scenario_file import load_scenario
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat, quat_from_matrix
 from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion, to_quaternion
 from stridetwin.streams.formats.tum import parse_seconds
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
@@ -120,10 +120,10 @@ def peer_figures(recording: Recording, mount: str, out: Path) -> dict[str, Any]:
     T_camera_imu = np.linalg.inv(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor
     start = truth.at(t_ns[first : first + 1])
     T_start = np.eye(4)
-    T_start[:3, :3] = matrix_from_quat(start.q_world_frame[0])
+    T_start[:3, :3] = from_quaternion(start.q_world_frame[0])
     T_start[:3, 3] = start.p_frame_in_world[0]
     T = T_start @ np.linalg.inv(T_world_camera[first] @ T_camera_imu) @ T_world_camera @ T_camera_imu
-    path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=quat_from_matrix(T[:, :3, :3]))
+    path = Trajectory(t_ns=t_ns, p_frame_in_world=T[:, :3, 3], q_world_frame=to_quaternion(T[:, :3, :3]))
     return drift_figures(OdometryPath(path=path, healthy=sure), truth) | {
         "time_ms": time_statistics(np.array([w[2] for w in rows], float))
     }

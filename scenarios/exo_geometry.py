@@ -10,19 +10,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.contact_terrain.geometry import (
-    METADATA_KEY,
-    SIDES,
-    Attitude,
-    Compliance,
-    DhRow,
-    Exoskeleton,
-    Knee,
-    Leg,
-    Sole,
-    parse_exoskeleton,
-    to_text,
-)
+from stridetwin.estimators.contact_terrain import geometry
 from stridetwin.sim.faults.faults import Fault
 from stridetwin.sim.faults.sample_faults import Miscalibration
 from stridetwin.sim.wearer.dimensions import Wearer
@@ -38,7 +26,7 @@ _THIGH, _KNEE, _FOOT = 5, 6, 8
 _SENSORS = {"ahrs", "encoder", "insole"}
 
 
-def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
+def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
     """True geometry of the exoskeleton on a wearer, in the form that `contact_terrain` reads.
 
     Args:
@@ -52,8 +40,8 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
     if not isinstance(links, ExoLinks):
         raise StrideTwinError("the wearer has no exoskeleton, or one of the user's own, without a D-H table")
 
-    def mount(topic: str, frame: int) -> Attitude:
-        return Attitude(
+    def mount(topic: str, frame: int) -> geometry.Attitude:
+        return geometry.Attitude(
             topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
         )
 
@@ -61,9 +49,9 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
     legs = {
-        side: Leg(
+        side: geometry.Leg(
             rows=tuple(
-                DhRow(
+                geometry.DhRow(
                     alpha=row.alpha,
                     a=row.a,
                     d=row.d,
@@ -74,9 +62,9 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
                 for row in dh_table(links, side)
             ),
             thigh=mount(f"/exo/thigh_{side}/ahrs", _THIGH),
-            knee=Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
+            knee=geometry.Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
             foot=mount(f"/exo/foot_{side}/ahrs", _FOOT),
-            sole=Sole(
+            sole=geometry.Sole(
                 topic=f"/foot_{side}/insole",
                 T_foot_sole=T_foot_sole,
                 cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
@@ -86,13 +74,13 @@ def true_geometry(size: Wearer, rig: Rig) -> Exoskeleton:
                 tip_x=size.shoe.toe_tip_x,
             ),
         )
-        for side in SIDES
+        for side in geometry.SIDES
     }
-    return Exoskeleton(
+    return geometry.Exoskeleton(
         description="Exoskeleton of Shim et al. 2019, set to its wearer",
         back=mount("/exo/back/ahrs", 0),
         legs=legs,
-        compliance=Compliance(),
+        compliance=geometry.Compliance(),
     )
 
 
@@ -111,10 +99,10 @@ def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault]
     """
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
-    return {METADATA_KEY: to_text(nominal_geometry(size, rig, seed, faults))}
+    return {geometry.METADATA_KEY: geometry.to_text(nominal_geometry(size, rig, seed, faults))}
 
 
-def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> Exoskeleton:
+def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> geometry.Exoskeleton:
     """Geometry of the exoskeleton that an estimator gets: measured with errors that the walk's seed determines.
 
     The true geometry is known to the simulation alone.
@@ -137,28 +125,30 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
     return replace(exo, legs=legs)
 
 
-def exo_from_recording(recording: Recording) -> Exoskeleton:
+def exo_from_recording(recording: Recording) -> geometry.Exoskeleton:
     """Nominal geometry of the exoskeleton from a recording's metadata.
 
     Raises:
         StrideTwinError: The metadata has none.
     """
-    if METADATA_KEY not in recording.metadata:
+    if geometry.METADATA_KEY not in recording.metadata:
         raise StrideTwinError(f"{recording.path}: no exoskeleton geometry; pass --exoskeleton FILE")
-    return parse_exoskeleton(recording.metadata[METADATA_KEY], f"{recording.path}: {METADATA_KEY}")
+    return geometry.parse_exoskeleton(
+        recording.metadata[geometry.METADATA_KEY], f"{recording.path}: {geometry.METADATA_KEY}"
+    )
 
 
-def simulate_measurement(exo: Exoskeleton, rng: np.random.Generator) -> Exoskeleton:
+def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) -> geometry.Exoskeleton:
     """The exoskeleton as a laboratory measures it.
 
     Errors of segment lengths have the standard deviation `LINK_SD_M`, those of AHRS mounts `MOUNT_SD_RAD`.
     """
 
-    def rotate(attitude: Attitude) -> Attitude:
+    def rotate(attitude: geometry.Attitude) -> geometry.Attitude:
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
-    def change_lengths(leg: Leg) -> Leg:
+    def change_lengths(leg: geometry.Leg) -> geometry.Leg:
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())

@@ -17,14 +17,13 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.heel_strike import UpperMotion
 from stridetwin.sim.gait.reference import Reference, WalkMotion
 from stridetwin.sim.kinematics import rigid_tree
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.kinematics.rigid_tree import Tree
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.body import bodies_to_track
 from stridetwin.sim.wearer.exo_couplings import BodyState, Coupling, exo_couplings, wrench
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
+from stridetwin.streams.algebra.arrays import cross, from_quaternion
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import cross
 
 LIFTED_SHARE = 1e-3  # share of the load below which a foot counts as lifted
 
@@ -277,5 +276,5 @@ def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:
 
 def _pose(track: Track) -> BodyState:
     """Pose and twist of a track in the world."""
-    R = matrix_from_quat(track.q_world_body)
+    R = from_quaternion(track.q_world_body)
     return BodyState(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))

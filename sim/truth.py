@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.reference import WalkMotion
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.playback import Loads, Motion
 from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.world.bystanders import Crowd
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
 
@@ -130,7 +130,7 @@ def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Foot
                 t_ns=t_ns,
                 foot=step.foot,
                 p_foot_in_world=step.p_foot_in_world,
-                q_world_foot=quat_from_matrix(step.R_world_sole),
+                q_world_foot=to_quaternion(step.R_world_sole),
                 terrain=step.terrain,
                 mode=step.mode,
             )

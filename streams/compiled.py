@@ -66,6 +66,8 @@ if _WITH_INTERNALS:
 
     INNER_KERNEL |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
 
+_ALGEBRA = [Path(__file__).parent / "algebra" / name for name in ("matrices.py", "tuples.py")]
+"""Sources that count for every function, because most call them."""
 F = TypeVar("F", bound=Callable[..., Any])
 _entry_kernels: list[Any] = []
 
@@ -78,7 +80,8 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> C
     them, and what is called inside is not cached.
 
     Args:
-        sources: Files, and folders of Python files, of all that is compiled into the functions.
+        sources: Files, and folders of Python files, of all that is compiled into the functions; the compiled modules of
+            `streams/algebra` count for every function.
         llvm_level: Of LLVM's optimisation. Level 1 takes a tenth less time than 3, and the numbers are the same; long
             sequences of scalar operations are no slower, loops over images are by a quarter.
         options: For numba.
@@ -86,7 +89,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> C
     Returns:
         Decorator of a plain function, or of one that is compiled for others to call.
     """
-    stamp = digest_of_sources(*sources)
+    stamp = digest_of_sources(*_ALGEBRA, *sources)
     if _WITH_INTERNALS:
         options |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 

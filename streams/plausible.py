@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
+from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2
 from stridetwin.streams.samples import Array, Block, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
@@ -18,8 +18,8 @@ _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 _MOVING_SPREAD = (0.5, 2.0)
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _HINTS = (
-    ((0.8, 1.2), "; is it in g? Multiply by 9.80665"),
-    ((800.0, 1200.0), "; is it in milli-g? Multiply by 0.00980665"),
+    ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
+    ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
     ((0.0, 3.0), "; has gravity been taken out? It must be the raw specific force"),
 )
 

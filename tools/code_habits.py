@@ -1,4 +1,4 @@
-"""Measures habits of the code: names, `# fmt: skip`, and `Any` in public signatures.
+"""Measures habits of the code: names, `# fmt: skip`, `Any` in public signatures, and long import blocks.
 
     python tools/code_habits.py [--list]
 
@@ -32,6 +32,19 @@ IRREGULAR_PARTICIPLES = frozenset(_IRREGULAR.split())
 NO_PARTICIPLES = frozenset(_OTHERS.split())
 """Words that end like a participle, and participles that are verbs or nouns as well."""
 PRONOUNS = frozenset({"found", "own", "words", "made"})
+MAX_NAMES_OF_MODULE = 10
+VOCABULARIES = frozenset(
+    {
+        "stridetwin.cli.options",
+        "stridetwin.sim.config",
+        "stridetwin.streams.algebra.matrices",
+        "stridetwin.streams.algebra.tuples",
+        "stridetwin.streams.fields",
+        "stridetwin.streams.samples",
+    }
+)
+"""Modules whose names are always imported one by one: operators of formulas, and the types and field kinds of
+declarations, which are read without a word before them."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +85,13 @@ def has_any(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
     return not function.name.startswith("_") and any(re.search(r"\bAny\b", text) for text in texts)
 
 
+def is_long_import(node: ast.AST) -> bool:
+    """Whether a statement imports more names from one module than the module's own name would replace."""
+    return (
+        isinstance(node, ast.ImportFrom) and len(node.names) > MAX_NAMES_OF_MODULE and node.module not in VOCABULARIES
+    )
+
+
 def find_modules() -> Iterator[Path]:
     """The Python files of every package that `stridetwin/` links to."""
     for link in sorted((ROOT / "stridetwin").iterdir()):
@@ -82,7 +102,7 @@ def find_modules() -> Iterator[Path]:
 def measure() -> list[Measure]:
     """The measures over all modules."""
     functions = lines = 0
-    participles, pronouns, skips, untyped = [], [], [], []
+    participles, pronouns, skips, untyped, imports = [], [], [], [], []
     for file in find_modules():
         text, name = file.read_text(encoding="utf-8"), file.relative_to(ROOT)
         lines += text.count("\n")
@@ -93,6 +113,8 @@ def measure() -> list[Measure]:
                 place = f"{name}:{node.lineno} {node.name}"
                 participles += [place] if is_participle(node.name) and not is_property(node) else []
                 untyped += [place] if has_any(node) else []
+            elif is_long_import(node) and file.name != "__init__.py":  # a package's names for others
+                imports.append(f"{name}:{node.lineno}")
             elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.strip("_") in PRONOUNS:
                 pronouns.append(f"{name}:{node.lineno} {node.id}")
     return [
@@ -100,6 +122,7 @@ def measure() -> list[Measure]:
         Measure("assignments to found, own, words, made", pronouns, len(pronouns), 0.0),
         Measure("`# fmt: skip` per 1,000 lines", skips, 1000.0 * len(skips) / lines, 0.5),
         Measure("public functions with `Any` in the signature", untyped, len(untyped), 0.0),
+        Measure("imports of more than ten names of a module", imports, len(imports), 0.0),
     ]
 
 

@@ -28,8 +28,8 @@ from stridetwin.estimators.foot_ins import FootIns
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.config import SIDES, Gait
 from stridetwin.sim.gait.heel_strike import BEFORE_S, SHOE, vibration
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
 
@@ -69,7 +69,7 @@ def recorded_strikes(foot: MarkerWalk) -> Strikes:
     """Strikes of a recorded walk; forward is the foot's direction of travel, up that of the specific force at rest."""
     walk = recorded(foot.imu, foot.t, foot.heel)
     path = FootIns().run(foot.imu).trajectory
-    R = matrix_from_quat(path.q_world_frame)
+    R = from_quaternion(path.q_world_frame)
     spans = stances(walk)
     up = np.mean([walk.force[a:b].mean(0) for a, b in spans], axis=0)
     up /= np.linalg.norm(up)

@@ -20,12 +20,11 @@ from stridetwin.sim.gait.posture import Posture, plan_posture
 from stridetwin.sim.gait.reference import solve_legs, stack_coordinates, zero_moment_point
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.wearer.body import add_wearer, compile_model
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.algebra.arrays import from_euler, from_quaternion, rot_z
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import from_euler, rot_z
 from stridetwin.streams.terrain_truth import Strip
 
 SAMPLES = 100  # per stride
@@ -119,7 +118,7 @@ def steady_cycle(
         dx[:, 0] += step_m / step_s
         q, v, a = layout.to_mujoco(x, dx, ddx)
         needed, com_z = _inverse_dynamics(walker.model, q, v, a)
-        moment = np.einsum("nij,nj->ni", matrix_from_quat(q[:, 3:7]), needed[:, 3:6])
+        moment = np.einsum("nij,nj->ni", from_quaternion(q[:, 3:7]), needed[:, 3:6])
         zmp, kappa = zero_moment_point(q[:, :3], needed[:, :3], moment, com_z, np.zeros(len(t)), walker.mass_kg)
         error = wanted - zmp
         if round_ < rounds:

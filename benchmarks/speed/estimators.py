@@ -17,7 +17,7 @@ from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, ContactTerrain, Exoskeleton
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.estimators.dvio.filter import MAX_WAITING_IMAGES
-from stridetwin.estimators.foot_ins import FootIns, FootInsSmoother
+from stridetwin.estimators.foot_ins import FootIns, FootInsParameters, FootInsSmoother
 from stridetwin.estimators.foot_to_foot import FootToFoot
 from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.scenarios.scenario_file import load_scenario
@@ -32,7 +32,7 @@ from stridetwin.studies.zhao2023 import odometry_walks
 RATE_HZ = 200
 STRIDE_S = 1.1
 BLOCK_S = 10
-GRAVITY = 9.8029  # m/s²
+GRAVITY = FootInsParameters().gravity_mps2
 MOUNT = "chest"
 WARM_UP_NS = 4_000_000_000
 

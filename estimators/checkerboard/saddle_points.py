@@ -10,9 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from stridetwin.estimators.cholesky import solve
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
-from stridetwin.estimators.matrices import clear, clear_block
+from stridetwin.streams.algebra.matrices import clear, clear_block, solve_damped
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
@@ -198,7 +197,7 @@ def _fit_corner(
         if fit_blur:  # weak prior: the blur of a corner of few pixels is not observable
             N[4, 4] += _BLUR_INFORMATION * contrast * contrast
             N[5, 5] += _BLUR_INFORMATION * contrast * contrast
-        if not solve(N, g, free, 0.0, L, step):
+        if not solve_damped(N, g, free, 0.0, L, step):
             return
         moved = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
         limited = min(1.0, _MAX_STEP / (moved + 1e-12))

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import Sole
-from stridetwin.estimators.matrices import dot, rotate
-from stridetwin.estimators.so3 import hat
+from stridetwin.streams.algebra.matrices import apply, dot, hat
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 # Hand-chosen on simulated walks of S1-S3, seeds 0-16.
@@ -149,7 +148,7 @@ def _rotation_from_axes(forward: Array, up: Array) -> Array:
     length = math.sqrt(dot(x, x))
     for i in range(3):
         x[i] /= length
-    y = rotate(hat(z), x)
+    y = apply(hat(z), x)
     for i in range(3):
         R[i, 0], R[i, 1], R[i, 2] = x[i], y[i], z[i]
     return R

@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import DhRow, Leg
-from stridetwin.estimators.matrices import copy_matrix, dot, identity, mul, rotate, transposed
-from stridetwin.estimators.so3 import hat
+from stridetwin.streams.algebra.matrices import apply, copy_matrix, dot, hat, identity, multiply, transposed
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -98,7 +97,7 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
         if turns[i]:
             theta += q[joint]
             joint += 1
-        T = mul(T, frame(table[i, 0], table[i, 1], table[i, 2], theta))
+        T = multiply(T, frame(table[i, 0], table[i, 1], table[i, 2], theta))
         copy_matrix(T, poses[i])
     return poses
 
@@ -117,7 +116,7 @@ def joint_angles(parts: Array, R: Array) -> Array:
         R: (3, 3) rotation from beyond the last joint to before the first.
     """
     n = len(parts) - 1
-    M = mul(mul(transposed(parts[0]), R), transposed(parts[n]))
+    M = multiply(multiply(transposed(parts[0]), R), transposed(parts[n]))
     q = np.empty(n)
     if n == 1:
         q[0] = math.atan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
@@ -134,7 +133,7 @@ def joint_angles(parts: Array, R: Array) -> Array:
         turn = identity(3)
         turn[0, 0], turn[0, 1] = math.cos(q[1]), -math.sin(q[1])
         turn[1, 0], turn[1, 1] = math.sin(q[1]), math.cos(q[1])
-        between = mul(mul(parts[1], turn), parts[2])
+        between = multiply(multiply(parts[1], turn), parts[2])
     q[0] = _wrap_angle(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
     q[n - 1] = _wrap_angle(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
     return q
@@ -151,15 +150,15 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
     R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
-    hip = joint_angles(leg.hip_parts, mul(transposed(R[0]), R_world_thigh))
+    hip = joint_angles(leg.hip_parts, multiply(transposed(R[0]), R_world_thigh))
     T_thigh_knee, R_thigh_knee = identity(4), np.empty((3, 3))
     for i in range(leg.thigh, leg.knee):
         theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)
-        T_thigh_knee = mul(T_thigh_knee, frame(leg.table[i, 0], 0.0, 0.0, theta))
+        T_thigh_knee = multiply(T_thigh_knee, frame(leg.table[i, 0], 0.0, 0.0, theta))
     for i in range(3):
         for j in range(3):
             R_thigh_knee[i, j] = T_thigh_knee[i, j]
-    R_knee_foot = mul(mul(transposed(R_thigh_knee), transposed(R_world_thigh)), R_world_foot)
+    R_knee_foot = multiply(multiply(transposed(R_thigh_knee), transposed(R_world_thigh)), R_world_foot)
     ankle = joint_angles(leg.ankle_parts, R_knee_foot)
     q = np.empty(len(hip) + 1 + len(ankle))
     for i in range(len(hip)):
@@ -215,7 +214,7 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
     ankle, foot = _rotate_column(R[0], poses[leg.knee], 3), _rotate_column(R[0], poses[len(poses) - 1], 3)
     thigh, shank = _vector_between(hip, at_knee), _vector_between(at_knee, ankle)
     axis = _rotate_column(R[0], poses[leg.knee - 1], 2)
-    by_knee = rotate(hat(axis), shank)
+    by_knee = apply(hat(axis), shank)
     thigh_m, shank_m = math.sqrt(dot(thigh, thigh)), math.sqrt(dot(shank, shank))
     J = np.zeros((3, OFFSETS))
     _set_block(rotation_jacobian(hip, R[0]), J, BACK)
@@ -236,7 +235,7 @@ def rotation_jacobian(arm: Array, R: Array) -> Array:
         arm: (3,) m, the vector in the world.
         R: (3, 3) rotation, frame to world.
     """
-    return mul(transposed(hat(arm)), R)
+    return multiply(transposed(hat(arm)), R)
 
 
 @njit(**INNER_KERNEL)
@@ -245,7 +244,7 @@ def _rotate_column(R: Array, pose: Array, column: int) -> Array:
     v = np.empty(3)
     for i in range(3):
         v[i] = pose[i, column]
-    return rotate(R, v)
+    return apply(R, v)
 
 
 @njit(**INNER_KERNEL)

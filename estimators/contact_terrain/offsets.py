@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.contact_terrain.leg import BACK, KNEE, LENGTH, OFFSETS, SAG
 from stridetwin.estimators.contact_terrain.parameters import ContactTerrainParameters
-from stridetwin.estimators.matrices import mul, transposed
+from stridetwin.streams.algebra.matrices import multiply, transposed
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -157,8 +157,8 @@ def _update(
         (n,) state and (n, n) covariance afterwards; the probability that the equation holds, given y.
     """
     n, m = P.shape[0], H.shape[0]
-    PH = mul(P, transposed(H))
-    S = mul(H, PH)
+    PH = multiply(P, transposed(H))
+    S = multiply(H, PH)
     innovation, inverse = np.empty(m), np.empty((m, m))
     for i in range(m):
         S[i, i] += noise[i]
@@ -171,7 +171,7 @@ def _update(
         determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
         inverse[0, 0], inverse[0, 1] = S[1, 1] / determinant, -S[0, 1] / determinant
         inverse[1, 0], inverse[1, 1] = -S[1, 0] / determinant, S[0, 0] / determinant
-    gain = mul(PH, inverse)
+    gain = multiply(PH, inverse)
     squared = 0.0
     for i in range(m):
         for j in range(m):
@@ -183,7 +183,7 @@ def _update(
         for j in range(m):
             move[i] += gain[i, j] * innovation[j]
         moved[i] = z[i] + share * move[i]
-    explained = mul(gain, transposed(PH))
+    explained = multiply(gain, transposed(PH))
     for i in range(n):
         for j in range(n):  # the mean of both halves: asymmetric rounding errors would grow from step to step
             updated[i, j] = (

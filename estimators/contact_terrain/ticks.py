@@ -20,13 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators import so3
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.contact_terrain.geometry import SIDES, Exoskeleton
 from stridetwin.estimators.contact_terrain.parameters import DEFAULTS, ContactTerrainParameters
-from stridetwin.estimators.matrices import copy_matrix, dot, mul, transposed
+from stridetwin.streams.algebra import matrices
+from stridetwin.streams.algebra.arrays import exp
+from stridetwin.streams.algebra.matrices import copy_matrix, dot, multiply, transposed
+from stridetwin.streams.algebra.tuples import normalized, quaternion, store_mat3, to_matrix
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Ahrs, Array, Encoder, Insole, Sample
-from stridetwin.streams.so3 import exp
 
 _HERE = Path(__file__).parent
 _HOLD_S = 0.06  # a late stream is extrapolated for this long: six samples at 100 Hz
@@ -153,13 +154,9 @@ def _is_valid(sample: Sample) -> bool:
 
 @entry_kernel(_HERE)
 def rotation_matrix(q: Array) -> Array:
-    """(3, 3) rotation of a quaternion (w, x, y, z)."""
-    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    w, x, y, z = q[0] / size, q[1] / size, q[2] / size, q[3] / size
+    """(3, 3) rotation of a quaternion (w, x, y, z) of any length but 0."""
     R = np.empty((3, 3))
-    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    store_mat3(to_matrix(normalized(quaternion(q))), R)
     return R
 
 
@@ -241,7 +238,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
     for i in range(len(R)):
         since[i] += dt
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
-            copy_matrix(mul(last[i], so3.exp(_scale(since[i], last_rate[i]))), R[i])
+            copy_matrix(multiply(last[i], matrices.exp(_scale(since[i], last_rate[i]))), R[i])
             variance[i] += _LOST_SD_RAD**2
             continue
         if variance[i] < 0.0 or dt <= 0.0:
@@ -251,14 +248,14 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             turn = np.empty(3)
             for j in range(3):
                 turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
-            moved = mul(last[i], so3.exp(turn))
+            moved = multiply(last[i], matrices.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
             share = min(math.sqrt(dot(rate[i], rate[i])) / _FULL_MOTION_RADPS, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
-            off = so3.log(mul(measured[i], transposed(moved)))
-            copy_matrix(mul(so3.exp(_scale(gain, off)), moved), R[i])
+            off = matrices.log(multiply(measured[i], transposed(moved)))
+            copy_matrix(multiply(matrices.exp(_scale(gain, off)), moved), R[i])
         copy_matrix(R[i], last[i])
         for j in range(3):
             last_rate[i, j] = rate[i, j]

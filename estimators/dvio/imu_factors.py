@@ -13,39 +13,31 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.dvio.state import (
-    CALIBRATION,
-    D_ATTITUDE,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_VELOCITY,
-    FRAME,
-    FactorParameters,
-    ImuNoise,
-    ImuSamples,
-    Preintegration,
-    WindowState,
-)
-from stridetwin.estimators.matrices import (
+from stridetwin.estimators.dvio import state
+from stridetwin.streams.algebra.matrices import (
+    apply,
+    apply_inverse,
     clear,
     copy,
     copy_matrix,
+    empty_mat3,
+    empty_vec3,
+    exp,
+    hat,
     identity,
-    mat3,
-    mul,
-    rotate,
-    rotate_back,
+    log,
+    multiply,
+    right_jacobian,
+    right_jacobian_inverse,
     transform_covariance,
     transposed,
-    vec3,
 )
-from stridetwin.estimators.so3 import exp, hat, log, right_jacobian, right_jacobian_inverse
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def reset(z: Preintegration, bias: Array) -> None:
+def reset(z: state.Preintegration, bias: Array) -> None:
     """Resets a measurement to zero duration, at the biases (6,) of gyroscope (rad/s) and accelerometer (m/s²)."""
     z.dt[0] = 0.0
     clear(z.delta_p)
@@ -57,7 +49,7 @@ def reset(z: Preintegration, bias: Array) -> None:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
+def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
     See docs/dvio.md (1)-(3).
@@ -69,16 +61,16 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
         rate_density: White noise of the rate, rad/s/√Hz.
         force_density: White noise of the force, m/s²/√Hz.
     """
-    phi, a, bias = vec3(), vec3(), z.bias
+    phi, a, bias = empty_vec3(), empty_vec3(), z.bias
     for i in range(3):
         phi[i] = (sample[i] - bias[i]) * dt
         a[i] = sample[3 + i] - bias[3 + i]
-    G, delta_v, delta_p = mat3(), z.delta_v, z.delta_p
+    G, delta_v, delta_p = empty_mat3(), z.delta_v, z.delta_p
     copy_matrix(z.delta_R, G)
     X, A = hat(phi), hat(a)
-    X2, XA, Xa = mul(X, X), mul(X, A), hat(rotate(X, a))
+    X2, XA, Xa = multiply(X, X), multiply(X, A), hat(apply(X, a))
     # δv = to_v a dt and δp = to_p a dt²: docs/dvio.md (1); and their derivatives by φ
-    to_v, to_p, v_by_phi, p_by_phi = mat3(), mat3(), mat3(), mat3()
+    to_v, to_p, v_by_phi, p_by_phi = empty_mat3(), empty_mat3(), empty_mat3(), empty_mat3()
     for i in range(3):
         for j in range(3):
             one = 1.0 if i == j else 0.0
@@ -87,13 +79,18 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             to_p[i, j] = one / 2.0 + X[i, j] / 6.0 + X2[i, j] / 24.0
             v_by_phi[i, j] = -(A[i, j] / 2.0 + both / 6.0)
             p_by_phi[i, j] = -(A[i, j] / 6.0 + both / 24.0)
-    dv, dp = rotate(to_v, a), rotate(to_p, a)
+    dv, dp = apply(to_v, a), apply(to_p, a)
     for i in range(3):
         dv[i] *= dt
         dp[i] *= dt * dt
     rotation, Jr = exp(phi), right_jacobian(phi)
-    p_by_turn, v_by_turn = mul(G, hat(dp)), mul(G, hat(dv))
-    p_by_gyro, p_by_accel, v_by_gyro, v_by_accel = mul(G, p_by_phi), mul(G, to_p), mul(G, v_by_phi), mul(G, to_v)
+    p_by_turn, v_by_turn = multiply(G, hat(dp)), multiply(G, hat(dv))
+    p_by_gyro, p_by_accel, v_by_gyro, v_by_accel = (
+        multiply(G, p_by_phi),
+        multiply(G, to_p),
+        multiply(G, v_by_phi),
+        multiply(G, to_v),
+    )
     F, B = identity(9), np.zeros((9, 6))  # by the errors of (Δp, ΔR, Δv), and by the biases: docs/dvio.md (3)
     for i in range(3):
         F[i, 6 + i] = dt
@@ -108,7 +105,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
             B[6 + i, 3 + j] = -dt * v_by_accel[i, j]
     # White noise of density s is a bias of standard deviation s / √dt over the interval.
     by_rate, by_force = rate_density / math.sqrt(dt), force_density / math.sqrt(dt)
-    P, by_bias = transform_covariance(F, z.covariance), mul(F, z.by_bias)
+    P, by_bias = transform_covariance(F, z.covariance), multiply(F, z.by_bias)
     for i in range(9):
         for j in range(6):
             z.by_bias[i, j] = by_bias[i, j] + B[i, j]
@@ -125,7 +122,7 @@ def advance(z: Preintegration, sample: Array, dt: float, rate_density: float, fo
     for i in range(3):
         for j in range(3):
             delta_v[i] += G[i, j] * dv[j]
-    copy_matrix(mul(G, rotation), z.delta_R)
+    copy_matrix(multiply(G, rotation), z.delta_R)
     z.dt[0] += dt
 
 
@@ -143,7 +140,9 @@ def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def integrate(z: Preintegration, imu: ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: ImuNoise) -> None:
+def integrate(
+    z: state.Preintegration, imu: state.ImuSamples, start_ns: int, end_ns: int, bias: Array, noise: state.ImuNoise
+) -> None:
     """Preintegrates IMU samples into `z` from `start_ns` to `end_ns`, at the biases (6,), rad/s and m/s².
 
     The first sample must not be later than the start, and the last one not before the end. An interval within one
@@ -179,17 +178,17 @@ def _relative_motion(
     Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the
     frames' positions and velocities in the world, `dt` = t in s, and g = (0, 0, −`gravity`) m/s².
     """
-    by_p, by_v = vec3(), vec3()
+    by_p, by_v = empty_vec3(), empty_vec3()
     for i in range(3):
         g = -gravity if i == 2 else 0.0
         by_p[i] = pj[i] - pi[i] - vi[i] * dt - 0.5 * g * dt * dt
         by_v[i] = vj[i] - vi[i] - g * dt
-    copy(rotate_back(R, by_p), p)
-    copy(rotate_back(R, by_v), v)
+    copy(apply_inverse(R, by_p), p)
+    copy(apply_inverse(R, by_v), v)
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Array, J: Array) -> None:
+def imu_residual(window: state.WindowState, k: int, factors: state.FactorParameters, r: Array, J: Array) -> None:
     """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
 
     Args:
@@ -203,15 +202,15 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
     dt, in_prior, of_z = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
     Ri, Rj = frames.R[k], frames.R[k + 1]
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
-    bias_correction, rotation, p, v = np.zeros(9), vec3(), vec3(), vec3()
+    bias_correction, rotation, p, v = np.zeros(9), empty_vec3(), empty_vec3(), empty_vec3()
     for i in range(9):
         for j in range(6):
             bias_correction[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
     for i in range(3):
         rotation[i] = bias_correction[3 + i]
     _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
-    expected = mul(zs.delta_R[k], exp(rotation))  # ΔR Exp(J_R δb)
-    e = log(mul(transposed(expected), mul(transposed(Ri), Rj)))
+    expected = multiply(zs.delta_R[k], exp(rotation))  # ΔR Exp(J_R δb)
+    e = log(multiply(transposed(expected), multiply(transposed(Ri), Rj)))
     for i in range(3):
         r[i] = p[i] - zs.delta_p[k, i] - bias_correction[i]
         r[3 + i] = e[i]
@@ -222,47 +221,47 @@ def imu_residual(window: WindowState, k: int, factors: FactorParameters, r: Arra
         Rj, pj, vj = frames.R_first[k + 1], frames.p_first[k + 1], frames.v_first[k + 1]
     _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
-    by_turn = mul(inverse, mul(transposed(Rj), Ri))
+    by_turn = multiply(inverse, multiply(transposed(Rj), Ri))
     # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
-    by_bias = mul(inverse, mul(transposed(exp(e)), right_jacobian(rotation)))
+    by_bias = multiply(inverse, multiply(transposed(exp(e)), right_jacobian(rotation)))
     J[:] = 0.0
-    n = FRAME
+    n = state.FRAME
     for i in range(3):
         for j in range(3):
-            J[i, D_POSITION + j] = -Ri[j, i]
-            J[i, D_ATTITUDE + j] = P[i, j]
-            J[i, D_VELOCITY + j] = -Ri[j, i] * dt
-            J[i, n + D_POSITION + j] = Ri[j, i]
-            J[3 + i, D_ATTITUDE + j] = -by_turn[i, j]
-            J[3 + i, n + D_ATTITUDE + j] = inverse[i, j]
-            J[6 + i, D_ATTITUDE + j] = V[i, j]
-            J[6 + i, D_VELOCITY + j] = -Ri[j, i]
-            J[6 + i, n + D_VELOCITY + j] = Ri[j, i]
+            J[i, state.D_POSITION + j] = -Ri[j, i]
+            J[i, state.D_ATTITUDE + j] = P[i, j]
+            J[i, state.D_VELOCITY + j] = -Ri[j, i] * dt
+            J[i, n + state.D_POSITION + j] = Ri[j, i]
+            J[3 + i, state.D_ATTITUDE + j] = -by_turn[i, j]
+            J[3 + i, n + state.D_ATTITUDE + j] = inverse[i, j]
+            J[6 + i, state.D_ATTITUDE + j] = V[i, j]
+            J[6 + i, state.D_VELOCITY + j] = -Ri[j, i]
+            J[6 + i, n + state.D_VELOCITY + j] = Ri[j, i]
         for j in range(6):
             by_gyro_bias = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
-            J[i, D_GYRO_BIAS + j] = -of_z[i, j]
-            J[3 + i, D_GYRO_BIAS + j] = -by_gyro_bias
-            J[6 + i, D_GYRO_BIAS + j] = -of_z[6 + i, j]
+            J[i, state.D_GYRO_BIAS + j] = -of_z[i, j]
+            J[3 + i, state.D_GYRO_BIAS + j] = -by_gyro_bias
+            J[6 + i, state.D_GYRO_BIAS + j] = -of_z[6 + i, j]
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Array, b: Array) -> float:
+def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
     See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
     """
-    r, J = np.empty(9), np.empty((9, 2 * FRAME))
+    r, J = np.empty(9), np.empty((9, 2 * state.FRAME))
     imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
-    WJ = mul(weight, J)
-    o = CALIBRATION + FRAME * k
+    WJ = multiply(weight, J)
+    o = state.CALIBRATION + state.FRAME * k
     cost = 0.0
     for i in range(9):
         wr = 0.0
         for j in range(9):
             wr += weight[i, j] * r[j]
         cost += 0.5 * r[i] * wr
-        for a in range(2 * FRAME):
+        for a in range(2 * state.FRAME):
             g = J[i, a]
             if g == 0.0:
                 continue
@@ -275,12 +274,12 @@ def add_imu_factor(window: WindowState, k: int, factors: FactorParameters, H: Ar
         walk = factors.rate_walk if i < 3 else factors.force_walk
         w = 1.0 / (walk * walk * dt)
         step = frames.bias[k + 1, i] - frames.bias[k, i]
-        at = o + D_GYRO_BIAS + i
+        at = o + state.D_GYRO_BIAS + i
         H[at, at] += w
-        H[at + FRAME, at + FRAME] += w
-        H[at + FRAME, at] -= w
+        H[at + state.FRAME, at + state.FRAME] += w
+        H[at + state.FRAME, at] -= w
         b[at] += w * step
-        b[at + FRAME] -= w * step
+        b[at + state.FRAME] -= w * step
         cost += 0.5 * w * step * step
     return cost
 
@@ -307,11 +306,15 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def add_imu_factors(window: WindowState, factors: FactorParameters, frames: int, H: Array, b: Array) -> float:
+def add_imu_factors(
+    window: state.WindowState, factors: state.FactorParameters, frames: int, H: Array, b: Array
+) -> float:
     """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
     f, cost = window.frames, 0.0
     for k in range(frames):
-        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], CALIBRATION + FRAME * k + D_VELOCITY, H, b)
+        cost += add_zero_velocity(
+            f.v[k], f.zero_velocity_sd[k], state.CALIBRATION + state.FRAME * k + state.D_VELOCITY, H, b
+        )
         if k + 1 < f.count[0]:
             cost += add_imu_factor(window, k, factors, H, b)
     return cost

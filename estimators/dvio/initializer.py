@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stridetwin.estimators.dvio import kernel
 from stridetwin.estimators.dvio.noise_model import LATER_DEPTH_SD
@@ -26,9 +25,8 @@ from stridetwin.estimators.dvio.structure_from_motion import (
     structure_with_depth,
 )
 from stridetwin.estimators.dvio.tracker import CameraFrame
-from stridetwin.estimators.matrices import matvec
+from stridetwin.streams.algebra.arrays import exp, hat, log, matvec
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import exp, hat
 
 # Errors that one interval depends on: pose of the two cameras, the two velocities, tilt, biases, scale,
 # the camera's position and attitude on the IMU, time offset.
@@ -168,7 +166,7 @@ def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, prior
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
-    r = Rotation.from_matrix(over).as_rotvec()
+    r = log(over)
     J, W = preintegrations.by_bias[:, 3:6, :3], np.linalg.inv(preintegrations.covariance[:, 3:6, 3:6])
     JtW = np.swapaxes(J, 1, 2) @ W
     H = (JtW @ J).sum(axis=0) + np.diag(priors.bias_sd[:3] ** -2.0)
@@ -320,7 +318,7 @@ def _residuals(s: CameraMotion, z: Preintegration, rates: Array, gravity: float,
     rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
     r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
-    r[..., 3:6] = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec().reshape(dv.shape) - by[..., 3:6]
+    r[..., 3:6] = log(rotation) - by[..., 3:6]
     r[..., 6:] = matvec(to_a, dv + gravity * up * dt) - z.delta_v - by[..., 6:]
     return r
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from stridetwin.estimators import cholesky, matrices
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.dvio import imu_factors, landmarks, nav_state, patches, plane_cells, projection, solver
+from stridetwin.streams.algebra import matrices
+from stridetwin.streams.compiled import entry_kernel
 
 _entry_kernel = entry_kernel(Path(__file__).parent, error_model="numpy")
 
 inverse, solve, apply_step = (
     _entry_kernel(matrices.inverse),
-    _entry_kernel(cholesky.solve),
+    _entry_kernel(matrices.solve_damped),
     _entry_kernel(solver.apply_step),
 )
 integrate, imu_residual = _entry_kernel(imu_factors.integrate), _entry_kernel(imu_factors.imu_residual)

@@ -13,24 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.dvio.projection import (
-    COLUMNS,
-    HOST,
-    LEAST_DEPTH,
-    OBSERVATION,
-    OBSERVER,
-    RESIDUAL,
-    Views,
-    directions,
-    huber,
-    observation_jacobian,
-    pose_at_exposure,
-    project,
-    set_camera,
-    set_relative,
-    to_ray,
-)
+from stridetwin.estimators.dvio import projection
 from stridetwin.estimators.dvio.state import (
     CALIBRATION,
     D_FOCAL,
@@ -43,7 +26,8 @@ from stridetwin.estimators.dvio.state import (
     Landmarks,
     WindowState,
 )
-from stridetwin.estimators.matrices import REORDERED, clear, clear_block, mul, transposed
+from stridetwin.streams.algebra.matrices import REORDERED, clear, clear_block, multiply, transposed
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 POSE = 6
@@ -84,11 +68,11 @@ def blank_camera_equations(frames: int, landmarks: int) -> CameraEquations:
     return CameraEquations(
         H=np.zeros((m, m)),
         b=np.zeros(m),
-        pairs=np.zeros((frames, OBSERVATION, COLUMNS)),
+        pairs=np.zeros((frames, projection.OBSERVATION, projection.COLUMNS)),
         depth_information=np.zeros(landmarks),
         b_depth=np.zeros(landmarks),
         cross=np.zeros((landmarks, m)),
-        J=np.zeros((3, COLUMNS)),
+        J=np.zeros((3, projection.COLUMNS)),
         J_depth=np.zeros(3),
     )
 
@@ -99,7 +83,7 @@ def _add_landmark(
     marks: Landmarks,
     calibration: Calibration,
     factors: FactorParameters,
-    views: Views,
+    views: projection.Views,
     s: CameraEquations,
     l: int,
     last: int,
@@ -112,7 +96,7 @@ def _add_landmark(
     """
     J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
-    x, y = to_ray(calibration, at[host, 0], at[host, 1])
+    x, y = projection.to_ray(calibration, at[host, 0], at[host, 1])
     cross = s.cross[l]
     clear(cross)
     depth_information, b_depth, cost = _LOOSE, 0.0, 0.0
@@ -124,7 +108,7 @@ def _add_landmark(
         elif host_depth:
             # The scale applies to the landmark; on the measurement it would lower the cost by shrinking the noise.
             r = scale * xi - rho
-            c, w = huber(r * r * factors.depth_weight, factors.huber_sd)
+            c, w = projection.huber(r * r * factors.depth_weight, factors.huber_sd)
             w *= factors.depth_weight
             cost += c
             depth_information += w * scale * scale
@@ -136,42 +120,44 @@ def _add_landmark(
     for j in range(last + 1):
         if j == host or not marks.seen[l, j]:
             continue
-        px, py, depth, before = project(views.rotation[host, j], views.translation[host, j], x, y, xi, LEAST_DEPTH)
-        if not before or not observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
+        px, py, depth, before = projection.project(
+            views.rotation[host, j], views.translation[host, j], x, y, xi, projection.LEAST_DEPTH
+        )
+        if not before or not projection.observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
-        u, v = to_ray(calibration, at[j, 0], at[j, 1])
+        u, v = projection.to_ray(calibration, at[j, 0], at[j, 1])
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0  # docs/dvio.md (7)
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
-        c, w0 = huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
+        c, w0 = projection.huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
         w0 *= factors.pixel_weight
         cost += c
         rho = marks.rho[l, j]
         if factors.projection_depth and rho > 0.0:
             r2 = scale * depth - rho  # docs/dvio.md (9)
-            c, w = huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
+            c, w = projection.huber(r2 * r2 * factors.later_depth_weight, factors.huber_sd)
             w2 = w * factors.later_depth_weight
             cost += c
-            for i in range(OBSERVATION):
+            for i in range(projection.OBSERVATION):
                 J[2, i] *= scale
             Jl[2] *= scale
             J[2, D_SCALE] = depth
-        J[0, RESIDUAL] = r0
-        J[1, RESIDUAL] = r1
-        J[2, RESIDUAL] = r2
+        J[0, projection.RESIDUAL] = r0
+        J[1, projection.RESIDUAL] = r1
+        J[2, projection.RESIDUAL] = r2
         depth_information += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
         b_depth -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
         pair = s.pairs[j]
-        for a in range(OBSERVATION):
+        for a in range(projection.OBSERVATION):
             v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
-            for e in range(COLUMNS):
+            for e in range(projection.COLUMNS):
                 pair[a, e] += v0 * J[0, e] + v1 * J[1, e] + v2 * J[2, e]
         l0, l1, l2 = w0 * Jl[0], w0 * Jl[1], w2 * Jl[2]
         second = CALIBRATION + POSE * j
         for a in range(CALIBRATION):
             cross[a] += l0 * J[0, a] + l1 * J[1, a] + l2 * J[2, a]
         for a in range(POSE):
-            i, k = HOST + a, OBSERVER + a
+            i, k = projection.HOST + a, projection.OBSERVER + a
             cross[first + a] += l0 * J[0, i] + l1 * J[1, i] + l2 * J[2, i]
             cross[second + a] += l0 * J[0, k] + l1 * J[1, k] + l2 * J[2, k]
     s.depth_information[l] = depth_information
@@ -202,23 +188,23 @@ def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
         pair, second = s.pairs[j], CALIBRATION + POSE * j
-        for a in range(OBSERVATION):
+        for a in range(projection.OBSERVATION):
             i = a
-            if a >= HOST:
-                i = first + a - HOST
-            if a >= OBSERVER:
-                i = second + a - OBSERVER
-            s.b[i] -= pair[a, RESIDUAL]
+            if a >= projection.HOST:
+                i = first + a - projection.HOST
+            if a >= projection.OBSERVER:
+                i = second + a - projection.OBSERVER
+            s.b[i] -= pair[a, projection.RESIDUAL]
             row = s.H[i]
             for e in range(CALIBRATION):
                 row[e] += pair[a, e]
             # a host is older than its observing frames, so this fills the lower triangle, and full diagonal blocks
-            if a >= HOST:
+            if a >= projection.HOST:
                 for e in range(POSE):
-                    row[first + e] += pair[a, HOST + e]
-            if a >= OBSERVER:
+                    row[first + e] += pair[a, projection.HOST + e]
+            if a >= projection.OBSERVER:
                 for e in range(POSE):
-                    row[second + e] += pair[a, OBSERVER + e]
+                    row[second + e] += pair[a, projection.OBSERVER + e]
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
@@ -237,7 +223,7 @@ def is_usable(marks: Landmarks, l: int, last: int) -> bool:
 def add_camera_factors(
     window: WindowState,
     factors: FactorParameters,
-    views: Views,
+    views: projection.Views,
     s: CameraEquations,
     hosts: int,
     last: int,
@@ -256,7 +242,7 @@ def add_camera_factors(
     clear(s.b)
     for host in range(hosts):
         for j in range(last + 1):
-            for a in range(OBSERVATION):
+            for a in range(projection.OBSERVATION):
                 clear(pairs[j, a])
         for l in range(marks.host.shape[0]):
             if marks.host[l] == host and is_usable(marks, l, last):
@@ -310,22 +296,22 @@ def predict_observations(
     n = frames.count[0]
     R_camera, p_camera = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(n):
-        R_host, p_host = pose_at_exposure(frames, k, c.offset[0])
-        set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
-    set_camera(R, p, c, R_camera[n], p_camera[n])
+        R_host, p_host = projection.pose_at_exposure(frames, k, c.offset[0])
+        projection.set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
+    projection.set_camera(R, p, c, R_camera[n], p_camera[n])
     A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
     for k in range(n):
-        set_relative(transposed(R_camera[n]), p_camera[n], R_camera[k], p_camera[k], A[k], t[k])
+        projection.set_relative(transposed(R_camera[n]), p_camera[n], R_camera[k], p_camera[k], A[k], t[k])
         C_before = transposed(R_camera[before])
-        set_relative(C_before, p_camera[before], R_camera[k], p_camera[k], A_before[k], t_before[k])
+        projection.set_relative(C_before, p_camera[before], R_camera[k], p_camera[k], A_before[k], t_before[k])
     for l in range(marks.host.shape[0]):
         h, xi = marks.host[l], marks.inverse_depth[l]
         known[l] = 0
         if h == NO_HOST:
             continue
-        x, y = to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
-        u, v, depth, before_it = project(A[h], t[h], x, y, xi, _FRONT)
-        u_before, v_before, _, before_both = project(A_before[h], t_before[h], x, y, xi, _FRONT)
+        x, y = projection.to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
+        u, v, depth, before_it = projection.project(A[h], t[h], x, y, xi, _FRONT)
+        u_before, v_before, _, before_both = projection.project(A_before[h], t_before[h], x, y, xi, _FRONT)
         if not (before_it and before_both):
             continue
         known[l] = 1
@@ -343,7 +329,7 @@ def cull(
     marks: Landmarks,
     c: Calibration,
     factors: FactorParameters,
-    views: Views,
+    views: projection.Views,
     n: int,
     most: float,
     alive: NDArray[np.uint8],
@@ -362,15 +348,15 @@ def cull(
         if h == NO_HOST:
             continue
         at, seen, rho = marks.at[l], marks.seen[l], marks.rho[l]
-        x, y = to_ray(c, at[h, 0], at[h, 1])
+        x, y = projection.to_ray(c, at[h, 0], at[h, 1])
         for j in range(n):
             if j == h or not seen[j]:
                 continue
             A, t = views.rotation[h, j], views.translation[h, j]
-            px, py, depth, before = project(A, t, x, y, marks.inverse_depth[l], LEAST_DEPTH)
+            px, py, depth, before = projection.project(A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH)
             off = math.inf
             if before:
-                u, v = to_ray(c, at[j, 0], at[j, 1])
+                u, v = projection.to_ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
             if off > most * most:
                 seen[j] = 0
@@ -386,7 +372,7 @@ def cull(
     return left
 
 
-def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uint8], newest: int) -> None:
+def rehost(marks: Landmarks, c: Calibration, views: projection.Views, alive: NDArray[np.uint8], newest: int) -> None:
     """Moves the landmarks that the oldest frame hosts to the newest frame if it observes them, else drops them.
 
     Used at marginalisation: observations of these landmarks by the newest frame are not part of the prior, so that each
@@ -395,10 +381,12 @@ def rehost(marks: Landmarks, c: Calibration, views: Views, alive: NDArray[np.uin
     hosted = np.flatnonzero(marks.host == 0)
     rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
     rho, xi = marks.rho[rehosted, newest], marks.inverse_depth[rehosted]
-    depth = directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
+    depth = projection.directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
     depth += xi * views.translation[0, newest, 2]
-    predicted = np.maximum(xi / np.maximum(depth, LEAST_DEPTH), LEAST_INVERSE_DEPTH)
-    marks.inverse_depth[rehosted] = np.where(rho > 0.0, rho / c.scale, np.where(depth < LEAST_DEPTH, xi, predicted))
+    predicted = np.maximum(xi / np.maximum(depth, projection.LEAST_DEPTH), LEAST_INVERSE_DEPTH)
+    marks.inverse_depth[rehosted] = np.where(
+        rho > 0.0, rho / c.scale, np.where(depth < projection.LEAST_DEPTH, xi, predicted)
+    )
     marks.measured[rehosted[rho > 0.0]] = 1
     marks.host[hosted], marks.seen[hosted] = NO_HOST, 0
     marks.host[rehosted], marks.seen[rehosted, newest] = newest, 1
@@ -411,12 +399,12 @@ def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points.
     """
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
-    A = mul(transposed(R_camera), mul(mul(transposed(f.R[newest]), f.R[since]), R_camera))
+    A = multiply(transposed(R_camera), multiply(multiply(transposed(f.R[newest]), f.R[since]), R_camera))
     total, count, still = 0.0, 0, np.zeros(3)
     for l in range(marks.host.shape[0]):
         if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):
             continue
-        u, v, _, before = project(A, still, marks.at[l, since, 0], marks.at[l, since, 1], 0.0, _FRONT)
+        u, v, _, before = projection.project(A, still, marks.at[l, since, 0], marks.at[l, since, 1], 0.0, _FRONT)
         if before:
             total += math.hypot(u - marks.at[l, newest, 0], v - marks.at[l, newest, 1])
             count += 1

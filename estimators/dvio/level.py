@@ -19,8 +19,8 @@ from scipy.linalg import solve_triangular
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import fix_first_estimate
 from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, WindowState
+from stridetwin.streams.algebra.arrays import hat
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import hat
 
 # Hand-chosen on tuning seeds unless an origin is given.
 SPACING_M = 1.0

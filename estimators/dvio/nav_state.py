@@ -9,11 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.parameters import DvioParameters
 from stridetwin.estimators.dvio.state import FRAME, Frames, ImuNoise, ImuSamples, Preintegration
-from stridetwin.estimators.matrices import copy_matrix, identity, mat3, mul, transform_covariance
-from stridetwin.estimators.so3 import hat
+from stridetwin.streams.algebra.matrices import copy_matrix, empty_mat3, hat, identity, multiply, transform_covariance
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Imu
 
@@ -85,10 +84,10 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
     p += v t + g t²/2 + R Δp, v += g t + R Δv, R <- R ΔR, and P <- F P Fᵀ + G Σ Gᵀ + random walk of the biases.
     """
     dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
-    R, p, v, covariance = mat3(), nav.p, nav.v, nav.covariance
+    R, p, v, covariance = empty_mat3(), nav.p, nav.v, nav.covariance
     copy_matrix(nav.R, R)
-    p_by_turn, v_by_turn = mul(R, hat(delta_p)), mul(R, hat(delta_v))
-    p_by_bias, v_by_bias = mul(R, by_bias[0:3]), mul(R, by_bias[6:9])
+    p_by_turn, v_by_turn = multiply(R, hat(delta_p)), multiply(R, hat(delta_v))
+    p_by_bias, v_by_bias = multiply(R, by_bias[0:3]), multiply(R, by_bias[6:9])
     F, G = identity(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
@@ -120,7 +119,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
             v[i] += R[i, j] * delta_v[j]
     p[2] -= 0.5 * gravity * dt * dt
     v[2] -= gravity * dt
-    copy_matrix(mul(R, delta_R), nav.R)
+    copy_matrix(multiply(R, delta_R), nav.R)
 
 
 @njit(error_model="numpy", **INNER_KERNEL)

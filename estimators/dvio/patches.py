@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.matrices import clear, clear_block, copy_matrix, inverse
+from stridetwin.streams.algebra.matrices import clear, clear_block, copy_matrix, inverse
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # Hand-chosen on tuning seeds.

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # Hand-chosen on twin walks of tuning seeds.
@@ -33,7 +33,10 @@ def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def invert_symmetric(s: Array, out: Array) -> bool:
-    """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular."""
+    """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular.
+
+    In closed form by cofactors: the sums of a cell are six numbers, not a matrix that `matrices.factorise` would take.
+    """
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     det = a * A + b * B + c * C

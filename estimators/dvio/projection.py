@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.state import CALIBRATION, D_FOCAL, D_OFFSET, D_SCALE, Calibration, Frames
-from stridetwin.estimators.matrices import copy, copy_matrix, mul, rotate, transposed, vec3
-from stridetwin.estimators.so3 import exp
+from stridetwin.streams.algebra.matrices import apply, copy, copy_matrix, empty_vec3, exp, multiply, transposed
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
@@ -66,18 +65,18 @@ def directions(at: Array) -> Array:
 def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
     """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
     late = offset - frames.offset[k]
-    p, rotation = vec3(), vec3()
+    p, rotation = empty_vec3(), empty_vec3()
     for i in range(3):
         p[i] = frames.p[k, i] + frames.v[k, i] * late
         rotation[i] = frames.rate[k, i] * late
-    return mul(frames.R[k], exp(rotation)), p
+    return multiply(frames.R[k], exp(rotation)), p
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
     """Writes the camera's rotation (3, 3) and position (3,) in the world, for a pose R, p of the IMU."""
-    copy_matrix(mul(R, c.R), R_camera)
-    mounted = rotate(R, c.p)
+    copy_matrix(multiply(R, c.R), R_camera)
+    mounted = apply(R, c.p)
     for i in range(3):
         p_camera[i] = p[i] + mounted[i]
 
@@ -88,11 +87,11 @@ def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Arr
 
     `C` (3, 3) is observer's camera <- world, `p` (3,) its position in the world, m.
     """
-    away = vec3()
+    away = empty_vec3()
     for i in range(3):
         away[i] = p_host[i] - p[i]
-    copy_matrix(mul(C, R_host), rotation)
-    copy(rotate(C, away), translation)
+    copy_matrix(multiply(C, R_host), rotation)
+    copy(apply(C, away), translation)
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
@@ -119,7 +118,7 @@ def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: V
             set_relative(
                 C_first, p_first[j], R_first[i], p_first[i], views.rotation_first[i, j], views.translation_first[i, j]
             )
-            copy_matrix(mul(C_first, R_imu[i]), views.CR[i, j])
+            copy_matrix(multiply(C_first, R_imu[i]), views.CR[i, j])
 
 
 @njit(error_model="numpy", **INNER_KERNEL)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.dvio.landmarks import (
     LEAST_INVERSE_DEPTH,
     MOST_INVERSE_DEPTH,
@@ -15,8 +14,8 @@ from stridetwin.estimators.dvio.landmarks import (
     state_index,
 )
 from stridetwin.estimators.dvio.state import CALIBRATION, FRAME, Calibration, Frames, Landmarks
-from stridetwin.estimators.matrices import copy_matrix, mul
-from stridetwin.estimators.so3 import exp
+from stridetwin.streams.algebra.matrices import copy_matrix, exp, multiply
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
@@ -25,7 +24,7 @@ def _step_calibration(c: Calibration, d: Array) -> None:
     """Adds a step (10,) to position (m) and rotation (rad) of the mount, clock (s), depth scale and focal lengths."""
     for i in range(3):
         c.p[i] += d[i]
-    copy_matrix(mul(c.R, exp(d[3:6])), c.R)
+    copy_matrix(multiply(c.R, exp(d[3:6])), c.R)
     c.offset[0] += d[6]
     c.scale[0] += d[7]
     for i in range(2):
@@ -48,7 +47,7 @@ def _step_frame(f: Frames, k: int, e: Array) -> None:
         for i in range(FRAME):
             m[i] += e[i]
         R_0, p_0, v_0, bias_0, e = f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k], m
-    copy_matrix(mul(R_0, exp(e[3:6])), R)
+    copy_matrix(multiply(R_0, exp(e[3:6])), R)
     for i in range(3):
         p[i] = p_0[i] + e[i]
         v[i] = v_0[i] + e[6 + i]

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.dvio.projection import directions
-from stridetwin.estimators.matrices import matvec
+from stridetwin.streams.algebra.arrays import exp, matvec
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import exp
 
 _DEPTH_MIN = 0.02  # guards divisions by the depth of a point; in units of the structure
 _SCALE_INFORMATION = 1e8  # fixes the unit of length

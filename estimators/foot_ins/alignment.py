@@ -6,51 +6,26 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
+from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_statistic
+from stridetwin.streams.algebra.matrices import clear
+from stridetwin.streams.algebra.tuples import (
     Quaternion,
     Vec3,
     axpy,
     dot,
-    product,
-    put_quaternion,
-    put_vec3,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    vec3,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    to_matrix,
+    vec3_at,
 )
-from stridetwin.estimators.foot_ins.stance import add_across_sole, unknown_bias_statistic
-from stridetwin.estimators.foot_ins.state import (
-    ALIGNING,
-    ATTITUDE,
-    CONTACT_PHASE,
-    D_ACCEL_BIAS,
-    D_ATTITUDE,
-    D_CONTACT,
-    D_DRIFT,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_SCALE,
-    D_VELOCITY,
-    FILL,
-    HEADING_KNOWN,
-    LEVER_KNOWN,
-    NAVIGATING,
-    NEVER_LANDED,
-    PHASE,
-    STATES,
-    T_ALIGN,
-    T_KNOWN,
-    T_LAST,
-    T_LAST_MOTION,
-    T_STATIONARY,
-    VELOCITY,
-    FilterState,
-)
-from stridetwin.estimators.matrices import clear
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _ALIGN_S = 0.1  # stationary time of an alignment
 _ALIGN_TIMEOUT_S = 2.0  # after this time the filter starts without a stationary window
@@ -61,23 +36,23 @@ _GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while th
 
 
 @njit(**INNER_KERNEL)
-def begin(memory: FilterState, t_ns: int) -> None:
+def begin(memory: state.FilterState, t_ns: int) -> None:
     """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
-    memory.clock[PHASE] = ALIGNING
+    memory.clock[state.PHASE] = state.ALIGNING
     memory.norm[0] = 0.0
-    memory.clock[T_ALIGN] = t_ns
-    memory.clock[T_STATIONARY] = t_ns
-    memory.clock[FILL] = 0
-    memory.clock[CONTACT_PHASE] = NEVER_LANDED
-    memory.clock[T_LAST_MOTION] = t_ns
+    memory.clock[state.T_ALIGN] = t_ns
+    memory.clock[state.T_STATIONARY] = t_ns
+    memory.clock[state.FILL] = 0
+    memory.clock[state.CONTACT_PHASE] = state.NEVER_LANDED
+    memory.clock[state.T_LAST_MOTION] = t_ns
     clear(memory.force_sum[0])
     clear(memory.force_sum[1])
-    put_quaternion(quaternion(memory.nominal, ATTITUDE), memory.tilted, 0)
-    put_vec3((0.0, 0.0, 0.0), memory.nominal, VELOCITY)
+    store_quaternion_at(quaternion_at(memory.nominal, state.ATTITUDE), memory.tilted, 0)
+    store_vec3_at((0.0, 0.0, 0.0), memory.nominal, state.VELOCITY)
 
 
 @njit(**INNER_KERNEL)
-def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
+def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
     """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late.
 
     Args:
@@ -89,30 +64,30 @@ def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: V
     """
     clock, force_sum = memory.clock, memory.force_sum
     if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
-        clock[T_STATIONARY] = t_ns
+        clock[state.T_STATIONARY] = t_ns
         clear(force_sum[0])
     for k in range(2):
         for i in range(3):
             force_sum[k, i] += force[i]
         force_sum[k, 3] += 1.0
-    stationary = (t_ns - clock[T_STATIONARY]) * 1e-9 >= _ALIGN_S
-    late = (t_ns - clock[T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
+    stationary = (t_ns - clock[state.T_STATIONARY]) * 1e-9 >= _ALIGN_S
+    late = (t_ns - clock[state.T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
     period = 0 if stationary or not late else 1
-    level_attitude(memory, vec3(force_sum[period], 0))
+    level_attitude(memory, vec3_at(force_sum[period], 0))
     tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
     speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
     if stationary or late:
-        size = math.sqrt(dot(vec3(force_sum[0], 0), vec3(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
+        size = math.sqrt(dot(vec3_at(force_sum[0], 0), vec3_at(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
         memory.norm[0] = size if stationary else parameters.gravity_mps2
         _widen_accel_bias(memory, memory.norm[0] - parameters.gravity_mps2)
-        clock[PHASE] = NAVIGATING
-        clock[HEADING_KNOWN] = 1
-        if clock[LEVER_KNOWN] == 0:
-            clock[LEVER_KNOWN] = 1
-            up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
-            put_vec3(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
-            P, o = memory.covariance, memory.row + D_CONTACT
+        clock[state.PHASE] = state.NAVIGATING
+        clock[state.HEADING_KNOWN] = 1
+        if clock[state.LEVER_KNOWN] == 0:
+            clock[state.LEVER_KNOWN] = 1
+            up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
+            store_vec3_at(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
+            P, o = memory.covariance, memory.row + state.D_CONTACT
             for i in range(3):
                 for j in range(3):
                     P[o + i, o + j] = 0.0
@@ -120,15 +95,15 @@ def align(memory: FilterState, parameters: KernelParameters, t_ns: int, force: V
 
 
 @njit(**INNER_KERNEL)
-def _widen_accel_bias(memory: FilterState, excess: float) -> None:
+def _widen_accel_bias(memory: state.FilterState, excess: float) -> None:
     """Makes the accelerometer's bias at least as uncertain as the excess (m/s²) of the force at rest over gravity."""
-    P, o = memory.covariance, memory.row + D_ACCEL_BIAS
+    P, o = memory.covariance, memory.row + state.D_ACCEL_BIAS
     for i in range(o, o + 3):
         P[i, i] = max(P[i, i], excess * excess)
 
 
 @njit(**INNER_KERNEL)
-def level_attitude(memory: FilterState, force: Vec3) -> None:
+def level_attitude(memory: state.FilterState, force: Vec3) -> None:
     """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
     The rotation starts from `memory.tilted` each time: successive shortest rotations, as the mean settles, would rotate
@@ -138,16 +113,16 @@ def level_attitude(memory: FilterState, force: Vec3) -> None:
         memory: State of the foot, whose attitude is written.
         force: (3,) sum of the specific force, sensor axes.
     """
-    q = quaternion(memory.tilted, 0)
-    x, y, z = rotate(rotation_matrix(q), force)
+    q = quaternion_at(memory.tilted, 0)
+    x, y, z = matvec(to_matrix(q), force)
     size = math.sqrt(x * x + y * y + z * z)
     if size > 0.0:
-        q = product(_onto_vertical(x / size, y / size, z / size), q)
-    if memory.clock[HEADING_KNOWN] == 0:
-        R = rotation_matrix(q)
+        q = normalized(multiply(_onto_vertical(x / size, y / size, z / size), q))
+    if memory.clock[state.HEADING_KNOWN] == 0:
+        R = to_matrix(q)
         heading = math.atan2(R[1][0], R[0][0]) if abs(R[2][0]) < 0.9 else math.atan2(R[1][2], R[0][2])
-        q = product(quat_exp(0.0, 0.0, -heading), q)
-    put_quaternion(q, memory.nominal, ATTITUDE)
+        q = normalized(multiply(exp((0.0, 0.0, -heading), state.SERIES_RAD), q))
+    store_quaternion_at(q, memory.nominal, state.ATTITUDE)
 
 
 @njit(**INNER_KERNEL)
@@ -158,7 +133,7 @@ def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
 
 @njit(**INNER_KERNEL)
 def _set_covariance(
-    memory: FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
+    memory: state.FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
 ) -> None:
     """Covariance of an alignment: the variances of position, heading and biases are kept.
 
@@ -170,24 +145,24 @@ def _set_covariance(
         speed_sd: Standard deviation of each axis of the velocity, m/s.
     """
     P, clock, o = memory.covariance, memory.clock, memory.row
-    for i in range(o, o + STATES):
+    for i in range(o, o + state.STATES):
         for j in range(P.shape[0]):
             if j != i:
                 P[i, j] = P[j, i] = 0.0
-    lost, lost_before = (t_ns - clock[T_KNOWN]) * 1e-9, (clock[T_LAST] - clock[T_KNOWN]) * 1e-9
-    growth, levered = lost**2 - lost_before**2, clock[LEVER_KNOWN] != 0
+    lost, lost_before = (t_ns - clock[state.T_KNOWN]) * 1e-9, (clock[state.T_LAST] - clock[state.T_KNOWN]) * 1e-9
+    growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0
     for i in range(3):
-        p, g, b = o + D_POSITION + i, o + D_GYRO_BIAS + i, o + D_ACCEL_BIAS + i
+        p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i
         P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2
-        P[o + D_VELOCITY + i, o + D_VELOCITY + i] = speed_sd**2
+        P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] = speed_sd**2
         if not levered:
             P[g, g], P[b, b] = parameters.gyro_bias_sd_radps**2, parameters.accel_bias_sd_mps2**2
-    tilt, heading = o + D_ATTITUDE, o + D_ATTITUDE + 2
+    tilt, heading = o + state.D_ATTITUDE, o + state.D_ATTITUDE + 2
     P[tilt, tilt] = P[tilt + 1, tilt + 1] = tilt_sd**2
     heading_growth = _GAP_TURN_RATE_RADPS**2 * growth
     P[heading, heading] = P[heading, heading] + heading_growth if levered else memory.start_sd[1] ** 2
     if not levered:
-        for i in range(D_CONTACT, STATES):
+        for i in range(state.D_CONTACT, state.STATES):
             P[o + i, o + i] = 0.0
-        P[o + D_DRIFT, o + D_DRIFT] = parameters.height_drift_sd**2
-        P[o + D_SCALE, o + D_SCALE] = parameters.gyro_scale_sd**2
+        P[o + state.D_DRIFT, o + state.D_DRIFT] = parameters.height_drift_sd**2
+        P[o + state.D_SCALE, o + state.D_SCALE] = parameters.gyro_scale_sd**2

@@ -4,31 +4,20 @@ from __future__ import annotations
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    axpy,
-    conjugate,
-    product,
-    put_quaternion,
-    quaternion,
-    rotation_matrix,
-    vec3,
-)
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    FILL,
-    GYRO_BIAS,
-    POSITION,
-    RESTORED,
-    RING,
-    VELOCITY,
-    FilterState,
-    force_of,
-    rate_of,
-    ring_row,
-)
 from stridetwin.estimators.foot_ins.strapdown import propagate_state, shift_covariance
+from stridetwin.streams.algebra.tuples import (
+    axpy,
+    inverse,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    to_matrix,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _MAX_PEAK_S = 0.15  # a longer clipped peak is not determined by its two ends
 # Least number of clipped samples of a peak: shorter impacts on an accelerometer ring and have no such shape.
@@ -37,7 +26,7 @@ _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a la
 
 
 @njit(**INNER_KERNEL)
-def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
+def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> None:
     """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
     docs/foot_ins.md (15).
@@ -54,48 +43,54 @@ def restore_peaks(memory: FilterState, parameters: KernelParameters) -> None:
     first = 0
     for channel in range(6):
         first = max(first, _reconstruct_peak(memory, parameters, channel))
-    memory.clock[RESTORED] = first
+    memory.clock[state.RESTORED] = first
     if first == 0:
         return
     x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
-    down = vec3(memory.lever, 0)
-    p, v = vec3(x, POSITION), vec3(x, VELOCITY)
+    down = vec3_at(memory.lever, 0)
+    p, v = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY)
     for back in range(first + 1):
-        i = ring_row(memory, back)
-        for k in range(GYRO_BIAS):
+        i = state.ring_row(memory, back)
+        for k in range(state.GYRO_BIAS):
             moved[back, k] = x[k]
-        propagate_state(x, rate_of(memory, i), force_of(memory, i), -_dt(memory, i), gravity, down)
+        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), -_dt(memory, i), gravity, down)
     for back in range(first, -1, -1):
-        i = ring_row(memory, back)
+        i = state.ring_row(memory, back)
         for channel in range(6):
             memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
             memory.hidden[back, channel] = 0.0
-        propagate_state(x, rate_of(memory, i), force_of(memory, i), _dt(memory, i), gravity, down)
-        for k in range(ATTITUDE):
+        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), _dt(memory, i), gravity, down)
+        for k in range(state.ATTITUDE):
             moved[back, k] = x[k] - moved[back, k]
-        before = quaternion(moved[back], ATTITUDE)
-        put_quaternion(product(quaternion(x, ATTITUDE), conjugate(before)), moved[back], ATTITUDE)
-    shift_covariance(memory.covariance, memory.row, axpy(vec3(x, POSITION), -1.0, p), axpy(vec3(x, VELOCITY), -1.0, v))
+        before = quaternion_at(moved[back], state.ATTITUDE)
+        turn = normalized(multiply(quaternion_at(x, state.ATTITUDE), inverse(before)))
+        store_quaternion_at(turn, moved[back], state.ATTITUDE)
+    shift_covariance(
+        memory.covariance,
+        memory.row,
+        axpy(vec3_at(x, state.POSITION), -1.0, p),
+        axpy(vec3_at(x, state.VELOCITY), -1.0, v),
+    )
 
 
 @njit(**INNER_KERNEL)
-def is_clipped(memory: FilterState, parameters: KernelParameters) -> bool:
+def is_clipped(memory: state.FilterState, parameters: KernelParameters) -> bool:
     """Whether a channel was at its range in the last two samples, so that its peak is not restored yet.
 
     An update meanwhile would blame the state for the error, and `restore_peaks` would correct it again.
     """
     for back in range(2):
         for channel in range(6):
-            known, size = _range(parameters, channel), abs(memory.ring[ring_row(memory, back), channel])
+            known, size = _range(parameters, channel), abs(memory.ring[state.ring_row(memory, back), channel])
             if known > 0.0 and size >= parameters.clipped_share * known:
                 return True
     return False
 
 
 @njit(**INNER_KERNEL)
-def _dt(memory: FilterState, i: int) -> float:
+def _dt(memory: state.FilterState, i: int) -> float:
     """Length of the interval of the ring's sample `i`, s."""
-    return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % RING]) * 1e-9
+    return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % state.RING]) * 1e-9
 
 
 @njit(**INNER_KERNEL)
@@ -105,7 +100,7 @@ def _range(parameters: KernelParameters, channel: int) -> float:
 
 
 @njit(**INNER_KERNEL)
-def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel: int) -> int:
+def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, channel: int) -> int:
     """Writes the hidden part of one channel's peak into `memory.hidden`: docs/foot_ins.md (15).
 
     Returns:
@@ -113,9 +108,9 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
     """
     known = _range(parameters, channel)
     least = _MIN_PEAK_RATES if channel < 3 else _MIN_PEAK_FORCES
-    fill = memory.clock[FILL]
+    fill = memory.clock[state.FILL]
     limit = parameters.clipped_share * known
-    last = memory.ring[ring_row(memory, 2), channel]
+    last = memory.ring[state.ring_row(memory, 2), channel]
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
     sign = 1.0 if last > 0.0 else -1.0
@@ -125,13 +120,13 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
         end += 1
     x0, x1 = _sample(memory, 0, channel, sign), _sample(memory, 1, channel, sign)
     x_end, x_before = _sample(memory, end, channel, sign), _sample(memory, end + 1, channel, sign)
-    span = (memory.ring_t_ns[ring_row(memory, 0)] - memory.ring_t_ns[ring_row(memory, end + 1)]) * 1e-9
+    span = (memory.ring_t_ns[state.ring_row(memory, 0)] - memory.ring_t_ns[state.ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt
     if max(x0, x1, x_end) >= limit:
         return 0
     if end - 2 < least:
-        up = rotation_matrix(quaternion(memory.nominal, ATTITUDE))[2]  # in the sensor
+        up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
         if channel < 3 or sign * up[channel - 3] < _MIN_LANDING_COSINE:
             return 0
         for back in range(2, end):
@@ -153,6 +148,6 @@ def _reconstruct_peak(memory: FilterState, parameters: KernelParameters, channel
 
 
 @njit(**INNER_KERNEL)
-def _sample(memory: FilterState, back: int, channel: int, sign: float) -> float:
+def _sample(memory: state.FilterState, back: int, channel: int, sign: float) -> float:
     """A channel of the sample `back` samples older than the newest, times `sign`."""
-    return sign * memory.ring[ring_row(memory, back), channel]
+    return sign * memory.ring[state.ring_row(memory, back), channel]

@@ -10,22 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PathEstimate
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    BY_FLOOR,
-    BY_RATE,
-    BY_VELOCITY,
-    HEADING_KNOWN,
-    IGNORED,
-    NAVIGATING,
-    POSITION,
-    REPORTED,
-    START_HEADING_SD,
-    START_POSITION_SD,
-    T_LAST,
-    VELOCITY,
-    FilterState,
-)
+from stridetwin.estimators.foot_ins import state
 from stridetwin.streams.errors import ConfigError, RecordingError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
@@ -45,8 +30,8 @@ class StartPose:
 
     p_imu_in_world: Array
     q_world_imu: Array
-    position_sd: float = START_POSITION_SD
-    heading_sd: float = START_HEADING_SD
+    position_sd: float = state.START_POSITION_SD
+    heading_sd: float = state.START_HEADING_SD
 
     def __post_init__(self) -> None:
         """Raises ConfigError where a value has another shape, is not finite or is no unit quaternion."""
@@ -60,13 +45,13 @@ class StartPose:
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
 
-    def apply_to(self, memory: FilterState) -> None:
+    def apply_to(self, memory: state.FilterState) -> None:
         """Places a foot without samples at this pose."""
         q = np.asarray(self.q_world_imu, dtype=float)
-        memory.nominal[POSITION : POSITION + 3] = self.p_imu_in_world
-        memory.nominal[ATTITUDE : ATTITUDE + 4] = q / np.linalg.norm(q)
+        memory.nominal[state.POSITION : state.POSITION + 3] = self.p_imu_in_world
+        memory.nominal[state.ATTITUDE : state.ATTITUDE + 4] = q / np.linalg.norm(q)
         memory.start_sd[:] = self.position_sd, self.heading_sd
-        memory.clock[HEADING_KNOWN] = 1
+        memory.clock[state.HEADING_KNOWN] = 1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +76,7 @@ class FootInsEstimate:
     aligned: bool
 
     @classmethod
-    def of(cls, memory: FilterState, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
+    def of(cls, memory: state.FilterState, phase: int, standing_speed_sd: float, frame: str = "") -> FootInsEstimate:
         """The estimate in the memory after a sample, copied.
 
         Args:
@@ -100,18 +85,18 @@ class FootInsEstimate:
             standing_speed_sd: Standard deviation of the speed of a stationary foot, m/s; inf if it is moving.
             frame: Frame of the sensor.
         """
-        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[T_LAST])
-        p, q = x[POSITION : POSITION + 3], x[ATTITUDE : ATTITUDE + 4]
-        covariance = memory.covariance[o : o + REPORTED, o : o + REPORTED].copy()
+        x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[state.T_LAST])
+        p, q = x[state.POSITION : state.POSITION + 3], x[state.ATTITUDE : state.ATTITUDE + 4]
+        covariance = memory.covariance[o : o + state.REPORTED, o : o + state.REPORTED].copy()
         way = p - memory.path[:3]
         covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(
             t_ns=t_ns,
-            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == NAVIGATING),
-            v_imu_in_world=x[VELOCITY : VELOCITY + 3],
+            pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == state.NAVIGATING),
+            v_imu_in_world=x[state.VELOCITY : state.VELOCITY + 3],
             covariance=covariance,
             standing_speed_sd=standing_speed_sd,
-            aligned=phase == NAVIGATING,
+            aligned=phase == state.NAVIGATING,
         )
 
 
@@ -133,7 +118,12 @@ class FootInsPath:
 
     @classmethod
     def of(
-        cls, t_ns: NDArray[np.int64], phase: NDArray[np.int8], standing_speed_sd: Array, state: Array, covariance: Array
+        cls,
+        t_ns: NDArray[np.int64],
+        phase: NDArray[np.int8],
+        standing_speed_sd: Array,
+        nominal: Array,
+        covariance: Array,
     ) -> FootInsPath:
         """The output of `kernel.run` for N samples, without those that it ignored.
 
@@ -142,20 +132,20 @@ class FootInsPath:
             phase: (N,) phase in which each sample was used.
             standing_speed_sd: (N,) m/s, standard deviation of a stationary foot's speed; inf where it is not
                 stationary.
-            state: (N, 22) nominal states.
+            nominal: (N, 22) nominal states.
             covariance: (N, 6, 6) of position (m) and attitude (rad), world axes.
         """
-        used = phase != IGNORED
+        used = phase != state.IGNORED
         return cls(
             trajectory=Trajectory(
                 t_ns=t_ns[used],
-                p_frame_in_world=state[used, POSITION : POSITION + 3],
-                q_world_frame=state[used, ATTITUDE : ATTITUDE + 4],
+                p_frame_in_world=nominal[used, state.POSITION : state.POSITION + 3],
+                q_world_frame=nominal[used, state.ATTITUDE : state.ATTITUDE + 4],
                 covariance=covariance[used],
             ),
-            v_imu_in_world=state[used, VELOCITY : VELOCITY + 3],
+            v_imu_in_world=nominal[used, state.VELOCITY : state.VELOCITY + 3],
             standing_speed_sd=standing_speed_sd[used],
-            aligned=phase[used] == NAVIGATING,
+            aligned=phase[used] == state.NAVIGATING,
         )
 
     def estimate(
@@ -189,10 +179,14 @@ class FootInsPath:
         )
 
 
-def nis_by_kind(memory: FilterState) -> dict[str, float]:
+def nis_by_kind(memory: state.FilterState) -> dict[str, float]:
     """Mean normalised innovation squared, per degree of freedom, of each kind of update used so far: 1 if consistent.
 
     The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).
     """
-    sums = {"standing": memory.nis[BY_VELOCITY], "floor": memory.nis[BY_FLOOR], "rest": memory.nis[BY_RATE]}
+    sums = {
+        "standing": memory.nis[state.BY_VELOCITY],
+        "floor": memory.nis[state.BY_FLOOR],
+        "rest": memory.nis[state.BY_RATE],
+    }
     return {name: float(total / count) for name, (total, count) in sums.items() if count > 0.0}

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.matrices import clear as zero
+from stridetwin.streams.algebra.matrices import clear as zero
+from stridetwin.streams.algebra.matrices import factorise, substitute_backward_in_vector, substitute_forward_in_vector
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 MEASUREMENTS = 6  # at most, of one update
@@ -155,17 +156,12 @@ def innovation_norm(work: Workspace, m: int, variance: float) -> float:
 
     √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` comes before.
     """
-    L, y, length2 = work.factor, work.solved, 0.0
+    y, length2 = work.solved, 0.0
+    factorise(work.spread, variance, work.factor, m)
     for i in range(m):
-        for k in range(i + 1):
-            s = work.spread[i, k]
-            for j in range(k):
-                s -= L[i, j] * L[k, j]
-            L[i, k] = math.sqrt(s + variance) if k == i else s / L[k, k]
         y[i] = work.innovation[i]
-        for j in range(i):
-            y[i] -= L[i, j] * y[j]
-        y[i] /= L[i, i]
+    substitute_forward_in_vector(work.factor, y, m)
+    for i in range(m):
         length2 += y[i] * y[i]
     return math.sqrt(length2)
 
@@ -173,11 +169,7 @@ def innovation_norm(work: Workspace, m: int, variance: float) -> float:
 @njit(**INNER_KERNEL)
 def back_substitute(work: Workspace, m: int) -> None:
     """Replaces `solved`, L⁻¹ z after `innovation_norm`, by S⁻¹ z."""
-    L, y = work.factor, work.solved
-    for i in range(m - 1, -1, -1):
-        for j in range(i + 1, m):
-            y[i] -= L[j, i] * y[j]
-        y[i] /= L[i, i]
+    substitute_backward_in_vector(work.factor, work.solved, m)
 
 
 @njit(**INNER_KERNEL)

@@ -9,11 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.alignment import align, begin
 from stridetwin.estimators.foot_ins.clipping import restore_peaks
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, axpy, put_vec3, vec3
 from stridetwin.estimators.foot_ins.stance import (
     append_sample,
     level_floor_update,
@@ -25,21 +24,10 @@ from stridetwin.estimators.foot_ins.stance import (
     zero_rate_update,
     zero_velocity_update,
 )
-from stridetwin.estimators.foot_ins.state import (
-    ALIGNING,
-    D_ATTITUDE,
-    D_POSITION,
-    EMPTY,
-    IGNORED,
-    NAVIGATING,
-    PHASE,
-    POSITION,
-    T_KNOWN,
-    T_LAST,
-    FilterState,
-)
 from stridetwin.estimators.foot_ins.strapdown import predict
-from stridetwin.estimators.matrices import copy
+from stridetwin.streams.algebra.matrices import copy
+from stridetwin.streams.algebra.tuples import Vec3, axpy, store_vec3_at, vec3_at
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
@@ -63,7 +51,7 @@ def is_possible(rate: Vec3, force: Vec3) -> bool:
 
 @njit(**INNER_KERNEL)
 def add_sample(
-    memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
+    memory: state.FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float, float]:
     """Takes a sample into the ring and, until the filter is aligned, into the alignment.
 
@@ -80,32 +68,34 @@ def add_sample(
     """
     clock = memory.clock
     if not is_possible(rate, force):
-        return IGNORED, 0.0, 0.0
-    if clock[PHASE] == EMPTY:
+        return state.IGNORED, 0.0, 0.0
+    if clock[state.PHASE] == state.EMPTY:
         begin(memory, t_ns)
-        clock[T_LAST] = t_ns
-        put_vec3(vec3(memory.nominal, POSITION), memory.path, 0)
+        clock[state.T_LAST] = t_ns
+        store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.path, 0)
         memory.path[3] = parameters.path_scale_sd
-    elif t_ns <= clock[T_LAST]:
-        return IGNORED, 0.0, 0.0
-    dt = (t_ns - clock[T_LAST]) * 1e-9
+    elif t_ns <= clock[state.T_LAST]:
+        return state.IGNORED, 0.0, 0.0
+    dt = (t_ns - clock[state.T_LAST]) * 1e-9
     if dt > MAX_GAP_S:
         begin(memory, t_ns)
     append_sample(memory, t_ns, rate, force)
     statistic = motion_statistic(memory, parameters)
-    phase = NAVIGATING
-    if clock[PHASE] == ALIGNING:
-        phase = ALIGNING
+    phase = state.NAVIGATING
+    if clock[state.PHASE] == state.ALIGNING:
+        phase = state.ALIGNING
         memory.peak[0] = statistic
         align(memory, parameters, t_ns, force, statistic)
     else:
-        clock[T_KNOWN] = t_ns
-    clock[T_LAST] = t_ns
+        clock[state.T_KNOWN] = t_ns
+    clock[state.T_LAST] = t_ns
     return phase, dt, statistic
 
 
 @njit(**INNER_KERNEL)
-def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3) -> tuple[int, float]:
+def step(
+    memory: state.FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
+) -> tuple[int, float]:
     """Takes one sample into the memory.
 
     Args:
@@ -120,7 +110,7 @@ def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec
         foot's speed, m/s, inf while it is not detected as stationary.
     """
     phase, dt, statistic = add_sample(memory, parameters, t_ns, rate, force)
-    if phase != NAVIGATING:
+    if phase != state.NAVIGATING:
         return phase, math.inf
     memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))
     predict(memory, parameters, rate, force, dt)
@@ -135,11 +125,11 @@ def step(memory: FilterState, parameters: KernelParameters, t_ns: int, rate: Vec
     level_floor_update(memory, parameters, t_ns, speed)
     if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
-    return NAVIGATING, speed
+    return state.NAVIGATING, speed
 
 
 @njit(**INNER_KERNEL)
-def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None:
+def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array) -> None:
     """Writes the nominal state, and the covariance of position and attitude.
 
     The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
@@ -147,30 +137,31 @@ def write_estimate(memory: FilterState, state: Array, covariance: Array) -> None
 
     Args:
         memory: State of the foot.
-        state: (22,) written: nominal state.
+        nominal: (22,) written: nominal state.
         covariance: (6, 6) written: of position (m) and attitude (rad), world axes.
     """
-    P, o = memory.covariance, memory.row
-    way = axpy(vec3(memory.nominal, POSITION), -1.0, vec3(memory.path, 0))
-    copy(memory.nominal, state)
+    P = memory.covariance
+    position, attitude = memory.row + state.D_POSITION, memory.row + state.D_ATTITUDE
+    way = axpy(vec3_at(memory.nominal, state.POSITION), -1.0, vec3_at(memory.path, 0))
+    copy(memory.nominal, nominal)
     for i in range(3):
         for j in range(3):
-            covariance[i, j] = P[o + D_POSITION + i, o + D_POSITION + j] + memory.path[3] ** 2 * (way[i] * way[j])
-            covariance[i, 3 + j] = P[o + D_POSITION + i, o + D_ATTITUDE + j]
-            covariance[3 + i, j] = P[o + D_ATTITUDE + i, o + D_POSITION + j]
-            covariance[3 + i, 3 + j] = P[o + D_ATTITUDE + i, o + D_ATTITUDE + j]
+            covariance[i, j] = P[position + i, position + j] + memory.path[3] ** 2 * (way[i] * way[j])
+            covariance[i, 3 + j] = P[position + i, attitude + j]
+            covariance[3 + i, j] = P[attitude + i, position + j]
+            covariance[3 + i, 3 + j] = P[attitude + i, attitude + j]
 
 
 @_entry_kernel
 def run(
-    memory: FilterState,
+    memory: state.FilterState,
     parameters: KernelParameters,
     t_ns: NDArray[np.int64],
     rate: Array,
     force: Array,
     phase: NDArray[np.int8],
     speed: Array,
-    state: Array,
+    nominal: Array,
     covariance: Array,
 ) -> None:
     """Takes N samples, and writes the results of `step` and the estimate after each.
@@ -183,9 +174,9 @@ def run(
         force: (N, 3) m/s², specific force.
         phase: (N,) int8, written: phase in which each sample was used.
         speed: (N,) written: standard deviation of a stationary foot's speed, m/s; inf where it is not stationary.
-        state: (N, 22) written: nominal states.
+        nominal: (N, 22) written: nominal states.
         covariance: (N, 6, 6) written: of position (m) and attitude (rad), world axes.
     """
     for k in range(len(t_ns)):
-        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
-        write_estimate(memory, state[k], covariance[k])
+        phase[k], speed[k] = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
+        write_estimate(memory, nominal[k], covariance[k])

@@ -9,11 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.kernel import step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, KernelParameters, for_sensor
-from stridetwin.estimators.foot_ins.quaternions import vec3
 from stridetwin.estimators.foot_ins.state import IGNORED, NAVIGATING, NOMINAL, RESTORED, FilterState
 from stridetwin.estimators.foot_ins.window import (
     HELD,
@@ -26,6 +24,8 @@ from stridetwin.estimators.foot_ins.window import (
     initial_augmented_state,
     release_oldest,
 )
+from stridetwin.streams.algebra.tuples import vec3_at
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
@@ -75,7 +75,7 @@ def run(
     n = 0
     for k in range(len(t_ns)):
         augment(memory)
-        phase, speed = step(memory, parameters, t_ns[k], vec3(rate[k], 0), vec3(force[k], 0))
+        phase, speed = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
         if phase == IGNORED:
             continue
         if phase == NAVIGATING and memory.clock[RESTORED] > 0:

@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.kalman import (
     apply_gated_update,
     clear,
@@ -15,55 +15,25 @@ from stridetwin.estimators.foot_ins.kalman import (
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
+from stridetwin.estimators.foot_ins.strapdown import shift_covariance
+from stridetwin.streams.algebra.tuples import (
     Mat3,
     Vec3,
     axpy,
     cross,
     dot,
-    product,
-    put_quaternion,
-    put_vec3,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    to_matrix,
     transposed,
-    vec3,
+    vec3_at,
 )
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    BY_FLOOR,
-    BY_RATE,
-    BY_VELOCITY,
-    CONTACT,
-    CONTACT_PHASE,
-    D_ATTITUDE,
-    D_CONTACT,
-    D_DRIFT,
-    D_FLOOR,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_VELOCITY,
-    DRIFT,
-    FILL,
-    FLOOR,
-    GYRO_BIAS,
-    HEAD,
-    NEVER_LANDED,
-    POSITION,
-    RING,
-    STANDING,
-    STATES,
-    SWINGING,
-    T_LAST_MOTION,
-    VELOCITY,
-    FilterState,
-    force_of,
-    rate_of,
-    ring_row,
-)
-from stridetwin.estimators.foot_ins.strapdown import shift_covariance
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _UNIT: Mat3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -84,11 +54,11 @@ _STAND_S = 0.0298  # stationary time before the height of a foot counts [real wa
 
 
 @njit(**INNER_KERNEL)
-def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> None:
+def append_sample(memory: state.FilterState, t_ns: int, rate: Vec3, force: Vec3) -> None:
     """Appends one sample (rad/s, m/s²) to the ring."""
-    head = (memory.clock[HEAD] + 1) % RING
-    memory.clock[HEAD] = head
-    memory.clock[FILL] = min(memory.clock[FILL] + 1, RING)
+    head = (memory.clock[state.HEAD] + 1) % state.RING
+    memory.clock[state.HEAD] = head
+    memory.clock[state.FILL] = min(memory.clock[state.FILL] + 1, state.RING)
     memory.ring_t_ns[head] = t_ns
     for i in range(3):
         memory.ring[head, i] = rate[i]
@@ -96,7 +66,7 @@ def append_sample(memory: FilterState, t_ns: int, rate: Vec3, force: Vec3) -> No
 
 
 @njit(**INNER_KERNEL)
-def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float:
+def motion_statistic(memory: state.FilterState, parameters: KernelParameters) -> float:
     """Energy of the motion over the last `window_s`, dimensionless (SHOE: Skog et al. 2010, eq. 15).
 
     docs/foot_ins.md (6):
@@ -106,15 +76,15 @@ def motion_statistic(memory: FilterState, parameters: KernelParameters) -> float
     |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an error of some per cent;
     before the alignment, any size within `_MAX_NORM_ERROR` of gravity.
     """
-    newest = memory.ring_t_ns[ring_row(memory, 0)]
+    newest = memory.ring_t_ns[state.ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
-    bias = vec3(memory.nominal, GYRO_BIAS)
+    bias = vec3_at(memory.nominal, state.GYRO_BIAS)
     n, rate2, force2, mean = 0, 0.0, 0.0, (0.0, 0.0, 0.0)
-    for back in range(memory.clock[FILL]):
-        i = ring_row(memory, back)
+    for back in range(memory.clock[state.FILL]):
+        i = state.ring_row(memory, back)
         if newest - memory.ring_t_ns[i] >= span and back > 0:
             break
-        rate, force = axpy(rate_of(memory, i), -1.0, bias), force_of(memory, i)
+        rate, force = axpy(state.rate_of(memory, i), -1.0, bias), state.force_of(memory, i)
         rate2 += dot(rate, rate)
         force2 += dot(force, force)
         mean = axpy(mean, 1.0, force)
@@ -135,16 +105,16 @@ def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParamet
 
 
 @njit(**INNER_KERNEL)
-def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
+def move_contact_point(memory: state.FilterState, parameters: KernelParameters, dt: float) -> None:
     """Random displacement of the stationary point along the sole over `dt` (s): docs/foot_ins.md (13).
 
     A first-order Gauss-Markov process of standard deviation `contact_sd_m` and time constant `_CONTACT_S`, across the
     lever arm: a foot rolls over the same ball in every step.
     """
-    x, P, o = memory.nominal, memory.covariance, memory.row + D_CONTACT
+    x, P, o = memory.nominal, memory.covariance, memory.row + state.D_CONTACT
     kept = math.exp(-dt / _CONTACT_S)
     for i in range(3):
-        x[CONTACT + i] *= kept
+        x[state.CONTACT + i] *= kept
         for j in range(P.shape[0]):
             P[o + i, j] *= kept
             P[j, o + i] *= kept
@@ -152,11 +122,11 @@ def move_contact_point(memory: FilterState, parameters: KernelParameters, dt: fl
 
 
 @njit(**INNER_KERNEL)
-def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: float) -> None:
+def vary_height_drift(memory: state.FilterState, parameters: KernelParameters, dt: float) -> None:
     """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
-    x, P, o = memory.nominal, memory.covariance, memory.row + D_DRIFT
+    x, P, o = memory.nominal, memory.covariance, memory.row + state.D_DRIFT
     kept = math.exp(-dt / _HEIGHT_DRIFT_S)
-    x[DRIFT] *= kept
+    x[state.DRIFT] *= kept
     for j in range(P.shape[0]):
         P[o, j] *= kept
         P[j, o] *= kept
@@ -164,9 +134,9 @@ def vary_height_drift(memory: FilterState, parameters: KernelParameters, dt: flo
 
 
 @njit(**INNER_KERNEL)
-def add_across_sole(memory: FilterState, variance: float) -> None:
+def add_across_sole(memory: state.FilterState, variance: float) -> None:
     """Adds `variance` (m²) to the covariance of the stationary point, in every direction across the lever arm."""
-    P, o, lever = memory.covariance, memory.row + D_CONTACT, vec3(memory.lever, 0)
+    P, o, lever = memory.covariance, memory.row + state.D_CONTACT, vec3_at(memory.lever, 0)
     down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
     for i in range(3):
         for j in range(3):
@@ -175,7 +145,7 @@ def add_across_sole(memory: FilterState, variance: float) -> None:
 
 @njit(**INNER_KERNEL)
 def zero_velocity_update(
-    memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
+    memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
     """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
 
@@ -204,24 +174,24 @@ def zero_velocity_update(
         stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s.
     """
     x, work = memory.nominal, memory.work
-    R = rotation_matrix(quaternion(x, ATTITUDE))
-    v = vec3(x, VELOCITY)
-    w = rotate(R, axpy(rate, -1.0, vec3(x, GYRO_BIAS)))
-    r = rotate(R, axpy(vec3(memory.lever, 0), 1.0, vec3(x, CONTACT)))
+    R = to_matrix(quaternion_at(x, state.ATTITUDE))
+    v = vec3_at(x, state.VELOCITY)
+    w = matvec(R, axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS)))
+    r = matvec(R, axpy(vec3_at(memory.lever, 0), 1.0, vec3_at(x, state.CONTACT)))
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
     whitening = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     clear(work, 3)
     axes = transposed(R)
     for i in range(3):
-        _put_column(work.jacobian, D_VELOCITY + i, rotate(whitening, _UNIT[i]))
-        _put_column(work.jacobian, D_ATTITUDE + i, rotate(whitening, cross(v, _UNIT[i])))
-        _put_column(work.jacobian, D_GYRO_BIAS + i, rotate(whitening, cross(r, axes[i])))
-        _put_column(work.jacobian, D_CONTACT + i, rotate(whitening, cross(w, axes[i])))
+        _put_column(work.jacobian, state.D_VELOCITY + i, matvec(whitening, _UNIT[i]))
+        _put_column(work.jacobian, state.D_ATTITUDE + i, matvec(whitening, cross(v, _UNIT[i])))
+        _put_column(work.jacobian, state.D_GYRO_BIAS + i, matvec(whitening, cross(r, axes[i])))
+        _put_column(work.jacobian, state.D_CONTACT + i, matvec(whitening, cross(w, axes[i])))
     slip = axpy(v, 1.0, cross(w, r))
-    put_vec3(rotate(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
+    store_vec3_at(matvec(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
-    memory.nis[BY_VELOCITY, 1] += 1.0
+    memory.nis[state.BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
+    memory.nis[state.BY_VELOCITY, 1] += 1.0
     inject(memory)
 
 
@@ -245,17 +215,17 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
 
 
 @njit(**INNER_KERNEL)
-def unknown_bias_statistic(memory: FilterState) -> float:
+def unknown_bias_statistic(memory: state.FilterState) -> float:
     """Motion statistic of a foot at rest whose gyro is biased by two standard deviations.
 
     mean |ω|² / gyro_scale² for |ω|² = 4 tr P of the gyro bias, a bound for what the bias alone adds.
     """
-    P, o = memory.covariance, memory.row + D_GYRO_BIAS
+    P, o = memory.covariance, memory.row + state.D_GYRO_BIAS
     return 4.0 * (P[o, o] + P[o + 1, o + 1] + P[o + 2, o + 2]) / GYRO_SCALE_RADPS**2
 
 
 @njit(**INNER_KERNEL)
-def zero_rate_update(memory: FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
+def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
     A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
@@ -263,37 +233,37 @@ def zero_rate_update(memory: FilterState, parameters: KernelParameters, rate: Ve
     sd, work = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt), memory.work
     clear(work, 3)
     for i in range(3):
-        work.jacobian[i, D_GYRO_BIAS + i] = 1.0 / sd
-        work.innovation[i] = (rate[i] - memory.nominal[GYRO_BIAS + i]) / sd
+        work.jacobian[i, state.D_GYRO_BIAS + i] = 1.0 / sd
+        work.innovation[i] = (rate[i] - memory.nominal[state.GYRO_BIAS + i]) / sd
     length = apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[BY_RATE, 0] += length**2 / 3.0
-    memory.nis[BY_RATE, 1] += 1.0
+    memory.nis[state.BY_RATE, 0] += length**2 / 3.0
+    memory.nis[state.BY_RATE, 1] += 1.0
     inject(memory)
 
 
 @njit(**INNER_KERNEL)
-def inject(memory: FilterState) -> None:
+def inject(memory: state.FilterState) -> None:
     """Moves the foot's own error into its nominal state, in place."""
     x, error, o = memory.nominal, memory.error, memory.row
-    for i in range(ATTITUDE):
+    for i in range(state.ATTITUDE):
         x[i] += error[o + i]
-    for i in range(D_GYRO_BIAS, STATES):
-        x[i + GYRO_BIAS - D_GYRO_BIAS] += error[o + i]
-    rotation = quat_exp(error[o + D_ATTITUDE], error[o + D_ATTITUDE + 1], error[o + D_ATTITUDE + 2])
-    put_quaternion(product(rotation, quaternion(x, ATTITUDE)), x, ATTITUDE)
-    shift_covariance(memory.covariance, o, vec3(error, o + D_POSITION), vec3(error, o + D_VELOCITY))
-    for i in range(STATES):
+    for i in range(state.D_GYRO_BIAS, state.STATES):
+        x[i + state.GYRO_BIAS - state.D_GYRO_BIAS] += error[o + i]
+    rotation = exp(vec3_at(error, o + state.D_ATTITUDE), state.SERIES_RAD)
+    store_quaternion_at(normalized(multiply(rotation, quaternion_at(x, state.ATTITUDE))), x, state.ATTITUDE)
+    shift_covariance(memory.covariance, o, vec3_at(error, o + state.D_POSITION), vec3_at(error, o + state.D_VELOCITY))
+    for i in range(state.STATES):
         error[o + i] = 0.0
 
 
 @njit(**INNER_KERNEL)
-def _floor_variance(memory: FilterState, parameters: KernelParameters) -> float:
+def _floor_variance(memory: state.FilterState, parameters: KernelParameters) -> float:
     """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `_FLOOR_PRIOR` steps, and the walk's."""
     return (_FLOOR_PRIOR * parameters.floor_sd_m**2 + memory.floor[2]) / (_FLOOR_PRIOR + memory.floor[1])
 
 
 @njit(**INNER_KERNEL)
-def _learn_level_step(memory: FilterState, same: float, step: float, variance: float, spread: float) -> None:
+def _learn_level_step(memory: state.FilterState, same: float, step: float, variance: float, spread: float) -> None:
     """Learns from a step by how much steps on one floor differ in height.
 
     Of the squared step, only the part counts that is expected to be the floor's and not the path's.
@@ -308,8 +278,8 @@ def _learn_level_step(memory: FilterState, same: float, step: float, variance: f
     share = variance / (variance + spread)
     memory.floor[0] = same
     memory.floor[1] += same
-    memory.nis[BY_FLOOR, 0] += same * step * step / (variance + spread)
-    memory.nis[BY_FLOOR, 1] += same
+    memory.nis[state.BY_FLOOR, 0] += same * step * step / (variance + spread)
+    memory.nis[state.BY_FLOOR, 1] += same
     memory.floor[2] += same * (share * share * step * step + share * spread)
 
 
@@ -321,7 +291,7 @@ def _normal_density(x: float, variance: float) -> float:
 
 @njit(**INNER_KERNEL)
 def level_floor_update(
-    memory: FilterState, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float
+    memory: state.FilterState, parameters: KernelParameters, t_ns: int, stationary_speed_sd: float
 ) -> None:
     """Compares the height of a foot that has just become stationary with that of its last floor.
 
@@ -341,20 +311,20 @@ def level_floor_update(
     """
     clock = memory.clock
     if stationary_speed_sd > _STAND_SPEED_MPS:
-        clock[T_LAST_MOTION] = t_ns
-        if stationary_speed_sd == math.inf and clock[CONTACT_PHASE] == STANDING:
-            clock[CONTACT_PHASE] = SWINGING
+        clock[state.T_LAST_MOTION] = t_ns
+        if stationary_speed_sd == math.inf and clock[state.CONTACT_PHASE] == state.STANDING:
+            clock[state.CONTACT_PHASE] = state.SWINGING
         return
-    if clock[CONTACT_PHASE] == STANDING or (t_ns - clock[T_LAST_MOTION]) * 1e-9 < _STAND_S:
+    if clock[state.CONTACT_PHASE] == state.STANDING or (t_ns - clock[state.T_LAST_MOTION]) * 1e-9 < _STAND_S:
         return
     x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
-    r = rotate(rotation_matrix(quaternion(x, ATTITUDE)), vec3(memory.lever, 0))
+    r = matvec(to_matrix(quaternion_at(x, state.ATTITUDE)), vec3_at(memory.lever, 0))
     clear(work, 1)
     h = work.jacobian[0]  # of the sole's height above the floor
-    h[D_POSITION + 2], h[D_ATTITUDE], h[D_ATTITUDE + 1], h[D_FLOOR] = 1.0, r[1], -r[0], -1.0
-    height = x[POSITION + 2] + r[2]
-    known, clock[CONTACT_PHASE] = clock[CONTACT_PHASE] != NEVER_LANDED, STANDING
-    step = height - x[FLOOR]
+    h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
+    height = x[state.POSITION + 2] + r[2]
+    known, clock[state.CONTACT_PHASE] = clock[state.CONTACT_PHASE] != state.NEVER_LANDED, state.STANDING
+    step = height - x[state.FLOOR]
     lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
     variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
@@ -368,10 +338,10 @@ def level_floor_update(
         inject(memory)
     if same > 0.5:
         return
-    height = x[POSITION + 2] + r[2]
-    x[FLOOR] = height
-    h[D_FLOOR] = 0.0
+    height = x[state.POSITION + 2] + r[2]
+    x[state.FLOOR] = height
+    h[state.D_FLOOR] = 0.0
     spread_measurements(P, work, o, 1)
     for j in range(P.shape[0]):
-        P[o + D_FLOOR, j] = P[j, o + D_FLOOR] = work.gain[j]
-    P[o + D_FLOOR, o + D_FLOOR] = work.spread[0, 0] + variance
+        P[o + state.D_FLOOR, j] = P[j, o + state.D_FLOOR] = work.gain[j]
+    P[o + state.D_FLOOR, o + state.D_FLOOR] = work.spread[0, 0] + variance

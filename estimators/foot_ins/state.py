@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import Workspace, workspace
-from stridetwin.estimators.foot_ins.quaternions import Vec3
+from stridetwin.streams.algebra.tuples import Vec3
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # Nominal state (22,): position, velocity, quaternion, gyro bias, accelerometer bias, displacement of the stationary
@@ -50,6 +50,8 @@ BY_VELOCITY, BY_FLOOR, BY_RATE = range(3)  # rows of `nis`
 
 START_POSITION_SD = 1e-4  # m; the start defines the world's origin
 START_HEADING_SD = 1e-3  # rad; and its heading
+
+SERIES_RAD = 1e-4  # angle below which `exp` uses its series
 
 RING = 64  # samples available to the statistic; 35 ms at 1.8 kHz
 

@@ -6,42 +6,24 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
+from stridetwin.estimators.foot_ins import state
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
+from stridetwin.streams.algebra.tuples import (
     Mat3,
     Vec3,
     axpy,
     dot,
-    product,
-    put_quaternion,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    to_matrix,
     transposed,
-    vec3,
+    vec3_at,
 )
-from stridetwin.estimators.foot_ins.state import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    D_ACCEL_BIAS,
-    D_ATTITUDE,
-    D_DRIFT,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_SCALE,
-    D_VELOCITY,
-    DRIFT,
-    FILL,
-    GYRO_BIAS,
-    POSITION,
-    SCALE,
-    VELOCITY,
-    FilterState,
-    force_of,
-    ring_row,
-)
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 _MAX_STEP_S = 0.03  # a longer step is a gap
@@ -58,9 +40,9 @@ def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, pa
     computed as F (F P)ᵀ.
     """
     _apply_transition(P, o, R, f_world, dt, path, turn)
-    transpose_rows(P, o + D_POSITION, 9)
+    transpose_rows(P, o + state.D_POSITION, 9)
     _apply_transition(P, o, R, f_world, dt, path, turn)
-    mirror(P, o + D_POSITION, 9)
+    mirror(P, o + state.D_POSITION, 9)
 
 
 @njit(**INNER_KERNEL)
@@ -83,17 +65,17 @@ def mirror(M: Array, first: int, count: int) -> None:
 @njit(**INNER_KERNEL)
 def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """M <- F M in place; only the foot's own rows of position, velocity and attitude change."""
-    p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
-    g, b = o + D_GYRO_BIAS, o + D_ACCEL_BIAS
+    p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
+    g, b = o + state.D_GYRO_BIAS, o + state.D_ACCEL_BIAS
     fx, fy, fz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
     for j in range(M.shape[1]):
         a0, a1, a2 = M[a, j], M[a + 1, j], M[a + 2, j]
-        gyro = rotate(R, (dt * M[g, j], dt * M[g + 1, j], dt * M[g + 2, j]))
-        accel = rotate(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
+        gyro = matvec(R, (dt * M[g, j], dt * M[g + 1, j], dt * M[g + 2, j]))
+        accel = matvec(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
         for i in range(3):
             M[p + i, j] += 0.5 * dt * M[v + i, j]
-        M[p + 2, j] -= path * M[o + D_DRIFT, j]
-        scale = M[o + D_SCALE, j]
+        M[p + 2, j] -= path * M[o + state.D_DRIFT, j]
+        scale = M[o + state.D_SCALE, j]
         M[a, j] -= gyro[0] + scale * turn[0]
         M[a + 1, j] -= gyro[1] + scale * turn[1]
         M[a + 2, j] -= gyro[2] + scale * turn[2]
@@ -114,15 +96,15 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     This is the invariant filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
     """
     shift_rows(P, o, dp, dv)
-    transpose_rows(P, o + D_POSITION, 6)
+    transpose_rows(P, o + state.D_POSITION, 6)
     shift_rows(P, o, dp, dv)
-    mirror(P, o + D_POSITION, 6)
+    mirror(P, o + state.D_POSITION, 6)
 
 
 @njit(**INNER_KERNEL)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv in the rows from `o` on."""
-    p, v, a = o + D_POSITION, o + D_VELOCITY, o + D_ATTITUDE
+    p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]
         M[p, j] += y * dp[2] - z * dp[1]
@@ -163,28 +145,28 @@ def propagate_state(
         Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
         across `down` in the world, rad.
     """
-    w = axpy(rate, -1.0, vec3(x, GYRO_BIAS))
+    w = axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS))
     across = axpy(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
-    wx, wy, wz = axpy(w, -x[SCALE], across)
-    half = quat_exp(0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz)
-    q_middle = product(quaternion(x, ATTITUDE), half)
-    R = rotation_matrix(q_middle)
-    f_sensor = force_at_middle(axpy(force, -1.0, vec3(x, ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
-    f_world = rotate(R, f_sensor)
+    wx, wy, wz = axpy(w, -x[state.SCALE], across)
+    half = exp((0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz), state.SERIES_RAD)
+    q_middle = normalized(multiply(quaternion_at(x, state.ATTITUDE), half))
+    R = to_matrix(q_middle)
+    f_sensor = force_at_middle(axpy(force, -1.0, vec3_at(x, state.ACCEL_BIAS)), dt * wx, dt * wy, dt * wz)
+    f_world = matvec(R, f_sensor)
     acceleration = f_world[0], f_world[1], f_world[2] - gravity
-    moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3(x, VELOCITY), 0.5 * dt, acceleration))
+    moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3_at(x, state.VELOCITY), 0.5 * dt, acceleration))
     path = math.copysign(math.sqrt(dot(moved, moved)), dt)
     for i in range(3):
-        x[POSITION + i] += moved[i]
-        x[VELOCITY + i] += dt * acceleration[i]
-    x[POSITION + 2] -= path * x[DRIFT]
-    put_quaternion(product(q_middle, half), x, ATTITUDE)
-    turn = rotate(R, across)
+        x[state.POSITION + i] += moved[i]
+        x[state.VELOCITY + i] += dt * acceleration[i]
+    x[state.POSITION + 2] -= path * x[state.DRIFT]
+    store_quaternion_at(normalized(multiply(q_middle, half)), x, state.ATTITUDE)
+    turn = matvec(R, across)
     return R, f_world, path, (dt * turn[0], dt * turn[1], dt * turn[2])
 
 
 @njit(**INNER_KERNEL)
-def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
+def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
     """Propagates state and covariance over one interval: docs/foot_ins.md (5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
@@ -199,15 +181,15 @@ def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force
         dt: Length of the interval, s.
     """
     P, o = memory.covariance, memory.row
-    down = vec3(memory.lever, 0)
+    down = vec3_at(memory.lever, 0)
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2
     velocity_noise += parameters.accel_motion_noise_per_rthz**2 * dot(acceleration, acceleration)
-    if memory.clock[FILL] > 1:
-        change = axpy(force, -1.0, force_of(memory, ring_row(memory, 1)))
+    if memory.clock[state.FILL] > 1:
+        change = axpy(force, -1.0, state.force_of(memory, state.ring_row(memory, 1)))
         jerk2 = dot(change, change) / (dt * dt)
         velocity_noise += parameters.accel_jerk_noise_s_rthz**2 * jerk2
     if dt > _MAX_STEP_S:
@@ -215,16 +197,16 @@ def predict(memory: FilterState, parameters: KernelParameters, rate: Vec3, force
         velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
     axes = transposed(R)
     for i in range(3):
-        P[o + D_ATTITUDE + i, o + D_ATTITUDE + i] += attitude_noise * dt
-        P[o + D_VELOCITY + i, o + D_VELOCITY + i] += velocity_noise * dt
-        P[o + D_GYRO_BIAS + i, o + D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
-        P[o + D_ACCEL_BIAS + i, o + D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
+        P[o + state.D_ATTITUDE + i, o + state.D_ATTITUDE + i] += attitude_noise * dt
+        P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] += velocity_noise * dt
+        P[o + state.D_GYRO_BIAS + i, o + state.D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
+        P[o + state.D_ACCEL_BIAS + i, o + state.D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
         known = parameters.gyro_range_radps
         if _at_limit(memory.extreme, i, abs(rate[i]), known, _MIN_GYRO_RANGE_RADPS, parameters.limit_share):
-            _add_along(P, o + D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
+            _add_along(P, o + state.D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
         known = parameters.accel_range_mps2
         if _at_limit(memory.extreme, 3 + i, abs(force[i]), known, _MIN_ACCEL_RANGE_MPS2, parameters.limit_share):
-            _add_along(P, o + D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
+            _add_along(P, o + state.D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 
 @njit(**INNER_KERNEL)

@@ -31,35 +31,30 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.foot_ins.quaternions import (
+from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.stance import inject
+from stridetwin.estimators.foot_ins.strapdown import mirror, shift_covariance, shift_rows, transpose_rows
+from stridetwin.streams.algebra.matrices import (
+    add_transposed_matvec,
+    add_transposed_product,
+    clear,
+    clear_block,
+    copy,
+    copy_matrix,
+    multiply_into,
+)
+from stridetwin.streams.algebra.tuples import (
     Vec3,
     axpy,
     cross,
-    product,
-    put_quaternion,
-    put_vec3,
-    quaternion,
-    vec3,
+    multiply,
+    normalized,
+    quaternion_at,
+    store_quaternion_at,
+    store_vec3_at,
+    vec3_at,
 )
-from stridetwin.estimators.foot_ins.stance import inject
-from stridetwin.estimators.foot_ins.state import (
-    ATTITUDE,
-    D_ATTITUDE,
-    D_POSITION,
-    D_VELOCITY,
-    NOMINAL,
-    POSITION,
-    RESTORED,
-    STATES,
-    T_LAST,
-    VELOCITY,
-    FilterState,
-    initial_state,
-    ring_row,
-)
-from stridetwin.estimators.foot_ins.strapdown import mirror, shift_covariance, shift_rows, transpose_rows
-from stridetwin.estimators.matrices import clear, clear_block, copy, copy_matrix
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 OLDEST, HELD, SUMMED = range(3)  # of `place`
@@ -94,47 +89,47 @@ class TransitionWindow(NamedTuple):
     information: Array
     evidence: Array
     path: Array
-    released: FilterState
+    released: state.FilterState
     scratch: Array
 
 
 def empty_window(capacity: int) -> TransitionWindow:
     """An empty window of at most `capacity` samples."""
-    transition = np.zeros((capacity + 1, STATES, STATES))
-    transition[capacity] = np.eye(STATES)
+    transition = np.zeros((capacity + 1, state.STATES, state.STATES))
+    transition[capacity] = np.eye(state.STATES)
     return TransitionWindow(
         place=np.zeros(3, np.int64),
         t_ns=np.zeros(capacity, np.int64),
         phase=np.zeros(capacity, np.int8),
         speed=np.zeros(capacity),
-        nominal=np.zeros((capacity, NOMINAL)),
-        covariance=np.zeros((capacity, STATES, STATES)),
+        nominal=np.zeros((capacity, state.NOMINAL)),
+        covariance=np.zeros((capacity, state.STATES, state.STATES)),
         transition=transition,
-        information=np.zeros((capacity + 1, STATES, STATES)),
-        evidence=np.zeros((capacity + 1, STATES)),
+        information=np.zeros((capacity + 1, state.STATES, state.STATES)),
+        evidence=np.zeros((capacity + 1, state.STATES)),
         path=np.zeros(4),
-        released=initial_state(),
-        scratch=np.zeros((2, STATES, STATES)),
+        released=state.initial_state(),
+        scratch=np.zeros((2, state.STATES, state.STATES)),
     )
 
 
-def initial_augmented_state() -> FilterState:
+def initial_augmented_state() -> state.FilterState:
     """State of a foot without samples, whose covariance has the rows that `augment` needs."""
-    return initial_state(np.zeros((2 * STATES, 2 * STATES)), np.zeros(2 * STATES))
+    return state.initial_state(np.zeros((2 * state.STATES, 2 * state.STATES)), np.zeros(2 * state.STATES))
 
 
 @njit(**INNER_KERNEL)
-def augment(memory: FilterState) -> None:
+def augment(memory: state.FilterState) -> None:
     """Writes zeros and ones into the additional rows of covariance and error before the next sample, in place."""
-    P, n = memory.covariance, 2 * STATES
-    for i in range(STATES, n):
+    P, n = memory.covariance, 2 * state.STATES
+    for i in range(state.STATES, n):
         for j in range(n):
-            P[i, j] = P[j, i] = 1.0 if i == j + STATES else 0.0
+            P[i, j] = P[j, i] = 1.0 if i == j + state.STATES else 0.0
         memory.error[i] = 0.0
 
 
 @njit(**INNER_KERNEL)
-def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
+def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
     Args:
@@ -144,18 +139,19 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
     reach = 0  # samples back, from the newest held; older ones have left the window
-    for back in range(1, min(memory.clock[RESTORED], held) + 1):
-        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[ring_row(memory, back)]:
+    for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
+        if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[state.ring_row(memory, back)]:
             break
         reach = back
     if reach == 0:
         return
     for back in range(1, reach + 1):
         i = (place[OLDEST] + held - back) % capacity
-        x, dp, dv = window.nominal[i], vec3(moved[back], POSITION), vec3(moved[back], VELOCITY)
-        put_vec3(axpy(vec3(x, POSITION), 1.0, dp), x, POSITION)
-        put_vec3(axpy(vec3(x, VELOCITY), 1.0, dv), x, VELOCITY)
-        put_quaternion(product(quaternion(moved[back], ATTITUDE), quaternion(x, ATTITUDE)), x, ATTITUDE)
+        x, dp, dv = window.nominal[i], vec3_at(moved[back], state.POSITION), vec3_at(moved[back], state.VELOCITY)
+        store_vec3_at(axpy(vec3_at(x, state.POSITION), 1.0, dp), x, state.POSITION)
+        store_vec3_at(axpy(vec3_at(x, state.VELOCITY), 1.0, dv), x, state.VELOCITY)
+        q = multiply(quaternion_at(moved[back], state.ATTITUDE), quaternion_at(x, state.ATTITUDE))
+        store_quaternion_at(normalized(q), x, state.ATTITUDE)
         shift_covariance(window.covariance[i], 0, dp, dv)
         if held - back >= summed:
             _apply_reset(window, i, moved, back, back + 1, reach)
@@ -164,9 +160,9 @@ def apply_restored(window: TransitionWindow, memory: FilterState) -> None:
         for k in range(summed):
             _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
     _apply_reset(window, capacity, moved, 1, last_summed, reach)
-    dp, dv = vec3(moved[1], POSITION), vec3(moved[1], VELOCITY)
-    _reset_symmetric(memory.covariance, STATES, dp, dv)
-    _reset_row(memory.error, STATES, dp, dv)
+    dp, dv = vec3_at(moved[1], state.POSITION), vec3_at(moved[1], state.VELOCITY)
+    _reset_symmetric(memory.covariance, state.STATES, dp, dv)
+    _reset_row(memory.error, state.STATES, dp, dv)
 
 
 @njit(**INNER_KERNEL)
@@ -184,9 +180,9 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         reach: Samples back that the window holds of the peak; older ones stay as they are.
     """
     if end <= reach:
-        shift_rows(window.transition[row], 0, vec3(moved[end], POSITION), vec3(moved[end], VELOCITY))
+        shift_rows(window.transition[row], 0, vec3_at(moved[end], state.POSITION), vec3_at(moved[end], state.VELOCITY))
     if begin <= reach:
-        dp, dv = vec3(moved[begin], POSITION), vec3(moved[begin], VELOCITY)
+        dp, dv = vec3_at(moved[begin], state.POSITION), vec3_at(moved[begin], state.VELOCITY)
         _reset_columns(window.transition[row], 0, dp, dv)
         _reset_symmetric(window.information[row], 0, dp, dv)
         _reset_row(window.evidence[row], 0, dp, dv)
@@ -196,9 +192,9 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
 def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T⁻ᵀ M T⁻¹ in place, M symmetric; T of `strapdown.shift_covariance`, at the rows and columns from `o` on."""
     _reset_columns(M, o, dp, dv)
-    transpose_rows(M, o + D_ATTITUDE, 3)
+    transpose_rows(M, o + state.D_ATTITUDE, 3)
     _reset_columns(M, o, dp, dv)
-    mirror(M, o + D_ATTITUDE, 3)
+    mirror(M, o + state.D_ATTITUDE, 3)
 
 
 @njit(**INNER_KERNEL)
@@ -211,20 +207,20 @@ def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 @njit(**INNER_KERNEL)
 def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
-    by_position = cross(vec3(row, o + D_POSITION), dp)
-    by_velocity = cross(vec3(row, o + D_VELOCITY), dv)
-    attitude = axpy(axpy(vec3(row, o + D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
-    put_vec3(attitude, row, o + D_ATTITUDE)
+    by_position = cross(vec3_at(row, o + state.D_POSITION), dp)
+    by_velocity = cross(vec3_at(row, o + state.D_VELOCITY), dv)
+    attitude = axpy(axpy(vec3_at(row, o + state.D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
+    store_vec3_at(attitude, row, o + state.D_ATTITUDE)
 
 
 @njit(**INNER_KERNEL)
-def append(window: TransitionWindow, memory: FilterState, phase: int, speed: float) -> None:
+def append(window: TransitionWindow, memory: state.FilterState, phase: int, speed: float) -> None:
     """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
     window.place[HELD] += 1
-    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[T_LAST], phase, speed
-    P, n = memory.covariance, STATES
+    window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[state.T_LAST], phase, speed
+    P, n = memory.covariance, state.STATES
     copy(memory.path, window.path)
     copy(memory.nominal, window.nominal[i])
     for k in range(n):
@@ -240,49 +236,19 @@ def append(window: TransitionWindow, memory: FilterState, phase: int, speed: flo
 def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
     """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16)."""
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
-    _add_by_transposed(A, window.evidence[later], window.evidence[earlier])
-    _multiply(window.information[later], A, JA)
-    _add_product_by_transposed(A, JA, window.information[earlier])
+    add_transposed_matvec(A, window.evidence[later], window.evidence[earlier])
+    multiply_into(window.information[later], A, JA)
+    add_transposed_product(A, JA, window.information[earlier])
     BA = window.scratch[0]
-    _multiply(B, A, BA)
+    multiply_into(B, A, BA)
     copy_matrix(BA, A)
-
-
-@njit(**INNER_KERNEL)
-def _multiply(A: Array, B: Array, out: Array) -> None:
-    """Writes A B into `out`; the compiler vectorises the sums, so that BLAS is no faster for matrices so small."""
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] = 0.0
-        for k in range(STATES):
-            a = A[i, k]
-            for j in range(STATES):
-                out[i, j] += a * B[k, j]
-
-
-@njit(**INNER_KERNEL)
-def _add_product_by_transposed(A: Array, B: Array, out: Array) -> None:
-    """Adds Aᵀ B to `out`."""
-    for k in range(STATES):
-        for i in range(STATES):
-            a = A[k, i]
-            for j in range(STATES):
-                out[i, j] += a * B[k, j]
-
-
-@njit(**INNER_KERNEL)
-def _add_by_transposed(A: Array, b: Array, out: Array) -> None:
-    """Adds Aᵀ b to `out`."""
-    for k in range(STATES):
-        for i in range(STATES):
-            out[i] += A[k, i] * b[k]
 
 
 @njit(**INNER_KERNEL)
 def _symmetrize(A: Array, out: Array) -> None:
     """Writes (A + Aᵀ)/2 into `out`."""
-    for i in range(STATES):
-        for j in range(STATES):
+    for i in range(state.STATES):
+        for j in range(state.STATES):
             out[i, j] = 0.5 * (A[i, j] + A[j, i])
 
 
@@ -299,10 +265,10 @@ def release_oldest(window: TransitionWindow) -> int:
         for k in range(place[HELD] - 2, -1, -1):
             _compose(window, (i + k) % capacity, (i + k + 1) % capacity)
         place[SUMMED] = place[HELD]
-        clear_block(window.transition[capacity], STATES)
-        clear_block(window.information[capacity], STATES)
+        clear_block(window.transition[capacity], state.STATES)
+        clear_block(window.information[capacity], state.STATES)
         clear(window.evidence[capacity])
-        for k in range(STATES):
+        for k in range(state.STATES):
             window.transition[capacity, k, k] = 1.0
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
@@ -312,23 +278,23 @@ def release_oldest(window: TransitionWindow) -> int:
     if place[SUMMED] > 0:
         oldest = place[OLDEST]
         A = window.transition[oldest]
-        _multiply(J, A, first)
+        multiply_into(J, A, first)
         copy_matrix(window.information[oldest], second)
-        _add_product_by_transposed(A, first, second)
+        add_transposed_product(A, first, second)
         copy(window.evidence[oldest], evidence_sum)
-        _add_by_transposed(A, evidence, evidence_sum)
+        add_transposed_matvec(A, evidence, evidence_sum)
         J, evidence = second, evidence_sum
     _symmetrize(J, first)
-    _multiply(P, first, second)
-    _multiply(second, P, first)
+    multiply_into(P, first, second)
+    multiply_into(second, P, first)
     _symmetrize(first, second)
-    for k in range(STATES):
+    for k in range(state.STATES):
         released.error[k] = 0.0
-        for m in range(STATES):
+        for m in range(state.STATES):
             released.covariance[k, m] = P[k, m] - second[k, m]
             released.error[k] += P[k, m] * evidence[m]
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
-    released.clock[T_LAST] = window.t_ns[i]
+    released.clock[state.T_LAST] = window.t_ns[i]
     inject(released)
     return i

@@ -9,22 +9,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stridetwin.estimators import foot_ins
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.foot_ins.clipping import is_clipped
 from stridetwin.estimators.foot_ins.kernel import MAX_GAP_S, is_possible, step, write_estimate
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    Mat3,
-    Vec3,
-    axpy,
-    cross,
-    put_matrix,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    transposed,
-    vec3,
-)
 from stridetwin.estimators.foot_ins.state import ATTITUDE, D_ATTITUDE, IGNORED, NAVIGATING, PHASE, T_LAST, VELOCITY
 from stridetwin.estimators.foot_ins.strapdown import mirror, transpose_rows
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
@@ -38,7 +25,20 @@ from stridetwin.estimators.foot_to_foot.relative_updates import (
 )
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
-from stridetwin.estimators.matrices import copy_matrix
+from stridetwin.streams.algebra.matrices import copy_matrix
+from stridetwin.streams.algebra.tuples import (
+    Mat3,
+    Vec3,
+    axpy,
+    cross,
+    matvec,
+    quaternion_at,
+    store_mat3_at,
+    to_matrix,
+    transposed,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _entry_kernel = entry_kernel(Path(__file__).parent, Path(foot_ins.__file__).parent, llvm_level=1)
@@ -59,9 +59,9 @@ def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
     Returns:
         Angular rate, rad/s; specific force, m/s².
     """
-    coriolis = cross(earth, vec3(nominal, VELOCITY))
-    to_sensor = transposed(rotation_matrix(quaternion(nominal, ATTITUDE)))
-    return axpy(rate, -1.0, rotate(to_sensor, earth)), axpy(force, -2.0, rotate(to_sensor, coriolis))
+    coriolis = cross(earth, vec3_at(nominal, VELOCITY))
+    to_sensor = transposed(to_matrix(quaternion_at(nominal, ATTITUDE)))
+    return axpy(rate, -1.0, matvec(to_sensor, earth)), axpy(force, -2.0, matvec(to_sensor, coriolis))
 
 
 @njit(**INNER_KERNEL)
@@ -77,7 +77,7 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
     if memory.clock[PHASE] != NAVIGATING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
         return
-    R = rotation_matrix(quaternion(memory.nominal, ATTITUDE))
+    R = to_matrix(quaternion_at(memory.nominal, ATTITUDE))
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
     transpose_rows(pair.covariance, a, 3)
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
@@ -88,7 +88,7 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
 def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
     """Subtracts R diag(ω) dt times the scale rows from `s` on from the attitude rows from `a` on, in place."""
     for j in range(M.shape[1]):
-        turned = rotate(R, (rate[0] * M[s, j], rate[1] * M[s + 1, j], rate[2] * M[s + 2, j]))
+        turned = matvec(R, (rate[0] * M[s, j], rate[1] * M[s + 1, j], rate[2] * M[s + 2, j]))
         for i in range(3):
             M[a + i, j] -= turned[i] * dt
 
@@ -117,14 +117,14 @@ def run(
         state: (N, 22) written: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) written: of that foot's position (m) and attitude (rad), world axes.
     """
-    last, earth = -1, vec3(pair.earth, 0)
+    last, earth = -1, vec3_at(pair.earth, 0)
     for k in range(len(events.t_ns)):
         kind, t_ns, f, row = events.kind[k], events.t_ns[k], int(events.foot[k]), events.row[k]
         if kind == IMU:
             memory = pair.feet[f]
-            rate, scales = vec3(events.rate[row], 0), vec3(pair.scales[f], 0)
+            rate, scales = vec3_at(events.rate[row], 0), vec3_at(pair.scales[f], 0)
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
-            rate, force = to_inertial_world(memory.nominal, earth, rate, vec3(events.force[row], 0))
+            rate, force = to_inertial_world(memory.nominal, earth, rate, vec3_at(events.force[row], 0))
             if is_possible(rate, force):
                 apply_gyro_scale(pair, f, rate, t_ns)
             if parameters.is_published:
@@ -141,7 +141,7 @@ def run(
                 m, points, rays, sd = events.numbers[row], events.points[row], events.rays[row], events.ray_sd[row]
                 figure[k] = board_update(pair, feet[f], parameters, f, t_ns, m, points, rays, sd)
             elif kind == RELATIVE:
-                relative, sd = vec3(events.relative[row], 0), events.relative_sd[row]
+                relative, sd = vec3_at(events.relative[row], 0), events.relative_sd[row]
                 figure[k] = relative_position_update(pair, feet[f], parameters, f, t_ns, relative, sd)
             else:
                 figure[k] = sonar_update(pair, feet[f], parameters, f, t_ns, events.distance[row])
@@ -204,7 +204,7 @@ def _predict_pose(
     a = rewind(pair.feet[camera], gravity, t_ns, delay_s)
     b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s)
     p, R = board_in_camera(pair, camera, a, b)
-    put_matrix(R, T, 0, 0)
+    store_mat3_at(R, T, 0, 0)
     for i in range(3):
         T[i, 3] = p[i]
     return a.known and b.known

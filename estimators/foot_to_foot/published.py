@@ -11,11 +11,9 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import clear, correct
 from stridetwin.estimators.foot_ins.kernel import add_sample
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import Vec3, axpy, dot, rotate
 from stridetwin.estimators.foot_ins.stance import ACCEL_SCALE_MPS2, GYRO_SCALE_RADPS, inject
 from stridetwin.estimators.foot_ins.state import (
     D_POSITION,
@@ -32,6 +30,8 @@ from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.relative_updates import UNUSED
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import Pair, inject_all
+from stridetwin.streams.algebra.tuples import Vec3, axpy, dot, matvec
+from stridetwin.streams.compiled import INNER_KERNEL
 
 
 @njit(**INNER_KERNEL)
@@ -128,7 +128,7 @@ def relative_position_update(
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
-    z = axpy(rotate(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))
+    z = axpy(matvec(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))
     variance = sd**2 + parameters.relative_position_sd_m**2
     for i in range(3):
         clear(pair.work, 1)

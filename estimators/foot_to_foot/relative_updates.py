@@ -6,7 +6,6 @@ import math
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import (
     Workspace,
     apply_gated_update,
@@ -17,25 +16,7 @@ from stridetwin.estimators.foot_ins.kalman import (
     spread_measurements,
 )
 from stridetwin.estimators.foot_ins.parameters import KernelParameters
-from stridetwin.estimators.foot_ins.quaternions import (
-    Mat3,
-    Vec3,
-    axpy,
-    cross,
-    dot,
-    matrix_product,
-    put_matrix,
-    put_vec3,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    rows_cross,
-    scale_matrix,
-    transposed,
-    vec3,
-)
-from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, STATES
+from stridetwin.estimators.foot_ins.state import D_ATTITUDE, D_GYRO_BIAS, D_POSITION, D_VELOCITY, SERIES_RAD, STATES
 from stridetwin.estimators.foot_to_foot.parameters import PairParameters
 from stridetwin.estimators.foot_to_foot.rewind import PastState, rewind
 from stridetwin.estimators.foot_to_foot.state import (
@@ -50,8 +31,27 @@ from stridetwin.estimators.foot_to_foot.state import (
     Pair,
     inject_all,
 )
-from stridetwin.estimators.matrices import clear as zero
-from stridetwin.estimators.matrices import clear_block
+from stridetwin.streams.algebra.matrices import clear as zero
+from stridetwin.streams.algebra.matrices import clear_block
+from stridetwin.streams.algebra.tuples import (
+    Mat3,
+    Vec3,
+    axpy,
+    cross,
+    dot,
+    exp,
+    matmul,
+    matvec,
+    quaternion_at,
+    rows_cross,
+    scale_matrix,
+    store_mat3_at,
+    store_vec3_at,
+    to_matrix,
+    transposed,
+    vec3_at,
+)
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 UNUSED = -1.0  # the normalised innovation of an unused measurement
@@ -196,8 +196,8 @@ def reduce_measurement(
     T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
     zero(u)  # estimated minus predicted pose
     for turn in range(_MAX_LINEARIZATIONS):
-        R_now = matrix_product(rotation_matrix(quat_exp(u[3], u[4], u[5])), R)
-        if not _triangulate(board, axpy(p, 1.0, vec3(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
+        R_now = matmul(to_matrix(exp(vec3_at(u, 3), SERIES_RAD)), R)
+        if not _triangulate(board, axpy(p, 1.0, vec3_at(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
             return turn > 0, alone
         alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
         for i in range(6):
@@ -249,30 +249,30 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     """
     board, G = 1 - camera, pair.work.jacobian
     mount_a, mount_b = pair.mounts[CAMERA + camera], pair.mounts[BOARD + board]
-    R_c, R_m = rotation_matrix(quaternion(mount_a, 3)), rotation_matrix(quaternion(mount_b, 3))
-    arm = rotate(b.R, vec3(mount_b, 0))
+    R_c, R_m = to_matrix(quaternion_at(mount_a, 3)), to_matrix(quaternion_at(mount_b, 3))
+    arm = matvec(b.R, vec3_at(mount_b, 0))
     d = axpy(axpy(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
-    from_camera = axpy(rotate(transposed(a.R), d), -1.0, vec3(mount_a, 0))  # from a's camera to the board, a's IMU
-    to_camera = transposed(matrix_product(a.R, R_c))  # camera <- world
+    from_camera = axpy(matvec(transposed(a.R), d), -1.0, vec3_at(mount_a, 0))  # from a's camera to the board, a's IMU
+    to_camera = transposed(matmul(a.R, R_c))  # camera <- world
     out = transposed(R_c)  # camera <- a's IMU
-    R_camera_b = matrix_product(to_camera, b.R)  # camera <- b's IMU
+    R_camera_b = matmul(to_camera, b.R)  # camera <- b's IMU
 
     clear(pair.work, 6)
     by_a, by_b = rows_cross(to_camera, d), scale_matrix(-1.0, rows_cross(to_camera, arm))
     _put_pose_columns(G, STATES * camera, scale_matrix(-1.0, to_camera), by_a, a)
     _put_pose_columns(G, STATES * board, to_camera, by_b, b)
-    rates = axpy(rotate(by_a, a.rate), 1.0, rotate(by_b, b.rate))
-    p_rate = axpy(rotate(to_camera, axpy(b.v, -1.0, a.v)), 1.0, rates)
-    R_rate = rotate(to_camera, axpy(b.rate, -1.0, a.rate))
+    rates = axpy(matvec(by_a, a.rate), 1.0, matvec(by_b, b.rate))
+    p_rate = axpy(matvec(to_camera, axpy(b.v, -1.0, a.v)), 1.0, rates)
+    R_rate = matvec(to_camera, axpy(b.rate, -1.0, a.rate))
     for i in range(3):
         G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
     c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
-    put_matrix(scale_matrix(-1.0, out), G, 0, c)
-    put_matrix(rows_cross(out, from_camera), G, 0, c + 3)
-    put_matrix(scale_matrix(-1.0, out), G, 3, c + 3)
-    put_matrix(R_camera_b, G, 0, m)
-    put_matrix(R_camera_b, G, 3, m + 3)
-    return rotate(out, from_camera), matrix_product(R_camera_b, R_m)
+    store_mat3_at(scale_matrix(-1.0, out), G, 0, c)
+    store_mat3_at(rows_cross(out, from_camera), G, 0, c + 3)
+    store_mat3_at(scale_matrix(-1.0, out), G, 3, c + 3)
+    store_mat3_at(R_camera_b, G, 0, m)
+    store_mat3_at(R_camera_b, G, 3, m + 3)
+    return matvec(out, from_camera), matmul(R_camera_b, R_m)
 
 
 @njit(**INNER_KERNEL)
@@ -289,13 +289,13 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
         past: Past state of the foot.
     """
     by_displacement = rows_cross(to_camera, past.displacement)
-    put_matrix(to_camera, G, 0, o + D_POSITION)
-    put_matrix(scale_matrix(-past.age, to_camera), G, 0, o + D_VELOCITY)
+    store_mat3_at(to_camera, G, 0, o + D_POSITION)
+    store_mat3_at(scale_matrix(-past.age, to_camera), G, 0, o + D_VELOCITY)
     for i in range(3):
-        put_vec3(axpy(by_attitude[i], -1.0, by_displacement[i]), G[i], o + D_ATTITUDE)
-    put_matrix(scale_matrix(past.age, matrix_product(by_attitude, past.R)), G, 0, o + D_GYRO_BIAS)
-    put_matrix(to_camera, G, 3, o + D_ATTITUDE)
-    put_matrix(scale_matrix(past.age, matrix_product(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
+        store_vec3_at(axpy(by_attitude[i], -1.0, by_displacement[i]), G[i], o + D_ATTITUDE)
+    store_mat3_at(scale_matrix(past.age, matmul(by_attitude, past.R)), G, 0, o + D_GYRO_BIAS)
+    store_mat3_at(to_camera, G, 3, o + D_ATTITUDE)
+    store_mat3_at(scale_matrix(past.age, matmul(to_camera, past.R)), G, 3, o + D_GYRO_BIAS)
 
 
 @njit(**INNER_KERNEL)
@@ -321,7 +321,7 @@ def _triangulate(
     row = board.row
     clear_block(board.triangle, 7)
     for i in range(m):
-        arm = rotate(R, vec3(points_in_board[i], 0))
+        arm = matvec(R, vec3_at(points_in_board[i], 0))
         x, y, depth = axpy(p, 1.0, arm)
         if not depth > _MIN_BOARD_DEPTH_M:
             return False
@@ -329,8 +329,8 @@ def _triangulate(
         scale = 1.0 / (depth * sd)
         for k in range(2):
             by_point = (scale, 0.0, -x * scale) if k == 0 else (0.0, scale, -y * scale)
-            put_vec3(by_point, row, 0)
-            put_vec3(cross(arm, by_point), row, 3)
+            store_vec3_at(by_point, row, 0)
+            store_vec3_at(cross(arm, by_point), row, 3)
             row[6] = (rays[i, k] - (x if k == 0 else y)) / sd
             _add_row(board.triangle, row)
     return True
@@ -377,7 +377,7 @@ def sonar_update(
     other, work = 1 - sonar, pair.work
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
-    arm_a, arm_b = rotate(a.R, vec3(pair.sonars[sonar], 0)), rotate(b.R, vec3(pair.sonars[other], 0))
+    arm_a, arm_b = matvec(a.R, vec3_at(pair.sonars[sonar], 0)), matvec(b.R, vec3_at(pair.sonars[other], 0))
     d = axpy(axpy(b.p, 1.0, arm_b), -1.0, axpy(a.p, 1.0, arm_a))
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
@@ -387,11 +387,11 @@ def sonar_update(
     clear(work, 1)
     h = work.jacobian[0]
     of_a, of_b = STATES * sonar, STATES * other
-    put_vec3(axpy(none, -1.0, to), h, of_a + D_POSITION)
-    put_vec3(to, h, of_b + D_POSITION)
+    store_vec3_at(axpy(none, -1.0, to), h, of_a + D_POSITION)
+    store_vec3_at(to, h, of_b + D_POSITION)
     if not parameters.is_published:
-        put_vec3(cross(to, arm_a), h, of_a + D_ATTITUDE)
-        put_vec3(cross(arm_b, to), h, of_b + D_ATTITUDE)
+        store_vec3_at(cross(to, arm_a), h, of_a + D_ATTITUDE)
+        store_vec3_at(cross(arm_b, to), h, of_b + D_ATTITUDE)
     work.innovation[0] = (distance - size) / parameters.range_sd_m
     spread_measurements(pair.covariance, work, 0, 1)
     length = innovation_norm(work, 1, 1.0)

@@ -6,34 +6,22 @@ from typing import NamedTuple
 
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL
-from stridetwin.estimators.foot_ins.quaternions import (
+from stridetwin.estimators.foot_ins import state
+from stridetwin.estimators.foot_ins.strapdown import force_at_middle
+from stridetwin.streams.algebra.tuples import (
     Mat3,
     Vec3,
     axpy,
-    product,
-    quat_exp,
-    quaternion,
-    rotate,
-    rotation_matrix,
-    vec3,
+    exp,
+    matvec,
+    multiply,
+    normalized,
+    quaternion_at,
+    times,
+    to_matrix,
+    vec3_at,
 )
-from stridetwin.estimators.foot_ins.state import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    FILL,
-    GYRO_BIAS,
-    NAVIGATING,
-    PHASE,
-    POSITION,
-    T_LAST,
-    VELOCITY,
-    FilterState,
-    force_of,
-    rate_of,
-    ring_row,
-)
-from stridetwin.estimators.foot_ins.strapdown import force_at_middle
+from stridetwin.streams.compiled import INNER_KERNEL
 
 _MAX_LEAD_S = 0.05  # longest extrapolation of the newest IMU sample, for a camera whose clock is late
 
@@ -61,7 +49,7 @@ class PastState(NamedTuple):
 
 
 @njit(**INNER_KERNEL)
-def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
+def rewind(memory: state.FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at a past time, from the newest state back through the samples since.
 
     It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
@@ -74,15 +62,15 @@ def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> 
         max_age_s: Largest time before the newest sample, s; an older state is not known.
     """
     clock, x = memory.clock, memory.nominal
-    p, v, q = vec3(x, POSITION), vec3(x, VELOCITY), quaternion(x, ATTITUDE)
-    gyro_bias, accel_bias = vec3(x, GYRO_BIAS), vec3(x, ACCEL_BIAS)
-    age = (clock[T_LAST] - t_ns) * 1e-9
-    known = clock[PHASE] == NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
-    w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)
+    p, v, q = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY), quaternion_at(x, state.ATTITUDE)
+    gyro_bias, accel_bias = vec3_at(x, state.GYRO_BIAS), vec3_at(x, state.ACCEL_BIAS)
+    age = (clock[state.T_LAST] - t_ns) * 1e-9
+    known = clock[state.PHASE] == state.NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
+    w = axpy(state.rate_of(memory, state.ring_row(memory, 0)), -1.0, gyro_bias)
     back, left = 0, known
     while left:
-        i, before = ring_row(memory, back), ring_row(memory, back + 1)
-        if age > 0.0 and back + 1 >= clock[FILL]:
+        i, before = state.ring_row(memory, back), state.ring_row(memory, back + 1)
+        if age > 0.0 and back + 1 >= clock[state.FILL]:
             known = False
             break
         if age > 0.0:
@@ -90,17 +78,17 @@ def rewind(memory: FilterState, gravity: float, t_ns: int, max_age_s: float) -> 
             dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
         else:
             left, dt = False, age
-        w = axpy(rate_of(memory, i), -1.0, gyro_bias)
-        half = quat_exp(-0.5 * dt * w[0], -0.5 * dt * w[1], -0.5 * dt * w[2])
-        middle = product(q, half)
-        force = axpy(force_of(memory, i), -1.0, accel_bias)
-        a = rotate(rotation_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
+        w = axpy(state.rate_of(memory, i), -1.0, gyro_bias)
+        half = exp(times(-0.5 * dt, w), state.SERIES_RAD)
+        middle = normalized(multiply(q, half))
+        force = axpy(state.force_of(memory, i), -1.0, accel_bias)
+        a = matvec(to_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
         a = a[0], a[1], a[2] - gravity
         v = axpy(v, -dt, a)
         p = axpy(p, -dt, axpy(v, 0.5 * dt, a))
-        q = product(middle, half)
+        q = normalized(multiply(middle, half))
         back += 1
-    moved = axpy(axpy(p, -1.0, vec3(x, POSITION)), age, vec3(x, VELOCITY))
+    moved = axpy(axpy(p, -1.0, vec3_at(x, state.POSITION)), age, vec3_at(x, state.VELOCITY))
     displacement = moved[0], moved[1], moved[2] + 0.5 * gravity * age * age
-    R = rotation_matrix(q)
-    return PastState(known, p, R, v, rotate(R, w), age, displacement)
+    R = to_matrix(q)
+    return PastState(known, p, R, v, matvec(R, w), age, displacement)

@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL
 from stridetwin.estimators.foot_ins.kalman import MEASUREMENTS, Workspace, workspace
-from stridetwin.estimators.foot_ins.quaternions import product, put_quaternion, quat_exp, quaternion
 from stridetwin.estimators.foot_ins.stance import inject
-from stridetwin.estimators.foot_ins.state import STATES, FilterState, initial_state
-from stridetwin.estimators.matrices import clear
+from stridetwin.estimators.foot_ins.state import SERIES_RAD, STATES, FilterState, initial_state
+from stridetwin.streams.algebra.matrices import clear
+from stridetwin.streams.algebra.tuples import exp, multiply, normalized, quaternion_at, store_quaternion_at, vec3_at
+from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 FEET = ("l", "r")
@@ -141,8 +141,8 @@ def inject_all(pair: Pair) -> None:
         mount, o = pair.mounts[i], MOUNTS + 6 * i
         for k in range(3):
             mount[k] += error[o + k]
-        rotation = quat_exp(error[o + 3], error[o + 4], error[o + 5])
-        put_quaternion(product(rotation, quaternion(mount, 3)), mount, 3)
+        rotation = exp(vec3_at(error, o + 3), SERIES_RAD)
+        store_quaternion_at(normalized(multiply(rotation, quaternion_at(mount, 3))), mount, 3)
     for foot in range(2):
         pair.late[foot] += error[CLOCKS + foot]
         for k in range(3):

@@ -19,11 +19,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
-from stridetwin.estimators.matrices import mul
+from stridetwin.streams.algebra.matrices import multiply
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent
@@ -368,7 +368,7 @@ def _sum_chains(
                         # probability of the step from segment a to segment b
                         flow[k, a, b] += even[a, b] * reach_near[k, h, a, q] * ends[0, b, q]
                         flow[k, a, b] += over[a, b] * reach_far[k, h, a, q] * ends[1, b, q]
-            onto_even, onto_over = mul(even, ends[0]), mul(over, ends[1])
+            onto_even, onto_over = multiply(even, ends[0]), multiply(over, ends[1])
             for a in range(P):
                 for p in range(S):
                     crossed = alpha[k, h, 1, a, p]

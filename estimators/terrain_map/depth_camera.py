@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
 from stridetwin.streams.samples import Array, Odometry, copy_sample

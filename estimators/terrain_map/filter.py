@@ -216,6 +216,6 @@ def _volume(
 
 
 def _rotation_z(angle: float) -> Array:
-    """(3, 3) rotation by an angle, rad, about z."""
+    """(3, 3) rotation by an angle, rad, about z; `arrays.rot_z` is for stacks, and its cosine may round otherwise."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import SUMS, add_point, fit_plane, plane_misfit
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

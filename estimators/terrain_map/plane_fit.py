@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
-from stridetwin.estimators.matrices import matvec
+from stridetwin.streams.algebra.arrays import matvec
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

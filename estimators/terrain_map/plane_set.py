@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.estimate import Plane
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_extraction import min_columns
@@ -22,6 +21,7 @@ from stridetwin.estimators.terrain_map.plane_fit import (
     squared_distance,
 )
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.bends import Stretch, straight_stretches
 from stridetwin.estimators.terrain_map.estimate import Change, Plane, Profile, Stairs, TerrainEstimate
 from stridetwin.estimators.terrain_map.order_statistics import median, sort
@@ -20,6 +19,7 @@ from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, height_toward
 from stridetwin.estimators.terrain_map.plane_set import COLUMNS, PlaneSet, Surface
 from stridetwin.estimators.terrain_map.terrains import KERB_M, is_flat
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

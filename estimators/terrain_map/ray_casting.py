@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import entry_kernel
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, Blocks, slot_of
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.estimators.terrain_map.voxel_blocks import EDGE, SHAPE, VOXELS, Blocks, add_block, slot_of
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
 _HERE = Path(__file__).parent

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stridetwin.estimators.compiled import INNER_KERNEL, entry_kernel
+from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 
 _HERE = Path(__file__).parent
 

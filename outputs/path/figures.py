@@ -112,7 +112,7 @@ def nees_over_time(results: Sequence[Result]) -> Markup:
         height=260,
         hover="x",
     )
-    colors = _colors(results)
+    colors = estimate_colors(results)
     for result, nees in zip(consistent, values):
         t = result.comparison.truth.t_ns * 1e-9
         plot.line(t, nees, colors[result.estimate.name], label=label_of(result.estimate))

@@ -20,12 +20,11 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.dynamics.footstep_replanning import PlannedFeet
 from stridetwin.sim.dynamics.soles import PER_FOOT
 from stridetwin.sim.dynamics.spatial import State, bias_acceleration, velocity
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import minus, vec3
+from stridetwin.streams.algebra.tuples import minus, vec3
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 _FLOOR_M = 0.015  # a contact farther than this from its plan is an edge, not the floor
 _UPRIGHT = 0.9  # cosine between a floor's normal and that of the planned footprint, at least

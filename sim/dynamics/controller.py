@@ -18,14 +18,13 @@ from stridetwin.sim.dynamics.plan import Plan
 from stridetwin.sim.dynamics.soles import TOE_DAMPING, TOE_STIFFNESS, sole_points
 from stridetwin.sim.dynamics.spatial import State, axes_of, bias_acceleration, chain_of, jacobian, velocity
 from stridetwin.sim.dynamics.whole_body_problem import ContactPoints, Tasks, eliminate, solve_control_step
-from stridetwin.sim.kinematics import quaternions
 from stridetwin.sim.kinematics.coordinates import Coordinates
-from stridetwin.sim.kinematics.quaternions import Vec3, cross, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.algebra.tuples import Vec3, cross, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 
 class FootGains(NamedTuple):

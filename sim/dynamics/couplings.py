@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.sim.dynamics.spatial import State, axes_of, chain_of
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import cross, mat3, matmul, matvec, minus, plus, times, transposed, vec3
 from stridetwin.sim.wearer.exo_couplings import Coupling
+from stridetwin.streams.algebra.tuples import cross, mat3, matmul, matvec, minus, plus, times, transposed, vec3
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 
 class CouplingSet(NamedTuple):

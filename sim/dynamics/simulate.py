@@ -23,13 +23,12 @@ from stridetwin.sim.dynamics.simulated_walk import FootRecord, SimulatedWalk
 from stridetwin.sim.dynamics.soles import PER_FOOT, TOE_DAMPING
 from stridetwin.sim.dynamics.spatial import State, chain_of
 from stridetwin.sim.gait.reference import Reference
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import cross, minus, plus, store_vec3, times, vec3
 from stridetwin.sim.wearer.exo_couplings import exo_couplings
+from stridetwin.streams.algebra.tuples import cross, minus, plus, store_vec3, times, vec3
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(Path(__file__).parent, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
 STEP_S = DRIVER_S
 _SETTLE_S = 0.2  # on its soles, before the walk begins

@@ -13,8 +13,8 @@ from stridetwin.sim.config import SIDES
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.reference import Reference, WalkMotion
 from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
+from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import from_euler
 
 _LOADED_N = 20.0
 _EARLY_OR_LATE_S = 0.12  # a touch-down is searched this close to the planned one

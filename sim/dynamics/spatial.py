@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.kinematics.quaternions import Mat3, Vec3, cross, minus, plus, times, vec3
+from stridetwin.streams.algebra.tuples import Mat3, Vec3, cross, minus, plus, times, vec3
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 

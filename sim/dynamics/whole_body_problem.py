@@ -12,13 +12,18 @@ problem; the elimination to six rows is ours).
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.algebra.matrices import (
+    factorise_in_place,
+    solve_positive,
+    substitute_backward,
+    substitute_forward,
+)
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
@@ -56,47 +61,6 @@ class ContactPoints(NamedTuple):
     weight: Array
     change_weight: float
     last: Array
-
-
-@numba.njit(**INNER_KERNEL)
-def cholesky(H: Array) -> None:
-    """Overwrites the lower triangle of H (n, n), symmetric and positive definite, by L with L Lᵀ = H."""
-    for i in range(len(H)):
-        for j in range(i + 1):
-            s = H[i, j]
-            for k in range(j):
-                s -= H[i, k] * H[j, k]
-            H[i, j] = math.sqrt(s) if i == j else s / H[j, j]
-
-
-@numba.njit(**INNER_KERNEL)
-def forward_substitute(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
-    for i in range(len(L)):
-        for j in range(i):
-            for c in range(X.shape[1]):
-                X[i, c] -= L[i, j] * X[j, c]
-        for c in range(X.shape[1]):
-            X[i, c] /= L[i, i]
-
-
-@numba.njit(**INNER_KERNEL)
-def solve_positive(H: Array, X: Array) -> None:
-    """Overwrites X (n, m) by H⁻¹ X, H (n, n) symmetric and positive definite, and H by its Cholesky factor."""
-    cholesky(H)
-    forward_substitute(H, X)
-    backward_substitute(H, X)
-
-
-@numba.njit(**INNER_KERNEL)
-def backward_substitute(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻ᵀ X."""
-    for i in range(len(L) - 1, -1, -1):
-        for j in range(i + 1, len(L)):
-            for c in range(X.shape[1]):
-                X[i, c] -= L[j, i] * X[j, c]
-        for c in range(X.shape[1]):
-            X[i, c] /= L[i, i]
 
 
 @numba.njit(**INNER_KERNEL)
@@ -172,8 +136,8 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     A, c = M[driven][:, driven], h[driven]
     E, X = M[free][:, free], np.empty((b, a + 1))
     X[:, :a], X[:, a] = M[free][:, driven], h[free]
-    cholesky(E)
-    forward_substitute(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
+    factorise_in_place(E)
+    substitute_forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
     for k in range(b):
         for i in range(a):
             for j in range(a):
@@ -234,7 +198,7 @@ def solve_control_step(
             root_deficit[i] += M[i, m] * solution[m, 6]
             for j in range(6):
                 S[i, j] += M[i, m] * solution[m, j]
-    cholesky(S)
+    factorise_in_place(S)
     force, joint_force = _solve_contact_forces(S, root_deficit, points), np.zeros(n)
     for i in range(3 * k):
         along = 0.0
@@ -247,8 +211,8 @@ def solve_control_step(
     multiplier = np.empty((6, 1))
     for i in range(6):
         multiplier[i, 0] = joint_force[i] - root_deficit[i]
-    forward_substitute(S, multiplier)
-    backward_substitute(S, multiplier)
+    substitute_forward(S, multiplier)
+    substitute_backward(S, multiplier)
     qacc, torque, residual = solution[:, 6].copy(), h - joint_force, np.empty(6)
     for j in range(6):
         qacc += solution[:, j] * multiplier[j, 0]
@@ -289,6 +253,6 @@ def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) 
             for axis in range(3):
                 X[m, j] += points.rows[3 * i + axis, m] * points.edges[i, e, axis]
     X[:, 4 * k] = root_deficit
-    forward_substitute(L, X)
+    substitute_forward(L, X)
     f, _ = contact_forces(X[:, : 4 * k].copy(), X[:, 4 * k].copy(), r, p)
     return f.reshape(k, 4)

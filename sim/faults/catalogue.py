@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
+from stridetwin.sim.faults import sample_faults
 from stridetwin.sim.faults.faults import Fault, LooseStrap
 from stridetwin.sim.faults.image_faults import DepthNoise, HighView, LensDirt, MirrorFloor, Occlusion, PasserBy
-from stridetwin.sim.faults.sample_faults import (
-    ClockJump,
-    DeadCell,
-    Dropout,
-    Exchange,
-    Freeze,
-    Late,
-    Miscalibration,
-    Nan,
-    Offset,
-    OutOfOrder,
-    Repeat,
-    Restart,
-    Saturation,
-)
 
 FAULTS: dict[str, type[Fault]] = {
     kind.kind: kind
     for kind in (
-        Dropout,
-        Freeze,
-        Repeat,
-        Nan,
-        Late,
-        OutOfOrder,
-        ClockJump,
-        Exchange,
-        Saturation,
-        Offset,
-        DeadCell,
-        Restart,
+        sample_faults.Dropout,
+        sample_faults.Freeze,
+        sample_faults.Repeat,
+        sample_faults.Nan,
+        sample_faults.Late,
+        sample_faults.OutOfOrder,
+        sample_faults.ClockJump,
+        sample_faults.Exchange,
+        sample_faults.Saturation,
+        sample_faults.Offset,
+        sample_faults.DeadCell,
+        sample_faults.Restart,
         Occlusion,
         LensDirt,
         PasserBy,
@@ -42,6 +28,6 @@ FAULTS: dict[str, type[Fault]] = {
         HighView,
         MirrorFloor,
         LooseStrap,
-        Miscalibration,
+        sample_faults.Miscalibration,
     )
 }

@@ -9,9 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import (
-    Mat3,
+from stridetwin.streams.algebra.tuples import (
     Vec3,
     cross,
     dot,
@@ -20,6 +18,8 @@ from stridetwin.sim.kinematics.quaternions import (
     matvec,
     minus,
     plus,
+    rotation_about,
+    store_mat3,
     store_vec3,
     store_vec3_at,
     times,
@@ -30,7 +30,7 @@ from stridetwin.sim.kinematics.quaternions import (
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(__file__, llvm_level=1)
 
 _FAR = 40.0  # widths from a stop, where its torque is below rounding
 # Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
@@ -273,9 +273,8 @@ def _compute_strain(
         axis_in_body = vec3(leg.axes[j])
         store_vec3(at, pivots[j])
         store_vec3(matvec(M, axis_in_body), axes[j])
-        M = matmul(M, _axis_rotation(axis_in_body, q[j]))
-        for k in range(3):
-            store_vec3(M[k], rotations[j, k])
+        M = matmul(M, rotation_about(axis_in_body, q[j]))
+        store_mat3(M, rotations[j])
     for c in range(len(leg.last)):
         last = leg.last[c]
         to_body, M = transposed(mat3(rotations[last])), mat3(R[c])
@@ -295,19 +294,6 @@ def _compute_strain(
             for k in range(3):
                 jacobian[6 * c + k, j] = moves[k]
                 jacobian[6 * c + 3 + k, j] = twists[k]
-
-
-@numba.njit(**INNER_KERNEL)
-def _axis_rotation(axis: Vec3, angle: float) -> Mat3:
-    """Rotation about a unit axis (Rodrigues' formula)."""
-    x, y, z = axis
-    cos, sin = math.cos(angle), math.sin(angle)
-    versine = 1.0 - cos
-    return (
-        (cos + versine * x * x, versine * x * y - sin * z, versine * x * z + sin * y),
-        (versine * x * y + sin * z, cos + versine * y * y, versine * y * z - sin * x),
-        (versine * x * z - sin * y, versine * y * z + sin * x, cos + versine * z * z),
-    )
 
 
 @numba.njit(**INNER_KERNEL)
@@ -338,7 +324,11 @@ def _column(jacobian: Array, first: int, j: int) -> Vec3:
 
 @numba.njit(**INNER_KERNEL)
 def _solve(A: Array, b: Array) -> None:
-    """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten."""
+    """Solves A x = b (A symmetric positive definite) by Cholesky's method in place; b becomes x, A is overwritten.
+
+    It multiplies by the reciprocals of the diagonal where `matrices.solve_positive` divides: faster in the innermost
+    loop of this file, with other last digits.
+    """
     dofs = len(b)
     for j in range(dofs):
         for k in range(j):

@@ -24,8 +24,8 @@ from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.gait.style import Style, leg_length
 from stridetwin.sim.kinematics.smooth import bump, ease, quintic, soft_ease
 from stridetwin.sim.wearer.dimensions import Shoe, Wearer
+from stridetwin.streams.algebra.arrays import rot_y, slerp
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import rot_y, slerp
 
 _REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there
 _AT_REST: Any = [(1, 0.0), (2, 0.0)]  # SciPy's stubs do not allow pairs

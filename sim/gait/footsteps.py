@@ -26,9 +26,9 @@ from stridetwin.sim.gait.foot_placement import (
 from stridetwin.sim.gait.style import Style, apply_shuffle, level_style, pace, prolong, style_at
 from stridetwin.sim.kinematics.smooth import smooth_gaussian
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.algebra.arrays import rot_x, rot_y, rot_z
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import rot_x, rot_y, rot_z
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.way import Way
 

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from stridetwin.sim.gait.footsteps import Footstep
 from stridetwin.sim.kinematics import smooth
 from stridetwin.sim.kinematics.track import Track
+from stridetwin.streams.algebra.arrays import cross
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import cross
 
 _entry_kernel = entry_kernel(__file__, smooth.__file__)
 ease, ease_rate = numba.njit(**INNER_KERNEL)(smooth.ease), numba.njit(**INNER_KERNEL)(smooth.ease_rate)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.sim.wearer.dimensions import Wearer
+from stridetwin.streams.algebra.arrays import rot_x, rot_y
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import rot_x, rot_y
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

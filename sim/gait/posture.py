@@ -15,8 +15,8 @@ from stridetwin.sim.config import Gaze
 from stridetwin.sim.gait.foot_path import FootPath
 from stridetwin.sim.gait.footsteps import Rhythm
 from stridetwin.sim.kinematics.smooth import ease, smooth_gaussian
+from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import from_euler
 from stridetwin.streams.terrain_truth import Strip, profile_height
 
 # Rotations of head and chest with the gaze; chosen by hand where no source is named.

@@ -39,9 +39,9 @@ from stridetwin.sim.wearer.body import LEG_JOINTS
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.sim.wearer.exo_couplings import leg_frame
 from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.algebra.arrays import from_euler, rot_x, rot_y, rot_z
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import from_euler, rot_x, rot_y, rot_z
 
 
 def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:

@@ -11,13 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat, multiply
+from stridetwin.streams.algebra.arrays import euler_accelerations_to_body, from_quaternion
+from stridetwin.streams.algebra.tuples import multiply
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import euler_accelerations_to_body
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +55,7 @@ class Coordinates:
 
     def from_mujoco(self, q: Array) -> Array:
         """Coordinates (N, names) of consecutive qpos (N, nq) in MuJoCo's layout; the yaw is unwrapped over the rows."""
-        R = matrix_from_quat(q[:, 3:7])
+        R = from_quaternion(q[:, 3:7])
         x = np.empty((len(q), len(self.names)))
         x[:, :3] = q[:, :3]
         x[:, 3] = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))

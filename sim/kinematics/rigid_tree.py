@@ -17,19 +17,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import (
+from stridetwin.streams.algebra.tuples import (
     Vec3,
     cross,
     dot,
     mat3,
-    matrix,
     matvec,
     minus,
     multiply,
     plus,
     store_vec3,
     times,
+    to_matrix,
     transposed,
     vec3,
     vec3_at,
@@ -37,7 +36,7 @@ from stridetwin.sim.kinematics.quaternions import (
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__, llvm_level=1)
+_entry_kernel = entry_kernel(__file__, llvm_level=1)
 
 Indices = NDArray[np.int64]
 
@@ -347,7 +346,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
         if up < 0:
             origin, velocity, acceleration = vec3(q), vec3(v), vec3(a)
             pose = (q[3], q[4], q[5], q[6])
-            M = matrix(pose)
+            M = to_matrix(pose)
             omega, alpha = matvec(M, vec3_at(v, 3)), matvec(M, vec3_at(a, 3))
         else:
             omega, alpha = vec3(w[up]), vec3(dw[up])
@@ -358,7 +357,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
                 (quat[up, 0], quat[up, 1], quat[up, 2], quat[up, 3]),
                 (tree.rotation[b, 0], tree.rotation[b, 1], tree.rotation[b, 2], tree.rotation[b, 3]),
             )
-            M = matrix(pose)
+            M = to_matrix(pose)
         for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):
             # move to the anchor, rotate about the hinge, and move back to the body's origin
             r, local_axis = matvec(M, vec3(tree.anchor[j])), vec3(tree.axis[j])
@@ -369,7 +368,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
             omega = plus(omega, times(rate, axis))
             sine = math.sin(half)
             pose = multiply(pose, (math.cos(half), sine * local_axis[0], sine * local_axis[1], sine * local_axis[2]))
-            M = matrix(pose)
+            M = to_matrix(pose)
             r = times(-1.0, matvec(M, vec3(tree.anchor[j])))
             origin, velocity = plus(origin, r), plus(velocity, cross(omega, r))
             acceleration = _point_acceleration(r, omega, acceleration, alpha)

@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import (
+from stridetwin.streams.algebra.arrays import to_quaternion
+from stridetwin.streams.algebra.tuples import (
+    apply,
     cross,
     exp,
     inverse,
     minus,
     multiply,
     plus,
-    quat_from_matrix,
     quaternion,
-    rotate,
     store_quaternion,
     store_vec3,
     times,
@@ -28,7 +27,7 @@ from stridetwin.sim.kinematics.quaternions import (
 from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__)
 
 _Columns = tuple[Array, Array, Array, Array]
 """Position, attitude, velocity and rate, as in `Track`."""
@@ -75,7 +74,7 @@ class Track:
             T_body_sensor: (4, 4) from the sensor's frame to this one.
         """
         T = np.asarray(T_body_sensor, dtype=float)
-        return self._with_columns(_to_sensor(*self._columns, quat_from_matrix(T[:3, :3]), T[:3, 3].copy()))
+        return self._with_columns(_to_sensor(*self._columns, to_quaternion(T[:3, :3]), T[:3, 3].copy()))
 
     def displace(
         self, pivot: Array, translation: Array, rotation: Array, velocity: Array, rotation_rate: Array
@@ -126,10 +125,10 @@ def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lev
     back = inverse(mount)
     for i in range(len(p)):
         attitude, rate = quaternion(q[i]), vec3(w[i])
-        store_vec3(plus(vec3(p[i]), rotate(attitude, arm)), p_out[i])
+        store_vec3(plus(vec3(p[i]), apply(attitude, arm)), p_out[i])
         store_quaternion(multiply(attitude, mount), q_out[i])
-        store_vec3(plus(vec3(v[i]), rotate(attitude, cross(rate, arm))), v_out[i])
-        store_vec3(rotate(back, rate), w_out[i])
+        store_vec3(plus(vec3(v[i]), apply(attitude, cross(rate, arm))), v_out[i])
+        store_vec3(apply(back, rate), w_out[i])
     return p_out, q_out, v_out, w_out
 
 
@@ -157,14 +156,14 @@ def _displace(
     for i in range(len(p)):
         attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])
         relative_rotation = exp(phi)
-        arm = rotate(relative_rotation, centre)
+        arm = apply(relative_rotation, centre)
         # right Jacobian of SO(3) to second order, in the displaced frame's axes
         once = cross(phi, changing)
         relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
         origin = minus(plus(centre, vec3(translation[i])), arm)
-        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), rotate(relative_rotation, cross(relative, centre)))
-        store_vec3(plus(vec3(p[i]), rotate(attitude, origin)), p_out[i])
+        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), apply(relative_rotation, cross(relative, centre)))
+        store_vec3(plus(vec3(p[i]), apply(attitude, origin)), p_out[i])
         store_quaternion(multiply(attitude, relative_rotation), q_out[i])
-        store_vec3(plus(vec3(v[i]), rotate(attitude, moving)), v_out[i])
-        store_vec3(plus(rotate(inverse(relative_rotation), rate), relative), w_out[i])
+        store_vec3(plus(vec3(v[i]), apply(attitude, moving)), v_out[i])
+        store_vec3(plus(apply(inverse(relative_rotation), rate), relative), w_out[i])
     return p_out, q_out, v_out, w_out

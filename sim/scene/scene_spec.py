@@ -22,13 +22,13 @@ from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.dynamics.drive import DRIVER_S
 from stridetwin.sim.dynamics.soles import TOE_STIFFNESS
 from stridetwin.sim.exo_description import hinge_of
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.rendering.renderer import FAR_M, NEAR_M, swap_camera_convention
 from stridetwin.sim.wearer.body import compile_model
 from stridetwin.sim.wearer.exo_couplings import exo_couplings
 from stridetwin.sim.wearer.exoskeleton import modules
 from stridetwin.sim.wearer.sensor_bodies import UPPERS
 from stridetwin.sim.world.bystanders import plan_bystanders, pose_crowd
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Mount, Rig
 
 KEYFRAME = "stand"
@@ -74,14 +74,14 @@ def _add_sensor_sites(spec: mujoco.MjSpec, rig: Rig) -> None:
     for name, mount in _site_mounts(rig):
         T = mount.T_body_sensor
         _mount_body(spec, mount).add_site(
-            name=name, pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]), size=np.full(3, _SITE_M)
+            name=name, pos=T[:3, 3], quat=to_quaternion(T[:3, :3]), size=np.full(3, _SITE_M)
         )
     for camera in rig.cameras.values():
         T = swap_camera_convention(camera.mount.T_body_sensor)
         _mount_body(spec, camera.mount).add_camera(
             name=_scene_name(camera.topic),
             pos=T[:3, 3],
-            quat=quat_from_matrix(T[:3, :3]),
+            quat=to_quaternion(T[:3, :3]),
             fovy=math.degrees(2 * math.atan2(camera.height / 2, camera.intrinsics[1])),
             resolution=[camera.width, camera.height],
         )

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stridetwin.sim.kinematics import quaternions
-from stridetwin.sim.kinematics.quaternions import (
-    Vec3,
-    cross,
-    dot,
+from stridetwin.sim.kinematics.track import Track
+from stridetwin.sim.noise import Noise, Wander
+from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
+from stridetwin.sim.sensors.model import SensorModel
+from stridetwin.streams.algebra.tuples import (
+    IDENTITY,
+    apply,
+    apply_inverse_left_jacobian,
+    apply_left_jacobian,
     exp,
     inverse,
     log,
@@ -24,23 +27,16 @@ from stridetwin.sim.kinematics.quaternions import (
     multiply,
     plus,
     quaternion,
-    rotate,
     store_vec3,
     times,
     vec3,
 )
-from stridetwin.sim.kinematics.track import Track
-from stridetwin.sim.noise import Noise, Wander
-from stridetwin.sim.parts.kinds import Accelerometer, Gyroscope, ImuPart
-from stridetwin.sim.sensors.model import SensorModel
-from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
+from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.rig import ImuCalibration
 from stridetwin.streams.samples import Array, Block, Imu
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__)
-
-_SMALL = 1e-3  # rad: below this, series
+_entry_kernel = entry_kernel(__file__)
 
 
 def compute_increments(before: Track, sensor: Track, gravity: Array) -> tuple[Array, Array, Array]:
@@ -80,10 +76,10 @@ def _compute_increments(
     for i in range(n):
         dt, attitude, velocity = (t[i] - t_last) * 1e-9, quaternion(q[i]), vec3(v[i])
         phi = log(multiply(back, attitude))
-        push = rotate(back, minus(times(1 / dt, minus(velocity, v_last)), g))
+        push = apply(back, minus(times(1 / dt, minus(velocity, v_last)), g))
         dts[i] = dt
         store_vec3(times(1 / dt, phi), rates[i])
-        store_vec3(_apply_inverse_left_jacobian(phi, push), forces[i])
+        store_vec3(apply_inverse_left_jacobian(phi, push), forces[i])
         t_last, back, v_last = t[i], inverse(attitude), velocity
     return dts, rates, forces
 
@@ -107,16 +103,16 @@ def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tupl
     n = len(dt) // steps
     rates, forces = np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
-        rotation, change, duration = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        rotation, change, duration = IDENTITY, (0.0, 0.0, 0.0), 0.0
         for k in range(i * steps, (i + 1) * steps):
             phi = times(dt[k], vec3(rate[k]))
-            push = _apply_left_jacobian(phi, times(dt[k], vec3(force[k])))
-            change = plus(change, rotate(rotation, push))
+            push = apply_left_jacobian(phi, times(dt[k], vec3(force[k])))
+            change = plus(change, apply(rotation, push))
             rotation = multiply(rotation, exp(phi))
             duration += dt[k]
         total = log(rotation)
         store_vec3(times(1 / duration, total), rates[i])
-        store_vec3(_apply_inverse_left_jacobian(total, times(1 / duration, change)), forces[i])
+        store_vec3(apply_inverse_left_jacobian(total, times(1 / duration, change)), forces[i])
     return rates, forces
 
 
@@ -131,28 +127,6 @@ def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
         v_body_in_world=np.repeat(first.v_body_in_world, steps, axis=0),
         w_body=np.repeat(first.w_body, steps, axis=0),
     )
-
-
-@numba.njit(**INNER_KERNEL)
-def _apply_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
-    """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37)."""
-    theta = math.sqrt(dot(phi, phi))
-    if theta < _SMALL:
-        a, b = 0.5 - theta**2 / 24, 1 / 6 - theta**2 / 120
-    else:
-        a, b = (1 - math.cos(theta)) / theta**2, (theta - math.sin(theta)) / theta**3
-    once = cross(phi, v)
-    return plus(v, plus(times(a, once), times(b, cross(phi, once))))
-
-
-@numba.njit(**INNER_KERNEL)
-def _apply_inverse_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
-    """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
-    theta = math.sqrt(dot(phi, phi))
-    half = 0.5 * theta
-    c = 1 / 12 + theta**2 / 720 if theta < _SMALL else (1 - half / math.tan(half)) / theta**2
-    once = cross(phi, v)
-    return plus(minus(v, times(0.5, once)), times(c, cross(phi, once)))
 
 
 INNER_HZ = 1000.0

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stridetwin.sim.faults.faults import Event, Events, Fault, LooseStrap
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.wearer.sensor_bodies import visible_items
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array
 
@@ -115,7 +115,7 @@ class MountSlips:
         """Moves the visible housings of slipping sensors in a model to their poses at one time."""
         for topic, (name, mount) in self.housings.items():
             T, housing = self.T_body_frame(topic, t_ns) @ mount.T_body_sensor, model.body(name)
-            housing.pos, housing.quat = T[:3, 3], quat_from_matrix(T[:3, :3])
+            housing.pos, housing.quat = T[:3, 3], to_quaternion(T[:3, :3])
 
 
 def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:

@@ -27,10 +27,10 @@ from stridetwin.sim.parts.sensor_config import (
     part_of,
 )
 from stridetwin.sim.wearer.exoskeleton import modules
+from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import from_euler
 
 GROUPS = tuple(KIND)
 EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")

@@ -25,9 +25,9 @@ from stridetwin.sim.wearer.exoskeleton import (
     chain,
     outward,
 )
+from stridetwin.streams.algebra.arrays import cross
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
-from stridetwin.streams.so3 import cross
 
 COMPLIANCE = {
     "strap": ((4000.0, 4000.0, 0.0), (90.0, 90.0, 20.0), (3.0, 3.0, 20.0), (0.1, 0.1, 0.5)),

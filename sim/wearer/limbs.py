@@ -15,24 +15,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.sim.kinematics import quaternions, rigid_tree
-from stridetwin.sim.kinematics.quaternions import (
-    Vec3,
-    dot,
-    mat3,
-    matrix_from_quat,
-    matvec,
-    minus,
-    plus,
-    times,
-    transposed,
-    vec3,
-)
+from stridetwin.sim.kinematics import rigid_tree
 from stridetwin.sim.kinematics.rigid_tree import Tree
+from stridetwin.streams.algebra.arrays import from_quaternion
+from stridetwin.streams.algebra.tuples import Vec3, dot, mat3, matvec, minus, plus, times, transposed, vec3
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-_entry_kernel = entry_kernel(__file__, quaternions.__file__)
+_entry_kernel = entry_kernel(__file__)
 
 NEAR_M = SUNK_M = 0.02
 """Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
@@ -71,7 +61,7 @@ class Limbs:
         shapes_ = find_shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.body_motion(tree, q, v)
         rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])
-        R_body = matrix_from_quat(quat)[:, rows]
+        R_body = from_quaternion(quat)[:, rows]
         return cls(
             kind=np.array([shape.kind for shape in shapes_], np.int64),
             size=np.array([shape.size for shape in shapes_]),
@@ -141,9 +131,9 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
     """Shapes on the given bodies and on bodies that are fixed to these without a joint."""
     shapes = []
     for geom in range(model.ngeom):
-        body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], matrix_from_quat(model.geom_quat[geom])
+        body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], from_quaternion(model.geom_quat[geom])
         while body and body not in bodies and not model.body_jntnum[body]:
-            turn = matrix_from_quat(model.body_quat[body])
+            turn = from_quaternion(model.body_quat[body])
             p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import mujoco
 
 from stridetwin.sim.config import SIDES
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.wearer.leaves import read_leaf
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Mount, Rig
 
 UPPERS = {f"foot_{side}": f"upper_{side}" for side in SIDES}
@@ -28,7 +28,7 @@ def add_rig(spec: mujoco.MjSpec, rig: Rig) -> None:
         spec.body(foot).add_body(name=upper)
     for name, part, _, mount in visible_items(rig):
         T = mount.T_body_sensor
-        frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=quat_from_matrix(T[:3, :3]))
+        frame = spec.body(UPPERS.get(mount.body, mount.body)).add_frame(pos=T[:3, 3], quat=to_quaternion(T[:3, :3]))
         frame.attach_body(read_leaf(part).body(part), name.removesuffix(part), "")
 
 

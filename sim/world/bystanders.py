@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.world.route import RUN_OUT_M
 from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Strip
 
@@ -114,7 +114,7 @@ class Bystander:
         return Track(
             t_ns=t_ns,
             p_body_in_world=p,
-            q_world_body=quat_from_matrix(R),
+            q_world_body=to_quaternion(R),
             v_body_in_world=v,
             w_body=np.interp(t, self.t, np.gradient(self.yaw, self.t))[:, None] * R[:, 2],
         )
@@ -349,7 +349,7 @@ def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: fl
         p, R = person.parts(np.array([t_s]))
         first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])
         data.mocap_pos[first : first + len(PARTS)] = p[0]
-        data.mocap_quat[first : first + len(PARTS)] = quat_from_matrix(R[0])
+        data.mocap_quat[first : first + len(PARTS)] = to_quaternion(R[0])
 
 
 def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, float, float]) -> list[_Geom]:

@@ -14,24 +14,12 @@ from stridetwin.streams.bounded_images import check_pixels, image_size
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import partial_path
 from stridetwin.streams.kalibr import rig_to_yaml
+from stridetwin.streams.recording import ros_images
 from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.mcap_writer import IMAGE_LANE, McapWriter
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import METADATA_NAME, RIG_NAME, VERSION_RECORD, VERSION_VALUES
-from stridetwin.streams.recording.ros_images import (
-    CAMERA_INFO,
-    COMPRESSED,
-    DEPTH_ENCODINGS,
-    IMAGES,
-    RAW,
-    CameraInfos,
-    encode_camera_info,
-    encode_depth,
-    encode_image,
-    encode_raw_image,
-    read_image_message,
-)
 from stridetwin.streams.recording.ros_samples import (
     SAMPLE_MAPPINGS,
     SampleMapping,
@@ -67,8 +55,8 @@ class MessageEncoder:
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
-        if depth_encoding not in DEPTH_ENCODINGS:
-            raise ConfigError("Encoder", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
+        if depth_encoding not in ros_images.DEPTH_ENCODINGS:
+            raise ConfigError("Encoder", "depth_encoding", depth_encoding, " or ".join(ros_images.DEPTH_ENCODINGS))
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
@@ -79,10 +67,14 @@ class MessageEncoder:
         Image; any other sample fills the numbers of a message of its topic that is built once.
         """
         if isinstance(sample, Image):
-            typename = RAW if self._quality is None else COMPRESSED
-            payload = encode_raw_image(sample) if self._quality is None else encode_image(sample, self._quality)
+            typename = ros_images.RAW if self._quality is None else ros_images.COMPRESSED
+            payload = (
+                ros_images.encode_raw_image(sample)
+                if self._quality is None
+                else ros_images.encode_image(sample, self._quality)
+            )
         elif isinstance(sample, Depth):
-            typename, payload = RAW, encode_depth(sample, self._depth_encoding)
+            typename, payload = ros_images.RAW, ros_images.encode_depth(sample, self._depth_encoding)
         else:
             typename, payload = self._encode_small(sample)
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
@@ -123,7 +115,7 @@ class MessageDecoder:
         Raises:
             ValueError: The bytes are not such a message, or the image has more than `MOST_PIXELS`.
         """
-        if self.typename in IMAGES:
+        if self.typename in ros_images.IMAGES:
             return self._decode_image(message)
         known = self._previous
         if known is None or not known[0].fits_message(message.payload):
@@ -162,7 +154,7 @@ class MessageDecoder:
         """
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
-            if self.typename == COMPRESSED:
+            if self.typename == ros_images.COMPRESSED:
                 is_depth = "compressedDepth" in decoded.format
                 width, height = image_size(bytes(decoded.data[12:] if is_depth else decoded.data))
             else:
@@ -170,7 +162,7 @@ class MessageDecoder:
             check_pixels(width, height, MOST_PIXELS)
             stamp = decoded.header.stamp
             t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns
-            return read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
+            return ros_images.read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
         except ValueError as error:
             raise ValueError(f"{self.topic}: {error}") from error
         except Exception as error:  # decoders that do not validate their input raise many kinds
@@ -194,8 +186,8 @@ class LiveRecorder:
         self.path = path
         self.count = 0
         self._previous: tuple[str, dict[str, str]] | None = None
-        self._infos = CameraInfos(Rig())
-        for typename in (CAMERA_INFO, *READABLE):
+        self._infos = ros_images.CameraInfos(Rig())
+        for typename in (ros_images.CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
         self._file = McapWriter(path)
         self._file.append_metadata(VERSION_RECORD, VERSION_VALUES)
@@ -232,10 +224,10 @@ class LiveRecorder:
             message: As received.
             t_ns: Stamp of its sample.
         """
-        lane = IMAGE_LANE if message.typename in IMAGES else 0
+        lane = IMAGE_LANE if message.typename in ros_images.IMAGES else 0
         if (camera := self._infos.find_due_camera(message.topic, t_ns)) is not None:
-            info = encode_camera_info(camera, message.topic, t_ns)
-            self._file.append_message(f"{message.topic}/camera_info", CAMERA_INFO, info, t_ns, lane)
+            info = ros_images.encode_camera_info(camera, message.topic, t_ns)
+            self._file.append_message(f"{message.topic}/camera_info", ros_images.CAMERA_INFO, info, t_ns, lane)
         self._file.append_message(message.topic, message.typename, message.payload, t_ns, lane)
         self.count += 1
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stridetwin.streams.algebra.arrays import apply_quaternion
 from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.rig import Rig
@@ -35,7 +36,6 @@ from stridetwin.streams.samples import (
     Sample,
     Wrench,
 )
-from stridetwin.streams.so3 import rotate
 
 Columns = Mapping[str, NDArray[Any]]
 Rows = NDArray[np.void]
@@ -201,7 +201,7 @@ def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
     return {
         "pose.pose.position": c["p_frame_in_world"],
         "pose.pose.orientation": _to_xyzw(q),
-        "twist.twist.linear": rotate(_conjugate(q), c["v_frame_in_world"]),
+        "twist.twist.linear": apply_quaternion(_conjugate(q), c["v_frame_in_world"]),
         "twist.twist.angular": c["angular_rate"],
     }
 
@@ -212,7 +212,7 @@ def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
     return {
         "p_frame_in_world": _to_float64(rows["pose.pose.position"]),
         "q_world_frame": q,
-        "v_frame_in_world": rotate(q, _to_float64(rows["twist.twist.linear"])),
+        "v_frame_in_world": apply_quaternion(q, _to_float64(rows["twist.twist.linear"])),
         "angular_rate": _to_float64(rows["twist.twist.angular"]),
     }
 

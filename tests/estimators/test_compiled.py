@@ -12,7 +12,7 @@ from types import ModuleType
 import numba
 import pytest
 
-from stridetwin import estimators, sim
+from stridetwin import estimators, sim, streams
 from stridetwin.streams import compiled
 from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known, is_uncompiled
 from stridetwin.streams.part_compiler import PartLibrary, _all_below
@@ -118,7 +118,7 @@ def test_python_calls_nothing_that_only_compiled_functions_can():
     """It would end the process without a word."""
     trees = {
         ".".join((part.__name__, *path.relative_to(root).with_suffix("").parts)): ast.parse(path.read_text())
-        for part in (estimators, sim)
+        for part in (estimators, sim, streams)
         for root in map(Path, part.__path__)
         for path in sorted(root.rglob("*.py"))
     }

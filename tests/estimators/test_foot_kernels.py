@@ -5,34 +5,8 @@ import pytest
 from scipy.linalg import sqrtm
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.foot_ins import FootInsParameters, stance, strapdown
+from stridetwin.estimators.foot_ins import FootInsParameters, stance, state, strapdown
 from stridetwin.estimators.foot_ins.parameters import for_sensor
-from stridetwin.estimators.foot_ins.state import (
-    ACCEL_BIAS,
-    ATTITUDE,
-    BY_RATE,
-    BY_VELOCITY,
-    CONTACT,
-    D_ACCEL_BIAS,
-    D_ATTITUDE,
-    D_CONTACT,
-    D_DRIFT,
-    D_FLOOR,
-    D_GYRO_BIAS,
-    D_POSITION,
-    D_SCALE,
-    D_VELOCITY,
-    DRIFT,
-    FILL,
-    FLOOR,
-    GYRO_BIAS,
-    HEAD,
-    POSITION,
-    SCALE,
-    STATES,
-    VELOCITY,
-    initial_state,
-)
 from tests.estimators.from_python import from_python
 from tests.estimators.one_foot import with_values
 
@@ -48,55 +22,63 @@ def mixed(n, seed=4):
     return 0.01 * (B @ B.T / n + 0.1 * np.eye(n))
 
 
-def foot(states=STATES + 5, row=ROW):
+def foot(states=state.STATES + 5, row=ROW):
     """Memory of a foot in motion with all states correlated, inside a larger filter."""
-    memory = initial_state(mixed(states), np.zeros(states), row)
+    memory = state.initial_state(mixed(states), np.zeros(states), row)
     x = memory.nominal
-    x[POSITION : POSITION + 3], x[VELOCITY : VELOCITY + 3] = (1.0, -2.0, 0.5), (0.3, -0.2, 0.1)
-    x[ATTITUDE : ATTITUDE + 4] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_quat(scalar_first=True)
-    x[GYRO_BIAS : GYRO_BIAS + 3], x[ACCEL_BIAS : ACCEL_BIAS + 3] = (0.01, -0.02, 0.03), (0.05, 0.02, -0.04)
-    x[CONTACT : CONTACT + 3], x[FLOOR], x[DRIFT], x[SCALE] = (0.02, -0.01, 0.005), 0.4, 0.01, 0.02
+    x[state.POSITION : state.POSITION + 3], x[state.VELOCITY : state.VELOCITY + 3] = (1.0, -2.0, 0.5), (0.3, -0.2, 0.1)
+    x[state.ATTITUDE : state.ATTITUDE + 4] = Rotation.from_rotvec([0.3, -0.2, 0.9]).as_quat(scalar_first=True)
+    x[state.GYRO_BIAS : state.GYRO_BIAS + 3], x[state.ACCEL_BIAS : state.ACCEL_BIAS + 3] = (
+        (0.01, -0.02, 0.03),
+        (0.05, 0.02, -0.04),
+    )
+    x[state.CONTACT : state.CONTACT + 3], x[state.FLOOR], x[state.DRIFT], x[state.SCALE] = (
+        (0.02, -0.01, 0.005),
+        0.4,
+        0.01,
+        0.02,
+    )
     memory.lever[:] = 0.02, -0.01, -0.09
     return memory
 
 
 def moved(x, error):
     """The true state of a nominal one (22,) and an error (21,), with the attitude as a rotation."""
-    R = Rotation.from_rotvec(error[D_ATTITUDE : D_ATTITUDE + 3]) * Rotation.from_quat(
-        x[ATTITUDE : ATTITUDE + 4], scalar_first=True
+    R = Rotation.from_rotvec(error[state.D_ATTITUDE : state.D_ATTITUDE + 3]) * Rotation.from_quat(
+        x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True
     )
     y = x.copy()
     for to, of, n in (
-        (POSITION, D_POSITION, 3),
-        (VELOCITY, D_VELOCITY, 3),
-        (GYRO_BIAS, D_GYRO_BIAS, 3),
-        (ACCEL_BIAS, D_ACCEL_BIAS, 3),
-        (CONTACT, D_CONTACT, 3),
-        (FLOOR, D_FLOOR, 1),
-        (DRIFT, D_DRIFT, 1),
-        (SCALE, D_SCALE, 1),
+        (state.POSITION, state.D_POSITION, 3),
+        (state.VELOCITY, state.D_VELOCITY, 3),
+        (state.GYRO_BIAS, state.D_GYRO_BIAS, 3),
+        (state.ACCEL_BIAS, state.D_ACCEL_BIAS, 3),
+        (state.CONTACT, state.D_CONTACT, 3),
+        (state.FLOOR, state.D_FLOOR, 1),
+        (state.DRIFT, state.D_DRIFT, 1),
+        (state.SCALE, state.D_SCALE, 1),
     ):
         y[to : to + n] += error[of : of + n]
-    y[ATTITUDE : ATTITUDE + 4] = R.as_quat(scalar_first=True)
+    y[state.ATTITUDE : state.ATTITUDE + 4] = R.as_quat(scalar_first=True)
     return y
 
 
 def difference(true, x):
     """(21,) the error that takes a nominal state to a true one; the inverse of `moved`."""
-    error = np.zeros(STATES)
+    error = np.zeros(state.STATES)
     for to, of, n in (
-        (POSITION, D_POSITION, 3),
-        (VELOCITY, D_VELOCITY, 3),
-        (GYRO_BIAS, D_GYRO_BIAS, 3),
-        (ACCEL_BIAS, D_ACCEL_BIAS, 3),
-        (CONTACT, D_CONTACT, 3),
-        (FLOOR, D_FLOOR, 1),
-        (DRIFT, D_DRIFT, 1),
-        (SCALE, D_SCALE, 1),
+        (state.POSITION, state.D_POSITION, 3),
+        (state.VELOCITY, state.D_VELOCITY, 3),
+        (state.GYRO_BIAS, state.D_GYRO_BIAS, 3),
+        (state.ACCEL_BIAS, state.D_ACCEL_BIAS, 3),
+        (state.CONTACT, state.D_CONTACT, 3),
+        (state.FLOOR, state.D_FLOOR, 1),
+        (state.DRIFT, state.D_DRIFT, 1),
+        (state.SCALE, state.D_SCALE, 1),
     ):
         error[of : of + n] = true[to : to + n] - x[to : to + n]
-    a, b = (Rotation.from_quat(y[ATTITUDE : ATTITUDE + 4], scalar_first=True) for y in (true, x))
-    error[D_ATTITUDE : D_ATTITUDE + 3] = (a * b.inv()).as_rotvec()
+    a, b = (Rotation.from_quat(y[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True) for y in (true, x))
+    error[state.D_ATTITUDE : state.D_ATTITUDE + 3] = (a * b.inv()).as_rotvec()
     return error
 
 
@@ -114,42 +96,49 @@ def propagated(x, dt=DT):
 def test_a_constant_rate_and_force_move_a_foot_as_their_integral_does():
     """Of ten thousand small steps with SciPy's rotations."""
     x = foot().nominal
-    x[SCALE] = x[DRIFT] = 0.0
-    p, v = x[POSITION : POSITION + 3].copy(), x[VELOCITY : VELOCITY + 3].copy()
-    start = Rotation.from_quat(x[ATTITUDE : ATTITUDE + 4], scalar_first=True)
-    w, f = np.subtract(RATE, x[GYRO_BIAS : GYRO_BIAS + 3]), np.subtract(FORCE, x[ACCEL_BIAS : ACCEL_BIAS + 3])
+    x[state.SCALE] = x[state.DRIFT] = 0.0
+    p, v = x[state.POSITION : state.POSITION + 3].copy(), x[state.VELOCITY : state.VELOCITY + 3].copy()
+    start = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
+    w, f = (
+        np.subtract(RATE, x[state.GYRO_BIAS : state.GYRO_BIAS + 3]),
+        np.subtract(FORCE, x[state.ACCEL_BIAS : state.ACCEL_BIAS + 3]),
+    )
     n, h = 10_000, DT / 10_000
     attitudes = start * Rotation.from_rotvec(np.outer((np.arange(n) + 0.5) * h, w))
     acceleration = attitudes.apply(f) - [0.0, 0.0, GRAVITY]
     speeds = v + h * np.cumsum(acceleration, axis=0)
     after = propagated(x)
-    np.testing.assert_allclose(after[VELOCITY : VELOCITY + 3], speeds[-1], atol=1e-7)
+    np.testing.assert_allclose(after[state.VELOCITY : state.VELOCITY + 3], speeds[-1], atol=1e-7)
     np.testing.assert_allclose(
-        after[POSITION : POSITION + 3], p + h * (speeds - 0.5 * h * acceleration).sum(0), atol=1e-6
+        after[state.POSITION : state.POSITION + 3], p + h * (speeds - 0.5 * h * acceleration).sum(0), atol=1e-6
     )
     turned = start * Rotation.from_rotvec(w * DT)
-    np.testing.assert_allclose(after[ATTITUDE : ATTITUDE + 4], turned.as_quat(scalar_first=True), atol=1e-12)
+    np.testing.assert_allclose(
+        after[state.ATTITUDE : state.ATTITUDE + 4], turned.as_quat(scalar_first=True), atol=1e-12
+    )
 
 
 def test_a_gyro_that_reads_too_much_across_the_sole_turns_less_about_those_axes_alone():
     x = foot().nominal
-    start = Rotation.from_quat(x[ATTITUDE : ATTITUDE + 4], scalar_first=True)
+    start = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
     down = np.array([0.02, -0.01, -0.09]) / np.linalg.norm([0.02, -0.01, -0.09])
-    w = np.subtract(RATE, x[GYRO_BIAS : GYRO_BIAS + 3])
+    w = np.subtract(RATE, x[state.GYRO_BIAS : state.GYRO_BIAS + 3])
     across = w - (w @ down) * down
-    turned = start * Rotation.from_rotvec((w - x[SCALE] * across) * DT)
-    np.testing.assert_allclose(propagated(x)[ATTITUDE : ATTITUDE + 4], turned.as_quat(scalar_first=True), atol=1e-12)
+    turned = start * Rotation.from_rotvec((w - x[state.SCALE] * across) * DT)
+    np.testing.assert_allclose(
+        propagated(x)[state.ATTITUDE : state.ATTITUDE + 4], turned.as_quat(scalar_first=True), atol=1e-12
+    )
 
 
 def test_the_height_drifts_by_a_share_of_the_path_and_a_negative_step_takes_all_back():
     x = foot().nominal
     level = x.copy()
-    level[DRIFT] = 0.0
+    level[state.DRIFT] = 0.0
     with_drift, without = propagated(x), propagated(level)
-    path = np.linalg.norm(without[POSITION : POSITION + 3] - x[POSITION : POSITION + 3])
+    path = np.linalg.norm(without[state.POSITION : state.POSITION + 3] - x[state.POSITION : state.POSITION + 3])
     lost = with_drift - without
-    assert lost[POSITION + 2] == pytest.approx(-x[DRIFT] * path, rel=1e-9)
-    lost[[POSITION + 2, DRIFT]] = 0.0
+    assert lost[state.POSITION + 2] == pytest.approx(-x[state.DRIFT] * path, rel=1e-9)
+    lost[[state.POSITION + 2, state.DRIFT]] = 0.0
     np.testing.assert_allclose(lost, 0.0, atol=1e-15)
     np.testing.assert_allclose(propagated(with_drift, -DT), x, atol=1e-12)
 
@@ -160,15 +149,15 @@ def test_the_covariance_of_a_step_is_that_of_its_slopes():
     The step is short, and scale and drift are 0: the model neglects terms of the second order.
     """
     memory, dt = foot(), 0.001
-    memory.nominal[[SCALE, DRIFT]] = 0.0
+    memory.nominal[[state.SCALE, state.DRIFT]] = 0.0
     x, P = memory.nominal.copy(), memory.covariance.copy()
     parameters = for_sensor(FootInsParameters(gravity_mps2=GRAVITY), None)
     noises = {name: 0.0 for name in parameters.dtype.names if "_noise" in name or "_walk" in name}
     parameters = with_values(parameters, **noises)
     from_python(strapdown.predict)(memory, parameters, RATE, FORCE, dt)
     F = np.eye(len(P))
-    own = slice(ROW, ROW + STATES)
-    F[own, own] = slopes(lambda e: difference(propagated(moved(x, e), dt), propagated(x, dt)), STATES)
+    own = slice(ROW, ROW + state.STATES)
+    F[own, own] = slopes(lambda e: difference(propagated(moved(x, e), dt), propagated(x, dt)), state.STATES)
     np.testing.assert_allclose(memory.covariance, F @ P @ F.T, atol=2e-7)
     np.testing.assert_array_equal(memory.covariance, memory.covariance.T)
 
@@ -185,24 +174,24 @@ def test_the_covariance_of_a_step_is_that_of_its_slopes():
 )
 def test_each_noise_density_adds_its_square_times_the_duration(name):
     row = {
-        "gyro_noise": D_ATTITUDE,
-        "accel_noise": D_VELOCITY,
-        "gyro_bias": D_GYRO_BIAS,
-        "accel_bias": D_ACCEL_BIAS,
-        "accel_motion": D_VELOCITY,
+        "gyro_noise": state.D_ATTITUDE,
+        "accel_noise": state.D_VELOCITY,
+        "gyro_bias": state.D_GYRO_BIAS,
+        "accel_bias": state.D_ACCEL_BIAS,
+        "accel_motion": state.D_VELOCITY,
     }["_".join(name.split("_")[:2])]
     variances = []
     for density in (0.0, 0.02):
         memory = foot()
-        memory.clock[HEAD], memory.clock[FILL] = 0, 1
+        memory.clock[state.HEAD], memory.clock[state.FILL] = 0, 1
         parameters = with_values(for_sensor(FootInsParameters(gravity_mps2=GRAVITY), None), **{name: density})
         from_python(strapdown.predict)(memory, parameters, RATE, FORCE, DT)
-        variances.append(np.diag(memory.covariance)[ROW : ROW + STATES])
-    expected, x = np.zeros(STATES), foot().nominal
+        variances.append(np.diag(memory.covariance)[ROW : ROW + state.STATES])
+    expected, x = np.zeros(state.STATES), foot().nominal
     expected[row : row + 3] = 0.02**2 * DT
     if name.startswith("accel_motion"):
         after = propagated(x)
-        expected *= np.sum(((after - x)[VELOCITY : VELOCITY + 3] / DT) ** 2)
+        expected *= np.sum(((after - x)[state.VELOCITY : state.VELOCITY + 3] / DT) ** 2)
     np.testing.assert_allclose(variances[1] - variances[0], expected, rtol=1e-6, atol=1e-15)
 
 
@@ -211,9 +200,12 @@ def test_a_gap_adds_noise():
     for dt in (0.03, 0.03 + 1e-9):
         memory = foot()
         from_python(strapdown.predict)(memory, for_sensor(FootInsParameters(), None), RATE, FORCE, dt)
-        covariances.append(memory.covariance[ROW : ROW + STATES, ROW : ROW + STATES])
-    expected = np.zeros(STATES)
-    expected[D_ATTITUDE : D_ATTITUDE + 3], expected[D_VELOCITY : D_VELOCITY + 3] = 0.3**2 * 0.03, 3.0**2 * 0.03
+        covariances.append(memory.covariance[ROW : ROW + state.STATES, ROW : ROW + state.STATES])
+    expected = np.zeros(state.STATES)
+    expected[state.D_ATTITUDE : state.D_ATTITUDE + 3], expected[state.D_VELOCITY : state.D_VELOCITY + 3] = (
+        0.3**2 * 0.03,
+        3.0**2 * 0.03,
+    )
     np.testing.assert_allclose(covariances[1] - covariances[0], np.diag(expected), atol=1e-8)
 
 
@@ -226,15 +218,15 @@ def test_an_axis_at_its_limit_adds_noise():
         values = dict.fromkeys(names, 0.0) | limits | noise
         parameters = with_values(for_sensor(FootInsParameters(gravity_mps2=GRAVITY), None), **values)
         from_python(strapdown.predict)(memory, parameters, RATE, FORCE, DT)
-        return memory.covariance[ROW : ROW + STATES, ROW : ROW + STATES]
+        return memory.covariance[ROW : ROW + state.STATES, ROW : ROW + state.STATES]
 
     x, none = foot().nominal, covariance()
-    w = np.subtract(RATE, x[GYRO_BIAS : GYRO_BIAS + 3])
-    start = Rotation.from_quat(x[ATTITUDE : ATTITUDE + 4], scalar_first=True)
+    w = np.subtract(RATE, x[state.GYRO_BIAS : state.GYRO_BIAS + 3])
+    start = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
     R = (start * Rotation.from_rotvec(0.5 * DT * w)).as_matrix()  # but for the scale, in the middle of the interval
-    for name, row, axis in zip(names, (D_ATTITUDE, D_VELOCITY), (1, 2)):
+    for name, row, axis in zip(names, (state.D_ATTITUDE, state.D_VELOCITY), (1, 2)):
         added = covariance(**{name: 0.3}) - none
-        expected = np.zeros((STATES, STATES))
+        expected = np.zeros((state.STATES, state.STATES))
         expected[row : row + 3, row : row + 3] = 0.3**2 * DT * np.outer(R[:, axis], R[:, axis])
         np.testing.assert_allclose(added, expected, atol=2e-7, err_msg=name)
 
@@ -249,15 +241,15 @@ def corrected(P, H, z, noise):
 def seen_from(P, row, error):
     """A covariance of the error in the corrected state: position and velocity errors turn with the world."""
     T = np.eye(len(P))
-    for d in (D_POSITION, D_VELOCITY):
+    for d in (state.D_POSITION, state.D_VELOCITY):
         by = error[row + d : row + d + 3]
-        T[row + d : row + d + 3, row + D_ATTITUDE : row + D_ATTITUDE + 3] = -np.cross(by, np.eye(3)).T
+        T[row + d : row + d + 3, row + state.D_ATTITUDE : row + state.D_ATTITUDE + 3] = -np.cross(by, np.eye(3)).T
     return T @ P @ T.T
 
 
 def check_after(memory, x, error, P):
     """The foot's own error has moved into its state, that of the rest waits."""
-    own = slice(ROW, ROW + STATES)
+    own = slice(ROW, ROW + state.STATES)
     np.testing.assert_allclose(memory.nominal, moved(x, error[own]), atol=1e-9)
     waiting = error.copy()
     waiting[own] = 0.0
@@ -273,27 +265,30 @@ def test_zero_velocity_is_a_measurement_of_the_stationary_point(dt):
     parameters = for_sensor(
         FootInsParameters(innovation_gate=1e6, stationary_correlation_s=0.04, lever_sd_m=0.04), None
     )
-    R = Rotation.from_quat(x[ATTITUDE : ATTITUDE + 4], scalar_first=True).as_matrix()
+    R = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True).as_matrix()
 
     def speed(error):
         """Of the point in sensor axes, drawn as a vector of the world at the nominal attitude."""
         y = moved(x, error)
-        axes = Rotation.from_quat(y[ATTITUDE : ATTITUDE + 4], scalar_first=True)
-        w = np.subtract(RATE, y[GYRO_BIAS : GYRO_BIAS + 3])
-        return R @ (axes.inv().apply(y[VELOCITY : VELOCITY + 3]) + np.cross(w, memory.lever + y[CONTACT : CONTACT + 3]))
+        axes = Rotation.from_quat(y[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
+        w = np.subtract(RATE, y[state.GYRO_BIAS : state.GYRO_BIAS + 3])
+        return R @ (
+            axes.inv().apply(y[state.VELOCITY : state.VELOCITY + 3])
+            + np.cross(w, memory.lever + y[state.CONTACT : state.CONTACT + 3])
+        )
 
     H = np.zeros((3, len(P)))
-    H[:, ROW : ROW + STATES] = slopes(speed, STATES)
-    w = R @ np.subtract(RATE, x[GYRO_BIAS : GYRO_BIAS + 3])
+    H[:, ROW : ROW + state.STATES] = slopes(speed, state.STATES)
+    w = R @ np.subtract(RATE, x[state.GYRO_BIAS : state.GYRO_BIAS + 3])
     noise = 0.05**2 * np.eye(3) + 0.04**2 * ((w @ w) * np.eye(3) - np.outer(w, w))
-    z = -speed(np.zeros(STATES))
+    z = -speed(np.zeros(state.STATES))
     error, covariance = corrected(P, H, z, max(1.0, 0.04 / dt) * noise)
     from_python(stance.zero_velocity_update)(memory, parameters, RATE, dt, 0.05)
     check_after(memory, x, error, covariance)
     # what is reported is the innovation against the noise of the speed itself
     S = H @ P @ H.T + noise
-    assert memory.nis[BY_VELOCITY, 1] == 1.0
-    assert memory.nis[BY_VELOCITY, 0] == pytest.approx(z @ np.linalg.solve(S, z) / 3.0, rel=1e-6)
+    assert memory.nis[state.BY_VELOCITY, 1] == 1.0
+    assert memory.nis[state.BY_VELOCITY, 0] == pytest.approx(z @ np.linalg.solve(S, z) / 3.0, rel=1e-6)
 
 
 def test_a_foot_at_rest_measures_the_bias_of_its_gyro():
@@ -301,17 +296,22 @@ def test_a_foot_at_rest_measures_the_bias_of_its_gyro():
     x, P = memory.nominal.copy(), memory.covariance.copy()
     parameters = with_values(for_sensor(FootInsParameters(innovation_gate=1e6), None), rest_rate_noise_radps_rthz=0.003)
     H = np.zeros((3, len(P)))
-    H[:, ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3] = np.eye(3)
-    z = np.array([0.05, -0.04, 0.06]) - x[GYRO_BIAS : GYRO_BIAS + 3]
+    H[:, ROW + state.D_GYRO_BIAS : ROW + state.D_GYRO_BIAS + 3] = np.eye(3)
+    z = np.array([0.05, -0.04, 0.06]) - x[state.GYRO_BIAS : state.GYRO_BIAS + 3]
     noise = 0.003**2 / DT * np.eye(3)
     error, covariance = corrected(P, H, z, noise)
     from_python(stance.zero_rate_update)(memory, parameters, (0.05, -0.04, 0.06), DT)
     check_after(memory, x, error, covariance)
     S = H @ P @ H.T + noise
-    np.testing.assert_allclose(memory.nis[BY_RATE], [z @ np.linalg.solve(S, z) / 3.0, 1.0], rtol=1e-9)
+    np.testing.assert_allclose(memory.nis[state.BY_RATE], [z @ np.linalg.solve(S, z) / 3.0, 1.0], rtol=1e-9)
     assert from_python(stance.unknown_bias_statistic)(foot()) == pytest.approx(
         4.0
-        * np.trace(P[ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3, ROW + D_GYRO_BIAS : ROW + D_GYRO_BIAS + 3])
+        * np.trace(
+            P[
+                ROW + state.D_GYRO_BIAS : ROW + state.D_GYRO_BIAS + 3,
+                ROW + state.D_GYRO_BIAS : ROW + state.D_GYRO_BIAS + 3,
+            ]
+        )
         / stance.GYRO_SCALE_RADPS**2
     )
 
@@ -333,14 +333,14 @@ def test_the_wandering_of_contact_and_drift_keeps_their_variances():
     from_python(stance.move_contact_point)(memory, parameters, 0.5)
     from_python(stance.vary_height_drift)(memory, parameters, 0.5)
     keep = np.eye(len(P))
-    contact, drift = ROW + D_CONTACT + np.arange(3), ROW + D_DRIFT
+    contact, drift = ROW + state.D_CONTACT + np.arange(3), ROW + state.D_DRIFT
     keep[contact, contact], keep[drift, drift] = np.exp(-0.05), np.exp(-0.1)
     expected = keep @ P @ keep
     expected[np.ix_(contact, contact)] += (1.0 - np.exp(-0.1)) * 0.05**2 * across
     expected[drift, drift] += (1.0 - np.exp(-0.2)) * 0.02**2
     np.testing.assert_allclose(memory.covariance, expected, rtol=1e-9, atol=1e-15)
-    x[CONTACT : CONTACT + 3] *= np.exp(-0.05)
-    x[DRIFT] *= np.exp(-0.1)
+    x[state.CONTACT : state.CONTACT + 3] *= np.exp(-0.05)
+    x[state.DRIFT] *= np.exp(-0.1)
     np.testing.assert_allclose(memory.nominal, x, rtol=1e-12)
 
 
@@ -351,8 +351,8 @@ def test_the_motion_statistic_is_the_energy_of_its_window():
     samples = rng.normal(size=(6, 6)) * [0.02] * 6 + [0.01, -0.02, 0.03, 0.5, -0.3, 9.7]
     for k, row in enumerate(samples):
         from_python(stance.append_sample)(memory, k * 8_000_000, tuple(row[:3]), tuple(row[3:]))
-    assert (memory.clock[HEAD], memory.clock[FILL]) == (6, 6)
-    w, f = samples[-4:, :3] - memory.nominal[GYRO_BIAS : GYRO_BIAS + 3], samples[-4:, 3:]  # 0 to 24 ms old
+    assert (memory.clock[state.HEAD], memory.clock[state.FILL]) == (6, 6)
+    w, f = samples[-4:, :3] - memory.nominal[state.GYRO_BIAS : state.GYRO_BIAS + 3], samples[-4:, 3:]  # 0 to 24 ms old
     mean = f.mean(axis=0)
     spread = np.mean(np.sum((f - 9.79 * mean / np.linalg.norm(mean)) ** 2, axis=1))
     rates = np.mean(np.sum(w**2, axis=1))
@@ -364,7 +364,7 @@ def test_the_motion_statistic_is_the_energy_of_its_window():
 def test_before_the_alignment_any_size_near_gravity_is_rest(excess):
     parameters = for_sensor(FootInsParameters(gravity_mps2=10.0), None)
     memory = foot()
-    memory.nominal[GYRO_BIAS : GYRO_BIAS + 3] = 0.0
+    memory.nominal[state.GYRO_BIAS : state.GYRO_BIAS + 3] = 0.0
     for k in range(3):
         from_python(stance.append_sample)(memory, k * 8_000_000, (0.0, 0.0, 0.0), (0.0, 0.0, 10.0 * (1.0 + excess)))
     beyond = max(abs(10.0 * excess) - 0.5, 0.0)
@@ -410,19 +410,19 @@ def test_a_foot_that_lands_is_on_its_floor_with_a_probability_or_on_a_new_one(st
     P = memory.covariance
     P *= 1e-3
     x = memory.nominal
-    R = Rotation.from_quat(x[ATTITUDE : ATTITUDE + 4], scalar_first=True)
+    R = Rotation.from_quat(x[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True)
     r = R.apply(memory.lever)
-    x[FLOOR] = x[POSITION + 2] + r[2] - step
+    x[state.FLOOR] = x[state.POSITION + 2] + r[2] - step
     memory.clock[10], memory.clock[4] = 1, 0  # has swung; not surely stationary at 0
     before, x0 = P.copy(), x.copy()
 
     def height(error):
         y = moved(x0, error)
-        arm = Rotation.from_quat(y[ATTITUDE : ATTITUDE + 4], scalar_first=True).apply(memory.lever)
-        return np.array([y[POSITION + 2] + arm[2] - y[FLOOR]])
+        arm = Rotation.from_quat(y[state.ATTITUDE : state.ATTITUDE + 4], scalar_first=True).apply(memory.lever)
+        return np.array([y[state.POSITION + 2] + arm[2] - y[state.FLOOR]])
 
     H = np.zeros((1, len(P)))
-    H[:, ROW : ROW + STATES] = slopes(height, STATES)
+    H[:, ROW : ROW + state.STATES] = slopes(height, state.STATES)
     variance = 0.01**2 + (0.1 * np.hypot(r[0], r[1]) / 0.09) ** 2
     spread = float((H @ before @ H.T)[0, 0])
     from_python(stance.level_floor_update)(memory, parameters, 29_000_000, 0.01)
@@ -435,17 +435,17 @@ def test_a_foot_that_lands_is_on_its_floor_with_a_probability_or_on_a_new_one(st
         assert memory.floor[0] == pytest.approx(same, rel=1e-6)
         assert same > 0.5
         gain = (before @ H.T / s)[:, 0]
-        np.testing.assert_allclose(x, moved(x0, -same * step * gain[ROW : ROW + STATES]), atol=1e-8)
+        np.testing.assert_allclose(x, moved(x0, -same * step * gain[ROW : ROW + state.STATES]), atol=1e-8)
     else:
         expected = x0.copy()
-        expected[FLOOR] = x0[POSITION + 2] + r[2]
+        expected[state.FLOOR] = x0[state.POSITION + 2] + r[2]
         np.testing.assert_allclose(x, expected, atol=1e-12)
         own = H.copy()
-        own[0, ROW + D_FLOOR] = 0.0
+        own[0, ROW + state.D_FLOOR] = 0.0
         row = (before @ own.T)[:, 0]
-        row[ROW + D_FLOOR] = float((own @ before @ own.T)[0, 0]) + variance
-        np.testing.assert_allclose(P[ROW + D_FLOOR], row, atol=1e-12)
-        np.testing.assert_allclose(P[:, ROW + D_FLOOR], row, atol=1e-12)
+        row[ROW + state.D_FLOOR] = float((own @ before @ own.T)[0, 0]) + variance
+        np.testing.assert_allclose(P[ROW + state.D_FLOOR], row, atol=1e-12)
+        np.testing.assert_allclose(P[:, ROW + state.D_FLOOR], row, atol=1e-12)
         assert memory.floor[0] == 1.0
     after = x.copy()
     from_python(stance.level_floor_update)(memory, parameters, 60_000_000, 0.01)

@@ -112,7 +112,7 @@ def test_every_module_has_tests_and_others_have_none():
     for scope in mutation.SCOPES:
         assert mutation.nearest(scope)
     assert mutation.nearest("estimators/foot_ins/kernel.py") == mutation.NEAREST["estimators/foot_ins"]
-    assert mutation.nearest("estimators/so3.py") == mutation.NEAREST["estimators"]
+    assert mutation.nearest("estimators/base.py") == mutation.NEAREST["estimators"]
     with pytest.raises(StrideTwinError, match=r"cli/main\.py: no tests are known"):
         mutation.nearest("cli/main.py")
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from stridetwin.sim.config import Level, Route, Stairs, Turn, TwinConfig
-from stridetwin.sim.kinematics.quaternions import quat_from_matrix
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.parts.library import make_ideal
@@ -14,6 +13,7 @@ from stridetwin.sim.sensors.sonar import SonarModel
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.world.bystanders import PARTS, pose_crowd
 from stridetwin.sim.world.terrain import Terrain
+from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.errors import ConfigError
 
 ROUTES = {
@@ -119,7 +119,7 @@ def test_a_camera_and_a_sonar_agree_on_who_stands_before_them() -> None:
     T_world_body = T_world_sensor @ np.linalg.inv(T_body_sensor)
     still = {
         "t_ns": np.array([int(at_s * 1e9)]),
-        "q_world_body": quat_from_matrix(T_world_body[None, :3, :3]),
+        "q_world_body": to_quaternion(T_world_body[None, :3, :3]),
         "v_body_in_world": np.zeros((1, 3)),
         "w_body": np.zeros((1, 3)),
     }

@@ -12,12 +12,11 @@ import pytest
 from benchmarks import gait
 from stridetwin.sim.config import Gait, Level, Person, Ramp, Route, Segment, Stairs, Turn, TwinConfig
 from stridetwin.sim.gait.footsteps import Footstep
-from stridetwin.sim.kinematics.quaternions import matrix_from_quat
 from stridetwin.sim.playback import Playback, split_wrench
 from stridetwin.sim.truth import CONTACT, FLAT, HEEL_OFF, SWING, foot_phase
 from stridetwin.sim.twin import Twin
+from stridetwin.streams.algebra.arrays import from_quaternion, rot_y
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.so3 import rot_y
 from stridetwin.streams.way import Way
 
 ROUTES: dict[str, tuple[Segment, ...]] = {
@@ -153,7 +152,7 @@ def test_feet_pass_each_other_without_touching(twin: Twin) -> None:
     outline = [[x, y, 0.0] for x in np.linspace(shoe.heel_back_x, shoe.toe_tip_x, 8) for y in (-1, 0, 1)]
     local = np.array(outline) * [1.0, shoe.half_width, 1.0]
     left, right = (
-        track.p_body_in_world[:, None] + local @ np.swapaxes(matrix_from_quat(track.q_world_body), 1, 2)
+        track.p_body_in_world[:, None] + local @ np.swapaxes(from_quaternion(track.q_world_body), 1, 2)
         for track in (motion.tracks["foot_l"], motion.tracks["foot_r"])
     )
     assert np.linalg.norm(left[:, :, None] - right[:, None], axis=-1).min() > 0.015
@@ -167,7 +166,7 @@ def test_the_head_turns_into_a_curve_before_the_pelvis() -> None:
     pelvis = columns[:, names.index("root_yaw")]
     assert np.abs(np.diff(pelvis)).max() < 0.05  # continuous beyond half a turn
     assert pelvis[-1] == pytest.approx(np.radians(-200.0), abs=0.02)
-    R = matrix_from_quat(motion.tracks["head"].q_world_body)
+    R = from_quaternion(motion.tracks["head"].q_world_body)
     head = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
     middle = [int(np.argmax(yaw < np.radians(-100.0))) for yaw in (head, pelvis)]
     assert 0.1 < 0.01 * (middle[1] - middle[0]) < 0.8
@@ -270,7 +269,7 @@ def test_contact_forces_carry_the_motion_within_the_soles(twin: Twin) -> None:
     for side, load in loads.feet.items():
         strong = load.force[:, 2] > 0.2 * weight
         track = motion.tracks[f"foot_{side}"]
-        R = matrix_from_quat(track.q_world_body)
+        R = from_quaternion(track.q_world_body)
         local = np.einsum("nji,nj->ni", R, load.cop - track.p_body_in_world)[strong]
         shoe = twin.size.shoe
         inside = (local[:, 0] > shoe.heel_back_x - 0.005) & (local[:, 0] < shoe.toe_tip_x + 0.005)

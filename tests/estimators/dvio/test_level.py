@@ -10,20 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.dvio import DvioParameters
-from stridetwin.estimators.dvio.level import (
-    START_MOUNT_SD_RAD,
-    LevelGround,
-    Slope,
-    add_level,
-    covariance_of,
-    level_weight,
-    mean_slope,
-    misfit,
-    slope_columns,
-    slope_of,
-    start_slope,
-)
+from stridetwin.estimators.dvio import DvioParameters, level
 from stridetwin.estimators.dvio.mount_prior import MountPrior
 from stridetwin.estimators.dvio.optimiser import blank_work, minimise
 from stridetwin.estimators.dvio.state import CALIBRATION, D_ATTITUDE, D_ATTITUDE_IC, FRAME, WindowState
@@ -47,23 +34,23 @@ def test_the_jacobian_of_a_slope_is_its_derivative(seed):
     w = seen_window(rng)
     w.calibration.focal[:] = [0.01, -0.02]
     measured = ground(w, 2, 0.02) + 0.01 * rng.normal(size=3)
-    slope = slope_of(w, 2, measured)
-    for column, i in enumerate(slope_columns(2)):
+    slope = level.slope_of(w, 2, measured)
+    for column, i in enumerate(level.slope_columns(2)):
         other, error = copy.deepcopy(w), np.zeros(CALIBRATION + FRAME * 4)
         error[i] = STEP
         moved(other, error)
-        derivative = (slope_of(other, 2, measured).r - slope.r) / STEP
+        derivative = (level.slope_of(other, 2, measured).r - slope.r) / STEP
         assert slope.J[:, column] == pytest.approx(derivative, abs=1e-5)
 
 
 def test_a_slope_is_that_of_the_ground():
     w = seen_window(np.random.default_rng(1))
-    assert slope_of(w, 1, ground(w, 1)).r == pytest.approx([0.0, 0.0], abs=1e-12)
-    assert slope_of(w, 1, ground(w, 1, 0.02)).r == pytest.approx([np.sin(0.02), 0.0], abs=1e-9)
+    assert level.slope_of(w, 1, ground(w, 1)).r == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert level.slope_of(w, 1, ground(w, 1, 0.02)).r == pytest.approx([np.sin(0.02), 0.0], abs=1e-9)
 
 
-def slope(x: float) -> Slope:
-    return Slope(r=np.array([x, 0.0]), J=np.hstack([np.zeros((2, 3)), np.eye(2, 3)]))
+def slope(x: float) -> level.Slope:
+    return level.Slope(r=np.array([x, 0.0]), J=np.hstack([np.zeros((2, 3)), np.eye(2, 3)]))
 
 
 def tilted(sd: float) -> np.ndarray:
@@ -81,42 +68,42 @@ def tilted(sd: float) -> np.ndarray:
     ],
 )
 def test_only_what_may_be_level_is_taken_as_level(slope_rad, tilt_sd_rad, used):
-    assert (level_weight(slope(slope_rad), tilted(tilt_sd_rad), SD_RAD) > 0) == used
+    assert (level.level_weight(slope(slope_rad), tilted(tilt_sd_rad), SD_RAD) > 0) == used
 
 
 def test_an_unlikely_slope_counts_less():
-    assert level_weight(slope(0.0), tilted(0.01), SD_RAD) == pytest.approx(SD_RAD**-2)
-    assert level_weight(slope(0.025), tilted(0.01), SD_RAD) < 0.7 * SD_RAD**-2
+    assert level.level_weight(slope(0.0), tilted(0.01), SD_RAD) == pytest.approx(SD_RAD**-2)
+    assert level.level_weight(slope(0.025), tilted(0.01), SD_RAD) < 0.7 * SD_RAD**-2
 
 
 def test_the_variance_of_a_slope_is_the_scatter_of_its_measurements():
     rng = np.random.default_rng(5)
     w = seen_window(rng)
     exact, covariance = ground(w, 1, 0.01), np.diag([4e-3, 2e-3, 1e-3]) ** 2
-    slopes = [slope_of(w, 1, exact + rng.multivariate_normal(np.zeros(3), covariance)).r for _ in range(4000)]
+    slopes = [level.slope_of(w, 1, exact + rng.multivariate_normal(np.zeros(3), covariance)).r for _ in range(4000)]
     expected = 0.5 * np.var(slopes, axis=0).sum()
-    assert slope_of(w, 1, exact, np.linalg.inv(covariance)).variance == pytest.approx(expected, rel=0.06)
+    assert level.slope_of(w, 1, exact, np.linalg.inv(covariance)).variance == pytest.approx(expected, rel=0.06)
 
 
-def measured_slope(x: float, y: float, variance: float) -> Slope:
-    return Slope(r=np.array([x, y]), J=np.zeros((2, 6)), variance=variance)
+def measured_slope(x: float, y: float, variance: float) -> level.Slope:
+    return level.Slope(r=np.array([x, y]), J=np.zeros((2, 6)), variance=variance)
 
 
 def test_planes_of_one_floor_are_as_uncertain_as_they_scatter():
     """Two of them agree, the third is a degree off: it moves the mean, which counts little."""
     alike = [measured_slope(0.001, 0.0, 1e-5), measured_slope(-0.001, 0.0, 1e-5)]
-    mean = mean_slope(alike, [0.0, 0.0])
+    mean = level.mean_slope(alike, [0.0, 0.0])
     assert mean.r == pytest.approx([0.0, 0.0])
     assert mean.variance == pytest.approx(1e-5 + 0.5e-6)
-    torn = mean_slope([*alike, measured_slope(0.0, 0.018, 1e-5)], [0.0, 0.0, 0.0])
+    torn = level.mean_slope([*alike, measured_slope(0.0, 0.018, 1e-5)], [0.0, 0.0, 0.0])
     assert torn.r == pytest.approx([0.0, 0.006])
     assert torn.variance == pytest.approx(1e-5 + (2 * (1e-6 + 0.006**2) + 0.012**2) / 6)
     flat = tilted(0.01)
-    assert level_weight(torn, flat, SD_RAD) < 0.5 * level_weight(alike[0], flat, SD_RAD)
+    assert level.level_weight(torn, flat, SD_RAD) < 0.5 * level.level_weight(alike[0], flat, SD_RAD)
 
 
 def test_a_better_known_plane_counts_more():
-    mean = mean_slope([measured_slope(0.0, 0.0, 1e-6), measured_slope(0.01, 0.0, 9e-6)], [1.0, 1.0])
+    mean = level.mean_slope([measured_slope(0.0, 0.0, 1e-6), measured_slope(0.01, 0.0, 9e-6)], [1.0, 1.0])
     assert mean.r == pytest.approx([0.001, 0.0])
 
 
@@ -124,9 +111,9 @@ def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
     """Of two planes that may be level but not both, the likelier one: with 0.65° of tilt, 0° against 1.8°."""
     floor, ramp = slope(0.0)._replace(variance=1e-5), slope(0.0314)._replace(variance=1e-5)
     unknown = tilted(0.0113)
-    misfits = [misfit(plane, unknown, SD_RAD) for plane in (floor, ramp)]
+    misfits = [level.misfit(plane, unknown, SD_RAD) for plane in (floor, ramp)]
     assert misfits == pytest.approx([0.0, 0.0314**2 / (0.0113**2 + SD_RAD**2 + 1e-5)])
-    mean = mean_slope([floor, ramp], misfits)
+    mean = level.mean_slope([floor, ramp], misfits)
     ratio = np.exp(-0.5 * misfits[1])
     assert mean.r[0] == pytest.approx(0.0314 * ratio / (1.0 + ratio))
     assert mean.r[0] < 0.002
@@ -137,8 +124,8 @@ def test_a_floor_counts_more_than_the_gentle_ramp_behind_it():
 )
 def test_the_ground_of_the_start_may_be_steeper(slope_rad, at_start, later):
     unknown = tilted(0.0113)
-    assert (level_weight(slope(slope_rad), unknown, SD_RAD, at_start=True) > 0) == at_start
-    assert (level_weight(slope(slope_rad), unknown, SD_RAD) > 0) == later
+    assert (level.level_weight(slope(slope_rad), unknown, SD_RAD, at_start=True) > 0) == at_start
+    assert (level.level_weight(slope(slope_rad), unknown, SD_RAD) > 0) == later
 
 
 def prior_of(w: WindowState, tilt_sd: float = 0.01, mount_sd: float = 5e-3) -> None:
@@ -160,18 +147,18 @@ def test_level_ground_corrects_the_tilt():
     work = blank_work(w)
     minimise(w, FACTORS, work, 1, 1e-3)
     size = CALIBRATION + FRAME
-    before = slope_of(w, 0, measured)
-    covariance = covariance_of(slope_columns(0), work.factor, size)
+    before = level.slope_of(w, 0, measured)
+    covariance = level.covariance_of(level.slope_columns(0), work.factor, size)
     assert np.sqrt(np.diag(covariance)) == pytest.approx([5e-3] * 3 + [0.01] * 3, rel=1e-3)
-    weight = level_weight(before, covariance, SD_RAD)
+    weight = level.level_weight(before, covariance, SD_RAD)
     assert weight > 0
-    add_level(w, 0, before, weight)
+    level.add_level(w, 0, before, weight)
     minimise(w, FACTORS, work, 3, 1e-9)
-    after = slope_of(w, 0, measured)
+    after = level.slope_of(w, 0, measured)
     assert np.linalg.norm(before.r) == pytest.approx(0.01, rel=0.01)
     expected = SD_RAD**2 / (SD_RAD**2 + 0.01**2 + 5e-3**2)
     assert np.linalg.norm(after.r) == pytest.approx(expected * 0.01, rel=0.05)
-    tilt = after.J @ covariance_of(slope_columns(0), work.factor, size) @ after.J.T
+    tilt = after.J @ level.covariance_of(level.slope_columns(0), work.factor, size) @ after.J.T
     assert np.sqrt(np.diag(tilt)).max() < SD_RAD
 
 
@@ -183,9 +170,9 @@ def test_a_second_observation_continues_from_the_first():
     w.frames.R[0] = Rotation.from_euler("y", 0.01).as_matrix() @ w.frames.R[0]
     left = []
     for _ in range(4):
-        add_level(w, 0, slope_of(w, 0, measured), SD_RAD**-2)
+        level.add_level(w, 0, level.slope_of(w, 0, measured), SD_RAD**-2)
         minimise(w, FACTORS, work, 3, 1e-9)
-        left.append(float(np.linalg.norm(slope_of(w, 0, measured).r)))
+        left.append(float(np.linalg.norm(level.slope_of(w, 0, measured).r)))
     s2 = SD_RAD**2 / (0.01**2 + 5e-3**2)
     assert left == pytest.approx([0.01 * s2 / (s2 + k) for k in (1, 2, 3, 4)], rel=0.08)
 
@@ -198,7 +185,7 @@ def start(w: WindowState, slope_rad: float) -> MountPrior:
     minimise(w, FACTORS, work, 1, 1e-3)
     weights = np.tile(1e6 * np.eye(3), (2, 1, 1))
     planes = np.array([ground(w, 0, slope_rad), 1.05 * ground(w, 0, slope_rad)])
-    LevelGround(SD_RAD, used=True).observe(w, work.factor, 0, planes, weights, mount)
+    level.LevelGround(SD_RAD, used=True).observe(w, work.factor, 0, planes, weights, mount)
     minimise(w, FACTORS, work, 3, 1e-9)
     return mount
 
@@ -213,7 +200,7 @@ def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
     tilted_by = Rotation.from_matrix(w.frames.R[0] @ R.T).magnitude()
     assert (mount.sd[1] > 0.02) == is_mount
     if is_mount:
-        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + START_MOUNT_SD_RAD**2), rel=0.08)
+        assert turned == pytest.approx(slope_rad * 0.04**2 / (0.04**2 + level.START_MOUNT_SD_RAD**2), rel=0.08)
         assert tilted_by < 2e-3
     else:
         assert turned < 0.005
@@ -222,13 +209,13 @@ def test_a_mount_that_is_off_is_seen_at_the_start(slope_rad, is_mount):
 def test_the_slope_of_a_mount_needs_planes_that_agree():
     floor, other = slope(0.07)._replace(variance=1e-5), slope(0.11)._replace(variance=1e-5)
     known, unknown = tilted(0.01), tilted(0.03)
-    alone = start_slope([floor, slope(0.2)], known)
+    alone = level.start_slope([floor, slope(0.2)], known)
     assert alone is not None
     assert alone.r == pytest.approx(floor.r)
     assert not alone.J[:, 3:].any()
-    assert start_slope([floor, other], known) is None
-    assert start_slope([floor], unknown) is None
-    assert start_slope([slope(0.2)], known) is None
+    assert level.start_slope([floor, other], known) is None
+    assert level.start_slope([floor], unknown) is None
+    assert level.start_slope([slope(0.2)], known) is None
 
 
 def mounted(off_rad: float, spread_rad: float) -> tuple[MountPrior, WindowState]:

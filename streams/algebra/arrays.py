@@ -1,7 +1,7 @@
-"""Rotations, SO(3), of stacked arrays: matrices, rotation vectors, Euler angles (yaw, pitch, roll), quaternions (wxyz).
+"""Rotations of stacked NumPy arrays: matrices, rotation vectors, Euler angles (yaw, pitch, roll), quaternions (wxyz).
 
-NumPy alone. The compiled counterparts work on one rotation at a time: `estimators/so3.py` on arrays,
-`sim/kinematics/quaternions.py` on tuples, which the compiler keeps in registers.
+A rotation is a matrix (..., 3, 3): its inverse is the transpose, the product of two is `@`. A pure stack operation
+costs some 10 µs of NumPy; compiled code uses `tuples` and `matrices`, one rotation at a time.
 """
 
 from __future__ import annotations
@@ -27,6 +27,13 @@ def exp(v: Array) -> Array:
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     X = hat(v)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * X + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (X @ X))
+
+
+def log(R: Array) -> Array:
+    """(..., 3) rotation vectors, rad, of length ≤ π, of (..., 3, 3) rotation matrices."""
+    from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
+
+    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()).reshape(R.shape[:-1])
 
 
 def rot_x(angle: Array) -> Array:
@@ -63,7 +70,7 @@ def slerp(R_a: Array, R_b: Array, share: Array) -> Array:
     """
     from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
 
-    rotation = Rotation.from_matrix(R_a.T @ R_b).as_rotvec()
+    rotation = log(R_a.T @ R_b)
     return R_a @ Rotation.from_rotvec(share[:, None] * rotation).as_matrix()
 
 
@@ -105,8 +112,46 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def rotate(q: Array, v: Array) -> Array:
-    """Rotates vectors (N, 3) by unit quaternions (N, 4) w, x, y, z."""
+def matvec(M: Array, v: Array) -> Array:
+    """(..., n) products of matrices (..., n, m), such as rotations, and vectors (..., m)."""
+    return np.asarray((M @ v[..., None])[..., 0])
+
+
+def to_quaternion(R: Array) -> Array:
+    """(..., 4) unit quaternions (w, x, y, z), w >= 0, of (..., 3, 3) rotation matrices.
+
+    Of the four multiples of the quaternion that are linear in R, the longest is made unit (Shepperd 1978).
+    """
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(np.asarray(R, dtype=float), (-2, -1), (0, 1))
+    trace = xx + yy + zz
+    rows = np.empty((*np.shape(xx), 4, 4))  # row i is the quaternion times 4 |q_i|
+    rows[..., 0, 0], rows[..., 1, 1] = 1.0 + trace, 1.0 + 2.0 * xx - trace
+    rows[..., 2, 2], rows[..., 3, 3] = 1.0 + 2.0 * yy - trace, 1.0 + 2.0 * zz - trace
+    rows[..., 0, 1] = rows[..., 1, 0] = zy - yz
+    rows[..., 0, 2] = rows[..., 2, 0] = xz - zx
+    rows[..., 0, 3] = rows[..., 3, 0] = yx - xy
+    rows[..., 1, 2] = rows[..., 2, 1] = xy + yx
+    rows[..., 1, 3] = rows[..., 3, 1] = xz + zx
+    rows[..., 2, 3] = rows[..., 3, 2] = yz + zy
+    largest = np.argmax(np.stack([trace, xx, yy, zz], axis=-1), axis=-1)
+    q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    square = q * q
+    size = np.sqrt(square[..., 0] + square[..., 1] + square[..., 2] + square[..., 3])
+    return np.asarray(np.copysign(1.0 / size, q[..., 0])[..., None] * q)
+
+
+def from_quaternion(q: Array) -> Array:
+    """(..., 3, 3) rotation matrices of (..., 4) unit quaternions (w, x, y, z)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    return _stack_rows(
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def apply_quaternion(q: Array, v: Array) -> Array:
+    """(N, 3) vectors (N, 3) rotated by unit quaternions (N, 4) w, x, y, z: v + 2 w (u × v) + 2 u × (u × v), u = xyz."""
     w, u = q[:, :1], q[:, 1:]
     t = 2.0 * np.cross(u, v)
     return v + w * t + np.cross(u, t)
