@@ -25,6 +25,7 @@ from stridetwin.streams.formats.opensim_export import write_opensim
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.formats.tum_rgbd import write_tum_rgbd
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Imu
 
 
 def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Recording:
@@ -95,7 +96,7 @@ def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, in
     imus = sorted(t.strip("/") for t in recording.rig.imus if t in recording.topics)
     if frame not in imus:
         raise StrideTwinError(f"{recording.path}: no IMU {frame!r}; it has {', '.join(imus) or 'none'}")
-    block = recording.block(f"/{frame}")
+    block = recording.block(f"/{frame}").as_kind(Imu)
     write_imu_table(output, block)
     return {frame: len(block)}
 

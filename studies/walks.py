@@ -52,7 +52,7 @@ class RecordedWalk:
 
     def imus(self, *, wide: bool = False) -> dict[str, Block[Imu]]:
         """All samples of each foot's IMU in either recording, by `l` and `r`."""
-        return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu") for foot in "lr"}
+        return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu").as_kind(Imu) for foot in "lr"}
 
     @property
     def fell_at_s(self) -> float | None:

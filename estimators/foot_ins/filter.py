@@ -83,7 +83,7 @@ class FootIns:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
         topic = _topic(options)
-        block, estimator = recording.block(topic), cls.batch(recording.rig, options)
+        block, estimator = recording.block(topic).as_kind(Imu), cls.batch(recording.rig, options)
         path = estimator.run(block)
         return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis)]
 

@@ -18,10 +18,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.live.messages import Decoder, Message, rank_of
+from stridetwin.streams.live.messages import Decoder, rank_of
 from stridetwin.streams.live.wire import Counts, Hello, Link, WireError, parse_json, read_message
+from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
+from stridetwin.streams.validation import type_adapter
 
 if TYPE_CHECKING:
     import zenoh
@@ -165,7 +167,7 @@ class Receiver:
 
     def _on_hello(self, name: str, body: bytes) -> _Sender:
         """Accepts a new sender, or a reconnecting one."""
-        hello: Hello = parse_json(Hello, body, "hello")
+        hello = parse_json(type_adapter(Hello), body, "hello")
         _ = hello.calibration  # an invalid one is refused
         with self._changed:
             if self._count_connected() >= MOST_SENDERS:
@@ -181,7 +183,7 @@ class Receiver:
 
     def _on_end(self, name: str, body: bytes) -> _Sender:
         """Settles what a sender had; it hangs up itself once it has the answer."""
-        numbers = parse_json(Counts, body, "end")
+        numbers = parse_json(type_adapter(Counts), body, "end")
         with self._changed:
             sender = self._senders.get(name)
             if sender is None:

@@ -11,12 +11,15 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc
 
 ENCAPSULATION = 4
 
@@ -37,6 +40,9 @@ _CODES = {
     "float64": "f8",
 }
 
+_Form = np.dtype[np.generic] | tuple[np.dtype[np.generic], tuple[int, ...]]
+"""NumPy type of a field: of one number, or of an array with its shape."""
+
 
 @dataclass(frozen=True, eq=False)
 class MessageLayout:
@@ -50,7 +56,7 @@ class MessageLayout:
         head: Encapsulation header, which contains the byte order.
     """
 
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.void]
     lengths: tuple[tuple[int, int], ...]
     strings: dict[str, str | list[str]]
     head: bytes
@@ -81,7 +87,7 @@ class _LayoutParser:
         self.payload, self.store = payload, store
         self.order = "<" if payload[1] else ">"
         self.at = ENCAPSULATION
-        self.fields: dict[str, tuple[Any, int]] = {}
+        self.fields: dict[str, tuple[_Form, int]] = {}
         self.lengths: list[tuple[int, int]] = []
         self.strings: dict[str, str | list[str]] = {}
 
@@ -124,19 +130,18 @@ class _LayoutParser:
         for name, description in members:
             self.member(f"{path}.{name}" if path else name, description)
 
-    def member(self, path: str, description: Any) -> None:
+    def member(self, path: str, description: FieldDesc) -> None:
         """Walks through a field of a message, by rosbags' description of its type."""
-        node, detail = description
-        if node == Nodetype.NAME:
-            self.message(path, detail)
-        elif node == Nodetype.BASE:
-            if detail[0] == "string":
+        if description[0] == Nodetype.NAME:
+            self.message(path, description[1])
+        elif description[0] == Nodetype.BASE:
+            if description[1][0] == "string":
                 self.strings[path] = self.string()
             else:
-                self.numbers(path, detail[0], ())
+                self.numbers(path, description[1][0], ())
         else:
-            inner, size = detail
-            count = size if node == Nodetype.ARRAY else self.length()
+            inner, size = description[1]
+            count = size if description[0] == Nodetype.ARRAY else self.length()
             if inner[0] == Nodetype.NAME:
                 for i in range(count):
                     self.message(f"{path}.{i}", inner[1])

@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,9 +74,9 @@ class McapContents(RecordingIndex):
                     heapq.heappush(heap, (first.t_ns, order[topic], i, first, items))
         yield from _pop_until(heap, None)
 
-    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Sample]]:
         """All samples of some topics without images, in one pass over the file."""
-        parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
+        parts: dict[str, list[Block[Sample]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
         missing = [topic for topic in topics if topic not in self._kept]
         for chunk in self.chunks if missing else ():
             chunk_topics = [topic for topic in missing if topic in chunk.parts]
@@ -143,7 +143,7 @@ class McapContents(RecordingIndex):
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
-    def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Any]:
+    def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Sample]:
         block = reader.block(messages)
         keep = is_increasing(block.t_ns, part.before)
         return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,7 @@ class Recording:
         assert isinstance(self._contents, McapContents)
         return self._contents.messages(topics, rank_of)
 
-    def block(self, topic: str) -> Block[Any]:
+    def block(self, topic: str) -> Block[Sample]:
         """All samples of a topic as one block; not for images.
 
         Raises:
@@ -128,7 +128,7 @@ class Recording:
         """
         return self.blocks([topic])[topic]
 
-    def blocks(self, topics: Iterable[str]) -> dict[str, Block[Any]]:
+    def blocks(self, topics: Iterable[str]) -> dict[str, Block[Sample]]:
         """All samples of some topics as one block each, read in one pass; not for images.
 
         Raises:
@@ -163,7 +163,7 @@ class Recording:
         with explain_import_error("tables of samples need it", "frames"):
             import pandas
         block = self.block(topic)
-        columns: dict[str, NDArray[Any]] = {}
+        columns: dict[str, NDArray[np.generic]] = {}
         for name, values in block.columns.items():
             flat = np.asarray(values).reshape(len(block), -1)
             labels = _COMPONENTS.get(flat.shape[1], tuple(map(str, range(flat.shape[1]))))

@@ -38,7 +38,10 @@ from stridetwin.streams.samples import (
 from stridetwin.streams.so3 import rotate
 
 Columns = Mapping[str, NDArray[Any]]
+Constants = Mapping[str, tuple[str, ...]]
 Rows = NDArray[np.void]
+TopicValues = Callable[[str, Rig, Constants], dict[str, object]]
+"""Values that are equal in all messages of a topic, by dotted path: from topic, rig and the block's constants."""
 
 FEET = ("l", "r")
 TERRAINS = ("level", "stair", "ramp")
@@ -64,25 +67,25 @@ class SampleMapping:
 
     kind: type[Sample]
     typename: str
-    write: Callable[[Columns], dict[str, NDArray[Any]]]
-    read: Callable[[Rows], dict[str, NDArray[Any]]]
-    fixed: Mapping[str, Any] = field(default_factory=dict)
-    of_topic: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]] = lambda *_: {}
+    write: Callable[[Columns], Mapping[str, NDArray[np.generic]]]
+    read: Callable[[Rows], Mapping[str, NDArray[np.generic]]]
+    fixed: Mapping[str, object] = field(default_factory=dict)
+    of_topic: TopicValues = lambda *_: {}
     frame: str = ""
-    constants: Callable[[MessageLayout], dict[str, Any]] = lambda _: {}
+    constants: Callable[[MessageLayout], Constants] = lambda _: {}
 
-    def values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+    def values(self, topic: str, rig: Rig, constants: Constants) -> dict[str, object]:
         """The values that are equal in all messages of a topic, by dotted path."""
         frame = {"header.frame_id": self.frame or frame_id(topic)}
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
-    def template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
+    def template(self, topic: str, rig: Rig, constants: Constants) -> tuple[bytes, MessageLayout]:
         """One serialised message of a topic, and the layout of its numbers."""
         payload = serialise(self.typename, self.values(topic, rig, constants))
         return payload, layout_of(payload, self.typename, typestore())
 
 
-def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Any]) -> None:
+def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Sample]) -> None:
     """Writes a block's stamps and columns into message rows made from its topic's template."""
     if "header.stamp.sec" in (rows.dtype.names or ()):
         rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(block.t_ns, 1_000_000_000)
@@ -98,7 +101,7 @@ def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
     return t if t.any() else log_time
 
 
-def block_of(samples: Sequence[Sample]) -> Block[Any]:
+def block_of(samples: Sequence[Sample]) -> Block[Sample]:
     """Samples of one topic as a block."""
     first = samples[0]
     names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
@@ -118,7 +121,7 @@ def frame_id(topic: str) -> str:
 
 
 def _conjugate(q: Array) -> Array:
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def _to_xyzw(q: Array) -> Array:
@@ -129,11 +132,11 @@ def _to_wxyz(q: Array) -> Array:
     return q[:, [3, 0, 1, 2]].astype(np.float64)
 
 
-def _to_float64(values: NDArray[Any]) -> Array:
+def _to_float64(values: NDArray[np.generic]) -> Array:
     return values.astype(np.float64)
 
 
-def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
     if topic not in rig.imus:
         return {}
     imu = rig.imus[topic]
@@ -143,18 +146,18 @@ def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     }
 
 
-def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
     parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
     return {k: parameters.get(v, 0.0) for k, v in named.items()}
 
 
-def _read_range(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_range(rows: Rows) -> dict[str, NDArray[np.generic]]:
     distance = _to_float64(rows["range"])
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
-def _encoder_joint(topic: str, *_: object) -> dict[str, Any]:
+def _encoder_joint(topic: str, *_: object) -> dict[str, object]:
     return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
 
@@ -164,23 +167,23 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joint_values(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
     names = list(constants["names"])
     zeros = np.zeros(len(names))
     return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}
 
 
-def _read_joints(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_joints(rows: Rows) -> dict[str, Array]:
     position = _to_float64(rows["position"])
     parts = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}
     return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
 
 
-def _child_frame(topic: str, *_: object) -> dict[str, Any]:
+def _child_frame(topic: str, *_: object) -> dict[str, object]:
     return {"child_frame_id": frame_id(topic)}
 
 
-def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_odometry(c: Columns) -> dict[str, NDArray[np.generic]]:
     q = c["q_world_frame"]
     return {
         "pose.pose.position": c["p_frame_in_world"],
@@ -190,7 +193,7 @@ def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
     }
 
 
-def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_odometry(rows: Rows) -> dict[str, NDArray[np.generic]]:
     q = _to_wxyz(rows["pose.pose.orientation"])
     return {
         "p_frame_in_world": _to_float64(rows["pose.pose.position"]),
@@ -200,11 +203,11 @@ def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
     }
 
 
-def _to_codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
+def _to_codes(values: NDArray[np.generic], names: tuple[str, ...]) -> NDArray[np.uint8]:
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
-def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_footprint(c: Columns) -> dict[str, NDArray[np.generic]]:
     return {
         "foot": _to_codes(c["foot"], FEET),
         "terrain": _to_codes(c["terrain"], TERRAINS),
@@ -214,7 +217,7 @@ def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
     }
 
 
-def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_footprint(rows: Rows) -> dict[str, NDArray[np.generic]]:
     return {
         "foot": np.array([FEET[i] for i in rows["foot"]], object),
         "p_foot_in_world": _to_float64(rows["pose.position"]),
@@ -224,14 +227,24 @@ def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
     }
 
 
-def _map_fields(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> SampleMapping:
-    """A sample whose fields are message fields with another name."""
+def _map_fields(
+    kind: type[Sample],
+    typename: str,
+    paths: Mapping[str, str],
+    *,
+    fixed: Mapping[str, object] | None = None,
+    of_topic: TopicValues = lambda *_: {},
+    frame: str = "",
+) -> SampleMapping:
+    """A sample whose fields are message fields with another name; the rest as in `SampleMapping`."""
     return SampleMapping(
         kind,
         typename,
         lambda c: {path: c[name] for name, path in paths.items()},
         lambda rows: {name: _to_float64(rows[path]) for name, path in paths.items()},
-        **more,
+        fixed=fixed or {},
+        of_topic=of_topic,
+        frame=frame,
     )
 
 

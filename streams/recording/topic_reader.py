@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +65,7 @@ class TopicReader:
         """
         return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
-    def block(self, messages: Messages) -> Block[Any]:
+    def block(self, messages: Messages) -> Block[Sample]:
         """All messages as one block, with unchecked stamps.
 
         Raises:
@@ -84,12 +83,12 @@ class TopicReader:
             raise ValueError(f"{len(messages)} messages of unequal layout together: expected up to {_MOST_UNEQUAL}")
         return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
-    def _decode_single(self, messages: Messages, i: int) -> Block[Any]:
+    def _decode_single(self, messages: Messages, i: int) -> Block[Sample]:
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
-    def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
+    def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Sample]:
         mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])
         self.kind = mapping.kind
         try:
@@ -105,7 +104,7 @@ class TopicReader:
         )
 
 
-def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
+def concatenate_blocks(blocks: list[Block[Sample]]) -> Block[Sample]:
     """Blocks of one topic, one after the other.
 
     Raises:
