@@ -87,7 +87,7 @@ class Arrival:
         log_ns: Arrival time; (N,) for the samples of a block, None = at their stamps.
     """
 
-    item: Sample | Block[Any]
+    item: Sample | Block[Sample]
     taken_ns: int = 0
     log_ns: Any = None
 
@@ -96,12 +96,13 @@ class Arrival:
         """Topic of the item."""
         return self.item.topic
 
-    def with_values(self, **values: Any) -> Arrival:
+    def with_values(self, **values: object) -> Arrival:
         """Copy of this arrival whose sample has other values in the named fields."""
-        return replace(self, item=replace(self.item, **values))
+        fields: dict[str, Any] = dict(values)
+        return replace(self, item=replace(self.item, **fields))
 
 
-def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
+def arrivals(items: Iterable[Block[Sample] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[Arrival]:
     """Items as they arrive at the recorder, with faults applied in the given order.
 
     Args:
@@ -138,7 +139,7 @@ def _process_last(stream: Iterable[Arrival], fault: Fault, events: EventsOfTopic
     yield from fault.flush(memory)
 
 
-def _split_block(item: Block[Any] | Sample) -> Iterator[Arrival]:
+def _split_block(item: Block[Sample] | Sample) -> Iterator[Arrival]:
     """Each sample of a block, or a single sample, as an arrival at its own stamp."""
     for sample in item if isinstance(item, Block) else (item,):
         yield Arrival(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
@@ -396,11 +397,11 @@ class FaultPlan:
             rig = replace(rig, **sensors)
         return cls(rig=rig, planned=planned)
 
-    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Arrival]:
+    def arrivals(self, items: Iterable[Block[Sample] | Sample]) -> Iterator[Arrival]:
         """Items as they arrive at the recorder, given those that the sensors sent, in chunks by time."""
         return arrivals(items, self.planned)
 
-    def samples(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Sample]:
+    def samples(self, items: Iterable[Block[Sample] | Sample]) -> Iterator[Sample]:
         """Single samples as they arrive at an estimator, given the items that the sensors sent, in chunks by time."""
         for arrival in self.arrivals(items):
             yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)
