@@ -9,7 +9,6 @@ import pytest
 
 from tools.tutorial import ROOT, blocks
 
-PAGES = ("tutorial.md", "conform.md")
 EXAMPLES = ROOT / "tests" / "run" / "example_package"
 FITS = """
 from stridetwin.estimators.base import Estimator
@@ -41,7 +40,7 @@ def check_types(folder: Path) -> str:
     done = subprocess.run(
         [*command, *sorted(file.name for file in folder.glob("*.py"))],
         cwd=folder,
-        env=os.environ | {"MYPYPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "MYPYPATH": ""},  # as if it were installed
         capture_output=True,
         text=True,
         timeout=1200,
@@ -53,9 +52,10 @@ def check_types(folder: Path) -> str:
 @pytest.fixture
 def folder(tmp_path):
     """A folder with the Python files of the pages and of the example package."""
-    for page in PAGES:
-        for block in blocks((ROOT / "docs" / page).read_text(encoding="utf-8")):
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for block in blocks(page.read_text(encoding="utf-8")):
             if block.language == "python" and block.file:
+                assert not (tmp_path / block.file).exists(), f"{page.name}: another page has a {block.file}"
                 (tmp_path / block.file).write_text(block.text, encoding="utf-8")
     for file in EXAMPLES.glob("*.py"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
