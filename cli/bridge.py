@@ -16,9 +16,10 @@ from stridetwin.cli.options import Outcome, Progress
 from stridetwin.cli.recording import open_source
 from stridetwin.estimators import registry
 from stridetwin.streams.errors import RecordingError, StrideTwinError
-from stridetwin.streams.live.messages import Message, to_messages
+from stridetwin.streams.live.messages import to_messages
 from stridetwin.streams.live.sender import Sender
 from stridetwin.streams.live.wire import parse_address
+from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.rig import Rig
 
 TRUTH_PREFIX = "/truth/"

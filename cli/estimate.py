@@ -91,6 +91,7 @@ def _run(
         estimator_class: Class of the estimator.
         kind: Its kind of output.
         options: Its options.
+        parameters: Values of `--set` by name.
         progress: Receives the stage and its progress (0-1).
 
     Raises:

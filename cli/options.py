@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
 import typer
 
@@ -22,6 +22,7 @@ from stridetwin.streams.formats.file_formats import FILE_FORMATS
 
 if TYPE_CHECKING:
     from rich.table import Table
+    from typer.models import OptionInfo
 
 _MOST_DIGITS = 1000
 LARGEST_PX = 1024
@@ -53,14 +54,19 @@ class Outcome:
         code: Exit code.
     """
 
-    data: dict[str, Any]
+    data: Mapping[str, object]
     lines: Sequence[str | Table]
     code: int = 0
 
 
-def one_of(
-    names: Sequence[str], other: str = "", is_other: Callable[[str], bool] = lambda text: False
-) -> dict[str, Any]:
+class Choice(TypedDict):
+    """Arguments of `typer.Option` or `typer.Argument` for one of several names."""
+
+    parser: Callable[[str], str]
+    autocompletion: Callable[[], list[str]]
+
+
+def one_of(names: Sequence[str], other: str = "", is_other: Callable[[str], bool] = lambda text: False) -> Choice:
     """Arguments of `typer.Option` or `typer.Argument` for a choice of names, which the shell completes.
 
     Args:
@@ -164,7 +170,7 @@ count = _whole_number(1, 1_000_000)
 pixels = _whole_number(16, LARGEST_PX)
 
 
-def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] | None = None) -> Any:
+def option(help: str, metavar: str | None = None, parser: Callable[[str], object] | None = None) -> OptionInfo:
     """An option with a value, as `typer.Option`.
 
     Args:
@@ -172,17 +178,20 @@ def option(help: str, metavar: str | None = None, parser: Callable[[str], Any] |
         metavar: Name of the value in the help.
         parser: Converts the text to the value; by default as the field's annotation says.
     """
-    return typer.Option(help=help, metavar=metavar, parser=parser)
+    info: OptionInfo = typer.Option(help=help, metavar=metavar, parser=parser)
+    return info
 
 
-def switch(name: str, help: str) -> Any:
+def switch(name: str, help: str) -> OptionInfo:
     """An option without a value, such as `--json`, as `typer.Option`."""
-    return typer.Option(name, help=help, metavar="")  # it takes no value, such as <bool>
+    info: OptionInfo = typer.Option(name, help=help, metavar="")  # it takes no value, such as <bool>
+    return info
 
 
-def output_option(help: str, metavar: str = "FILE") -> Any:
+def output_option(help: str, metavar: str = "FILE") -> OptionInfo:
     """The option `-o` of a command that writes a file or folder, as `typer.Option`."""
-    return typer.Option("-o", "--output", help=help, metavar=metavar)
+    info: OptionInfo = typer.Option("-o", "--output", help=help, metavar=metavar)
+    return info
 
 
 @dataclass(frozen=True, kw_only=True)

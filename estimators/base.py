@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,8 @@ TRACKING = "tracking"
 FOOT_NAMES = {"l": "left", "r": "right"}
 """Name of each foot by its letter in topics and options."""
 Progress = Callable[[str, float], None]
+SampleT = TypeVar("SampleT", contravariant=True)
+EstimateT = TypeVar("EstimateT", covariant=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,8 +150,12 @@ class Declaration:
     window_s: float = 0.01
 
 
-class Estimator(Protocol):
+class Estimator(Protocol[SampleT, EstimateT]):
     """An estimator: causal, bounded in memory, deterministic; never returns a NaN.
+
+    The interface is generic: of `SampleT`, such as `Imu` or a union of sample types, `update` makes an `EstimateT`, the
+    type that the kind of output asks for (table above). `estimator_class: type[Estimator[Imu, Pose]] = MyFoot` lets a
+    type checker say whether a class fits.
 
     Attributes:
         declaration: Its description.
@@ -157,7 +163,7 @@ class Estimator(Protocol):
 
     declaration: ClassVar[Declaration]
 
-    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: object = None) -> None:
         """Raises StrideTwinError where the rig lacks a sensor or calibration; the message names it."""
 
     @classmethod
@@ -168,8 +174,12 @@ class Estimator(Protocol):
             StrideTwinError: The rig, or the options' metadata, does not say what these are.
         """
 
-    def update(self, sample: Any) -> Any:
+    def update(self, sample: SampleT, /) -> EstimateT | None:
         """Takes one sample, in time order; returns an estimate, or None if nothing changed."""
+
+
+AnyEstimator = Estimator[Sample, object]
+"""An estimator of any kind, as commands run it: its samples are those of the streams that it has named."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,12 +8,12 @@ from functools import cache
 from importlib.abc import InspectLoader
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 if TYPE_CHECKING:  # names of estimators are needed at once, NumPy only with their classes
-    from stridetwin.estimators.base import Estimator
+    from stridetwin.estimators.base import AnyEstimator
 
 GROUP = "stridetwin.estimators"
 OUTPUT_GROUP = "stridetwin.outputs"
@@ -45,7 +45,7 @@ def output_descriptions() -> dict[str, str]:
     return {point.name: _summary(point) for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}
 
 
-def estimator(name: str) -> type[Estimator]:
+def estimator(name: str) -> type[AnyEstimator]:
     """The class of one estimator.
 
     Raises:
@@ -58,7 +58,7 @@ def estimator(name: str) -> type[Estimator]:
         raise ConfigError("estimator", "name", name, ", ".join(points))
     where = f"{GROUP}: {name} = {points[name].value}"
     try:
-        estimator_class: Any = points[name].load()
+        estimator_class: object = points[name].load()
     except Exception as error:
         raise StrideTwinError(f"{where}: cannot be imported: {type(error).__name__}: {error}") from error
     declaration = getattr(estimator_class, "declaration", None)
@@ -71,10 +71,10 @@ def estimator(name: str) -> type[Estimator]:
     for method in ("streams", "update"):
         if not callable(getattr(estimator_class, method, None)):
             raise ConfigError(where, method, getattr(estimator_class, method, None), "a method")
-    return cast("type[Estimator]", estimator_class)
+    return cast("type[AnyEstimator]", estimator_class)
 
 
-def estimators(kind: str) -> dict[str, type[Estimator]]:
+def estimators(kind: str) -> dict[str, type[AnyEstimator]]:
     """All estimators of one kind by name, in their declared order.
 
     Raises:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Mount, Rig
-from stridetwin.streams.samples import Array, Block, Footprint, Odometry
+from stridetwin.streams.samples import Array, Block, Footprint, Sample
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.trajectory import Trajectory
 
@@ -36,7 +36,7 @@ class TruePath:
     q_world_frame: Array
 
     @classmethod
-    def of(cls, block: Block[Odometry]) -> TruePath:
+    def of(cls, block: Block[Sample]) -> TruePath:
         """The path in a `/truth/.../odometry` topic.
 
         Raises:
@@ -124,7 +124,7 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
     return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
 
 
-def _derive_path(recorded: Block[Odometry], T_recorded_frame: Array) -> TruePath:
+def _derive_path(recorded: Block[Sample], T_recorded_frame: Array) -> TruePath:
     """The path of a frame that is rigidly mounted in the recorded one.
 
     p = p_r + R_r a and v = v_r + R_r (ω × a), with the arm a in the recorded frame.
@@ -158,7 +158,7 @@ _REACH_M = 1.5  # longest step; joggers reach 1.4 m
 
 def true_footprints(recording: Recording) -> list[Footprint]:
     """The true footprints, in order; the two initial ones come first."""
-    return list(recording.block(FOOTPRINTS))
+    return list(recording.block(FOOTPRINTS).as_kind(Footprint))
 
 
 def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:

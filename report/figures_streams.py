@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 from scipy.spatial.transform import Rotation
 
-from stridetwin.estimators.base import FEET
+from stridetwin.estimators.base import FOOT_NAMES
 from stridetwin.pages.plot import ERROR, PALETTE, Plot, data_range, faint
 from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
 from stridetwin.streams.recording.reader import Recording
@@ -86,8 +86,8 @@ def describe_topic(topic: str) -> str:
 def _describe_place(place: str) -> str:
     """A part of a topic that says where a sensor is, such as `left thigh` for `thigh_l`."""
     name, _, side = place.rpartition("_")
-    if side in FEET and name:
-        return f"{FEET[side]} {name.replace('_', ' ')}"
+    if side in FOOT_NAMES and name:
+        return f"{FOOT_NAMES[side]} {name.replace('_', ' ')}"
     return "exoskeleton" if place == "exo" else place.replace("_", " ")
 
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from stridetwin.batch.processes import open_pool
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import POSES, Estimator, Options
+from stridetwin.estimators.base import POSES, EstimatorClass, Options
 from stridetwin.outputs.feeding import runnable_instances, runnable_on
 from stridetwin.outputs.registry import kind_of
 from stridetwin.run.live_chain import Chain, Request
@@ -42,7 +42,7 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
         yield
 
 
-def _is_uncompiled(estimator_class: type[Estimator], rig: Rig, metadata: Mapping[str, str]) -> bool:
+def _is_uncompiled(estimator_class: EstimatorClass, rig: Rig, metadata: Mapping[str, str]) -> bool:
     """Whether a rig feeds an estimator of whose package Numba's cache has no kernel."""
     package = ".".join(estimator_class.__module__.split(".")[:3])
     if not is_uncompiled(package):

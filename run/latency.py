@@ -4,13 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 _SHORTEST_S, _LONGEST_S, _GROWTH = 1e-6, 1e3, 1.01
 _BINS = math.ceil(math.log(_LONGEST_S / _SHORTEST_S) / math.log(_GROWTH)) + 1
-QUANTILES = {"p50_ms": 0.5, "p95_ms": 0.95, "p99_ms": 0.99}
+
+
+class TimeFigures(TypedDict):
+    """Mean, quantiles and maximum of times, ms."""
+
+    mean_ms: float
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    max_ms: float
+
+
+class TravelFigures(TimeFigures):
+    """Times from a sample's stamp until its arrival, ms."""
+
+    min_ms: float
+
+
+class TopicFigures(TimeFigures):
+    """Times from the arrival of a topic's samples until an estimator has processed them, and its own part, ms."""
+
+    samples: int
+    estimates: int
+    work_mean_ms: float
+    work_p99_ms: float
+    within_budget: bool
+
+
+class LatencyFigures(TypedDict):
+    """Latency for JSON: times by estimator and topic, and times from stamp to arrival by topic."""
+
+    budget_ms: float
+    arrival_to_estimate: dict[str, dict[str, TopicFigures]]
+    stamp_to_arrival: dict[str, TravelFigures]
 
 
 class Times:
@@ -49,10 +82,15 @@ class Times:
         place = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
         return min(_SHORTEST_S * _GROWTH ** (place + 1), self.most_s)
 
-    def figures(self) -> dict[str, float]:
+    def figures(self) -> TimeFigures:
         """Mean, quantiles and maximum in ms."""
-        means = {"mean_ms": self.mean_s, **{n: self.quantile_s(q) for n, q in QUANTILES.items()}}
-        return {n: 1e3 * s for n, s in (means | {"max_ms": max(self.most_s, 0.0) if self.count else 0.0}).items()}
+        return TimeFigures(
+            mean_ms=1e3 * self.mean_s,
+            p50_ms=1e3 * self.quantile_s(0.5),
+            p95_ms=1e3 * self.quantile_s(0.95),
+            p99_ms=1e3 * self.quantile_s(0.99),
+            max_ms=1e3 * max(self.most_s, 0.0) if self.count else 0.0,
+        )
 
 
 class Latency:
@@ -100,9 +138,9 @@ class Latency:
         """Whether 99 % of each stream's samples met the budget."""
         return all(times.quantile_s(0.99) <= self.budget_s for times in self._whole.values())
 
-    def data(self) -> dict[str, Any]:
+    def data(self) -> LatencyFigures:
         """All statistics as data for JSON: times by estimator and topic, and times from stamp to arrival by topic."""
-        estimators: dict[str, dict[str, Any]] = {}
+        estimators: dict[str, dict[str, TopicFigures]] = {}
         for (estimator, topic), whole in self._whole.items():
             work = self._work[estimator, topic]
             estimators.setdefault(estimator, {})[topic] = {
@@ -113,7 +151,9 @@ class Latency:
                 "work_p99_ms": 1e3 * work.quantile_s(0.99),
                 "within_budget": whole.quantile_s(0.99) <= self.budget_s,
             }
-        travel = {t: {"min_ms": 1e3 * times.least_s, **times.figures()} for t, times in self._travel.items()}
+        travel: dict[str, TravelFigures] = {
+            topic: {"min_ms": 1e3 * times.least_s, **times.figures()} for topic, times in self._travel.items()
+        }
         return {"budget_ms": 1e3 * self.budget_s, "arrival_to_estimate": estimators, "stamp_to_arrival": travel}
 
     def table(self) -> list[str]:
@@ -124,21 +164,21 @@ class Latency:
             lines.append(_row("from arrival to estimate", ("samples", "estimates", *heads, "work mean", "work p99")))
         for estimator, topics in data["arrival_to_estimate"].items():
             for topic, row in topics.items():
-                work = [f"{row[n]:.2f}" for n in ("work_mean_ms", "work_p99_ms")]
+                work = [f"{row['work_mean_ms']:.2f}", f"{row['work_p99_ms']:.2f}"]
                 cells = _row(f"{estimator} {topic}", [row["samples"], row["estimates"], *_cells(row), *work])
                 lines.append(cells + ("" if row["within_budget"] else "  over budget"))
         if self._whole:
             lines.append(f"budget: 99 % within {1e3 * self.budget_s:g} ms: {'kept' if self.within else 'not kept'}")
         if self._travel:
             lines.append(_row("from stamp to arrival", ("samples", "min", *heads)))
-        for topic, row in data["stamp_to_arrival"].items():
-            lines.append(_row(topic, [self._travel[topic].count, f"{row['min_ms']:.2f}", *_cells(row)]))
+        for topic, times in data["stamp_to_arrival"].items():
+            lines.append(_row(topic, [self._travel[topic].count, f"{times['min_ms']:.2f}", *_cells(times)]))
         return lines
 
 
-def _cells(row: dict[str, float]) -> list[str]:
+def _cells(row: TimeFigures) -> list[str]:
     """Mean, quantiles and maximum of a row of `Latency.data` as text, in ms."""
-    return [f"{row[n]:.2f}" for n in ("mean_ms", *QUANTILES, "max_ms")]
+    return [f"{ms:.2f}" for ms in (row["mean_ms"], row["p50_ms"], row["p95_ms"], row["p99_ms"], row["max_ms"])]
 
 
 def _row(name: str, cells: Sequence[object]) -> str:

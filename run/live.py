@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from stridetwin.run.compile_ahead import feed_synthetic_samples
 from stridetwin.run.latency import Latency
@@ -301,11 +300,19 @@ class _Live:
 
 def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
     """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
-    parts: dict[str, dict[str, Any]] = {}
     differing: set[str] = set()
-    for kind in ("imus", "cameras", "boards", "others"):
-        one: Mapping[str, Any] = getattr(first, kind)
-        two: Mapping[str, Any] = getattr(second, kind)
-        parts[kind] = {**two, **one}
+    pairs: tuple[tuple[Mapping[str, object], Mapping[str, object]], ...] = (
+        (first.imus, second.imus),
+        (first.cameras, second.cameras),
+        (first.boards, second.boards),
+        (first.others, second.others),
+    )
+    for one, two in pairs:
         differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
-    return Rig(**parts), differing
+    merged = Rig(
+        imus={**second.imus, **first.imus},
+        cameras={**second.cameras, **first.cameras},
+        boards={**second.boards, **first.boards},
+        others={**second.others, **first.others},
+    )
+    return merged, differing

@@ -158,7 +158,7 @@ class Loads:
     motors: dict[str, Array] = field(default_factory=dict)
 
 
-AnyWalk = TypeVar("AnyWalk", bound=WalkMotion)
+AnyWalk = TypeVar("AnyWalk", bound=WalkMotion, covariant=True)
 
 
 class Player(Generic[AnyWalk]):

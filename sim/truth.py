@@ -25,7 +25,7 @@ _FLAT_RAD = 0.01
 
 def truth(
     walk: WalkMotion, rig: Rig, motion: Motion, loads: Loads, after_ns: int, until_ns: int, mount_slips: MountSlips
-) -> Iterator[Block[Any] | Sample]:
+) -> Iterator[Block[Sample] | Sample]:
     """Ground truth: poses, joints, ground reactions and foot phases at the instants of `loads`, and footprints.
 
     Args:
@@ -83,7 +83,7 @@ def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odo
         yield _odometry(f"/truth/bystander_{i}/odometry", person.track(t_ns))
 
 
-def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N,) phase of a foot at (N,) s, in the phases of Shim et al. 2019.
 
     0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with a pitch below `_FLAT_RAD`; 3 heel off.

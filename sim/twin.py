@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -217,7 +216,7 @@ class Twin:
             )
         return uppers
 
-    def blocks(self) -> Iterator[list[Block[Any] | Sample]]:
+    def blocks(self) -> Iterator[list[Block[Sample] | Sample]]:
         """All samples and the ground truth of the walk, in chunks of `CHUNK_S`.
 
         The images of a chunk follow its other samples one by one. Mount slips are included; the other faults act on

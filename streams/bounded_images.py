@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import cv2
 import numpy as np
@@ -54,7 +53,7 @@ def check_pixels(width: int, height: int, most: int = MOST_PIXELS) -> None:
         raise ValueError(f"invalid image of {width} × {height}: expected up to {most} pixels")
 
 
-def decode_image(data: bytes) -> NDArray[Any] | None:
+def decode_image(data: bytes) -> NDArray[np.generic] | None:
     """Decodes a JPEG or PNG with OpenCV; None for damaged data.
 
     Raises:

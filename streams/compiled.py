@@ -40,7 +40,7 @@ def find_missing_internals() -> list[str]:
     lacking = []
     for module, names in INTERNALS:
         try:
-            internal: Any = importlib.import_module(module)
+            internal: object = importlib.import_module(module)
             for name in names.split("."):
                 internal = getattr(internal, name)
         except (ImportError, AttributeError):
@@ -68,11 +68,11 @@ if _WITH_INTERNALS:
 
 _ALGEBRA = [Path(__file__).parent / "algebra" / name for name in ("matrices.py", "tuples.py")]
 """Sources that count for every function, because most call them."""
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 _entry_kernels: list[Any] = []
 
 
-def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> Callable[[F], F]:
+def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -> Callable[[F], F]:
     """Compiles functions that Python calls, and caches them until a source changes.
 
     numba's cache looks at the file of the cached function alone, and would go on with what that function took in from
@@ -89,12 +89,12 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: Any) -> C
     Returns:
         Decorator of a plain function, or of one that is compiled for others to call.
     """
-    stamp = digest_of_sources(*_ALGEBRA, *sources)
+    stamp, settings = digest_of_sources(*_ALGEBRA, *sources), dict[str, Any](options)
     if _WITH_INTERNALS:
-        options |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
+        settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 
     def compiled(function: F) -> F:
-        kernel: Any = njit(cache=True, **options)(getattr(function, "py_func", function))
+        kernel: Any = njit(cache=True, **settings)(getattr(function, "py_func", function))
         if _WITH_INTERNALS:
             index = kernel._cache._cache_file
             index._source_stamp = stamp

@@ -7,9 +7,9 @@ that they call, stays a part, until the entry point links all parts and optimise
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numba import _dynfunc, config, types  # type: ignore[attr-defined]
 from numba.core.codegen import JITCodeLibrary
@@ -17,6 +17,11 @@ from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NativeLowering
+
+if TYPE_CHECKING:
+    from llvmlite.binding import ModuleRef
+    from numba.core.compiler import CompileResult, StateDict
+    from numba.core.compiler_machinery import PassManager
 
 
 class PartLibrary(JITCodeLibrary):
@@ -29,7 +34,7 @@ class PartLibrary(JITCodeLibrary):
         self._finalize_dynamic_globals()
         self._finalized = True
 
-    def _get_module_for_linking(self) -> Any:
+    def _get_module_for_linking(self) -> ModuleRef:
         """The module of this part and of all parts below it, for a library of Numba's own kind.
 
         Such a library links only what it calls itself.
@@ -52,17 +57,17 @@ class EntryLibrary(JITCodeLibrary):
         super().finalize()
 
 
-def _own_module(library: Any) -> Any:
+def _own_module(library: JITCodeLibrary) -> ModuleRef:
     """The LLVM module that a caller links: of a part its own code, of another library all that it contains."""
     return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
 
 
-def _all_below(library: Any) -> list[Any]:
+def _all_below(library: JITCodeLibrary) -> list[JITCodeLibrary]:
     """Each library once that a part or an entry point calls, directly or through parts.
 
     Callers come before what they call: LLVM leaves out a function that nothing linked before calls.
     """
-    finished: dict[Any, None] = {}
+    finished: dict[JITCodeLibrary, None] = {}
     open_ = [(library, iter(library._linking_libraries))]
     entered = {library}
     while open_:
@@ -84,7 +89,7 @@ class PartLowering(NativeLowering):
 
     _name = "part_lowering"
 
-    def run_pass(self, state: Any) -> bool:  # noqa: D102
+    def run_pass(self, state: StateDict) -> bool:  # noqa: D102
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
@@ -100,7 +105,7 @@ class EntryLowering(NativeLowering):
 
     _name = "entry_lowering"
 
-    def run_pass(self, state: Any) -> bool:  # noqa: D102
+    def run_pass(self, state: StateDict) -> bool:  # noqa: D102
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return bool(super().run_pass(state))
@@ -109,7 +114,7 @@ class EntryLowering(NativeLowering):
 class PartCompiler(CompilerBase):
     """Compiles for other compiled functions only."""
 
-    def define_pipelines(self) -> list[Any]:  # noqa: D102
+    def define_pipelines(self) -> list[PassManager]:  # noqa: D102
         return _pipelines(self.state, PartLowering)
 
 
@@ -118,15 +123,15 @@ class EntryCompiler(CompilerBase):
 
     llvm_level = 3
 
-    def compile_extra(self, func: Any) -> Any:  # noqa: D102
+    def compile_extra(self, func: Callable[..., object]) -> CompileResult:  # noqa: D102
         with _in_parts(self.llvm_level):
             return super().compile_extra(func)
 
-    def define_pipelines(self) -> list[Any]:  # noqa: D102
+    def define_pipelines(self) -> list[PassManager]:  # noqa: D102
         return _pipelines(self.state, EntryLowering)
 
 
-def _pipelines(state: Any, lowering: type[NativeLowering]) -> list[Any]:
+def _pipelines(state: StateDict, lowering: type[NativeLowering]) -> list[PassManager]:
     """Numba's pipeline with the given lowering in place of its own."""
     pass_builder = DefaultPassBuilder.define_nopython_pipeline(state)
     pass_builder.passes = [(lowering if p is NativeLowering else p, why) for p, why in pass_builder.passes]
@@ -151,12 +156,14 @@ def _in_parts(llvm_level: int) -> Iterator[None]:
     settings: Any = config
     plain, plain_call, plain_level = Compiler.define_pipelines, Dispatcher.get_call_template, settings.OPT
 
-    def define_pipelines(self: Any) -> list[Any]:
+    def define_pipelines(self: Compiler) -> list[PassManager]:
         added = self.state.flags.no_compile or self.state.func_id.modname.startswith("numba.")
         return _pipelines(self.state, PartLowering) if added else plain(self)
 
-    def get_call_template(self: Any, args: Any, kws: Any) -> Any:
-        if self._compiler.pipeline_class is PartCompiler:
+    def get_call_template(
+        self: Dispatcher[Callable[..., object]], args: tuple[types.Type, ...], kws: dict[str, types.Type]
+    ) -> object:
+        if self._compiler.pipeline_class is PartCompiler:  # type: ignore[attr-defined]
             args = tuple(types.unliteral(a) for a in args)
         return plain_call(self, args, kws)
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2
-from stridetwin.streams.samples import Array, Block, Stamps
+from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
 IMAGE_RATES_HZ = (0.2, 1000.0)
@@ -79,7 +78,7 @@ def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
 
-def find_implausible_values(block: Block[Any]) -> Iterator[Implausible]:
+def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
     """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units cause.
 
     Checked are the sample rate, the magnitude of the specific force (gravity ± 15 % at rest, 0.5 to 2 times gravity in

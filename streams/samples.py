@@ -12,10 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stridetwin.streams.errors import StrideTwinError
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -244,6 +246,7 @@ class Footprint(Sample):
 
 
 S = TypeVar("S", bound=Sample)
+SampleT = TypeVar("SampleT", bound=Sample, covariant=True)
 LATEST_NS = 2**31 * 1_000_000_000
 """Stamps are below this; those of the ROS messages that hold them end there."""
 
@@ -256,7 +259,7 @@ def copy_sample(sample: S) -> S:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Block(Generic[S]):
+class Block(Generic[SampleT]):
     """N consecutive samples of one topic as columns.
 
     Attributes:
@@ -268,33 +271,33 @@ class Block(Generic[S]):
     """
 
     topic: str
-    kind: type[S]
+    kind: type[SampleT]
     t_ns: Stamps
     columns: Mapping[str, NDArray[Any]]
-    constants: Mapping[str, Any] = field(default_factory=dict)
+    constants: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __iter__(self) -> Iterator[S]:
+    def __iter__(self) -> Iterator[SampleT]:
         names = list(self.columns)
         for i, t in enumerate(self.t_ns.tolist()):
             row = {n: self.columns[n][i] for n in names}
             yield self.kind(topic=self.topic, t_ns=t, **row, **self.constants)
 
-    def __getitem__(self, index: slice | Mask) -> Block[S]:
+    def __getitem__(self, index: slice | Mask) -> Block[SampleT]:
         """Some of the samples: a slice, or a copy of those of a (N,) mask."""
         columns = {name: values[index] for name, values in self.columns.items()}
         return replace(self, t_ns=self.t_ns[index], columns=columns)
 
-    def split_columns(self) -> dict[str, NDArray[Any]]:
+    def split_columns(self) -> dict[str, NDArray[np.generic]]:
         """One (N,) array per number of a sample, in the order of the fields.
 
         A scalar keeps the name of its field. The components of a vector are named after it: `angular_rate_x`, `_y` and
         `_z` of three axes, `q_world_sensor_w`, `_x`, `_y` and `_z` of a quaternion, `force_heel` of an insole's cells,
         `position_hip_l` of joints; `_0`, `_1`, ... where the components have no names.
         """
-        numbers: dict[str, NDArray[Any]] = {}
+        numbers: dict[str, NDArray[np.generic]] = {}
         for name, values in self.columns.items():
             if values.ndim == 1:
                 numbers[name] = values
@@ -310,6 +313,16 @@ class Block(Generic[S]):
         axes = ("w", "x", "y", "z") if name.startswith("q_") else ("x", "y", "z")
         names = tuple(declared or self.constants.get("names", ()) or axes)
         return names if len(names) == size else tuple(map(str, range(size)))
+
+    def as_kind(self, kind: type[S]) -> Block[S]:
+        """These samples as those of a kind, for a topic that must carry it.
+
+        Raises:
+            StrideTwinError: They are of another kind.
+        """
+        if not issubclass(self.kind, kind):
+            raise StrideTwinError(f"{self.topic}: invalid {self.kind.__name__}: expected {kind.__name__}")
+        return cast("Block[S]", self)
 
     @property
     def finite(self) -> Mask:

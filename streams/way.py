@@ -74,7 +74,7 @@ class Way:
         point, heading, _, beyond = self._locate(s)
         along = np.stack([np.cos(heading), np.sin(heading)], -1)
         aside = np.stack([-np.sin(heading), np.cos(heading)], -1)
-        return point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside
+        return np.asarray(point + beyond[..., None] * along + np.asarray(left, dtype=float)[..., None] * aside)
 
     def project(self, path: ArrayLike, reach_m: float = 0.6, begin: float = 0.0) -> Array:
         """(N,) arc lengths, m, of the points of the way that are nearest to an (N, 2) path in order of time.
@@ -94,7 +94,7 @@ class Way:
             at = low + int(np.argmin(away[:, 0] ** 2 + away[:, 1] ** 2))
             nearest[k] = at
         along = np.stack([np.cos(heading), np.sin(heading)], -1)[nearest]
-        return grid[nearest] + np.sum((path - points[nearest]) * along, axis=1)
+        return np.asarray(grid[nearest] + np.sum((path - points[nearest]) * along, axis=1))
 
 
 def join_segments(segments: Sequence[CurveSegment]) -> Way:

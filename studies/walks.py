@@ -64,7 +64,7 @@ class RecordedWalk:
         Args:
             wide: Takes the recording whose gyros do not saturate.
         """
-        return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu") for foot in "lr"}
+        return {foot: (self.wide if wide else self.shoes).block(f"/foot_{foot}/imu").as_kind(Imu) for foot in "lr"}
 
     @property
     def fell_at_s(self) -> float | None:

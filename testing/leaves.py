@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +41,7 @@ class Leaf:
     path: str
     name: str
     owner: type
-    value: NDArray[Any] | float | str | None
+    value: NDArray[np.generic] | float | str | None
 
     @property
     def is_standard_deviation(self) -> bool:
@@ -109,7 +108,7 @@ def difference(leaves: Sequence[Leaf], expected: Sequence[Leaf]) -> str:
     return ""
 
 
-def _leaves(value: Any, path: str, name: str, owner: type, depth: int) -> Iterator[Leaf]:
+def _leaves(value: object, path: str, name: str, owner: type, depth: int) -> Iterator[Leaf]:
     """The values in an object, in order of their paths.
 
     Args:

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar, Protocol
 from unittest import SkipTest
 
-from stridetwin.estimators.base import PATH, Declaration, Estimator, Options, Stream
+from stridetwin.estimators.base import PATH, AnyEstimator, Declaration, Options, Stream
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Depth, Image, Sample, copy_sample
 from stridetwin.streams.trajectory import Pose
@@ -38,7 +38,7 @@ class Returned:
 
     index: int
     t_ns: int
-    estimate: Any
+    estimate: object
     leaves: list[Leaf]
 
 
@@ -55,6 +55,16 @@ class BufferRun:
     changed: str
 
 
+class PathUpdate(Protocol):
+    """A class with `update` alone, as `score --estimator` takes."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Takes the calibration."""
+
+    def update(self, sample: Sample, /) -> object:
+        """Takes one sample; returns a `Pose` or None."""
+
+
 class Subject:
     """One estimator under test.
 
@@ -65,7 +75,7 @@ class Subject:
     """
 
     def __init__(self, estimator_class: type, options: Options | None = None, recording: Path | None = None) -> None:
-        self.estimator_class: type[Estimator] = _with_interface(estimator_class)
+        self.estimator_class: type[AnyEstimator] = _with_interface(estimator_class)
         self._options, self._recording = options, recording
 
     @property
@@ -87,7 +97,7 @@ class Subject:
         """Whether some of its samples are images."""
         return any(stream.kind in (Image, Depth) for stream in self.walk.streams)
 
-    def create(self) -> Estimator:
+    def create(self) -> AnyEstimator:
         """A new instance for the walk.
 
         Raises:
@@ -128,7 +138,7 @@ class Subject:
         return BufferRun(returned, changed)
 
 
-def feed(estimator: Estimator, samples: Iterable[Sample]) -> list[Returned]:
+def feed(estimator: AnyEstimator, samples: Iterable[Sample]) -> list[Returned]:
     """All estimates for copies of some samples.
 
     Raises:
@@ -141,7 +151,7 @@ def feed(estimator: Estimator, samples: Iterable[Sample]) -> list[Returned]:
     return returned
 
 
-def call_update(estimator: Estimator, sample: Sample) -> Any:
+def call_update(estimator: AnyEstimator, sample: Sample) -> object:
     """Calls `update` with a sample; returns its result.
 
     Raises:
@@ -183,7 +193,7 @@ def require_equal(returned: list[Returned], expected: list[Returned], cause: str
         raise ConformanceError(f"{cause}: {len(returned)} estimates instead of {len(expected)}")
 
 
-def pose_of(estimate: Any) -> Pose | None:
+def pose_of(estimate: object) -> Pose | None:
     """The pose that an estimate is or has; None for estimates of another kind."""
     pose = estimate if isinstance(estimate, Pose) else getattr(estimate, "pose", None)
     return pose if isinstance(pose, Pose) else None
@@ -194,7 +204,7 @@ def skip(reason: str) -> SkipTest:
     return SkipTest(reason)
 
 
-def _with_interface(estimator_class: type) -> type[Estimator]:
+def _with_interface(estimator_class: type) -> type[AnyEstimator]:
     """The class with the interface of an estimator.
 
     A class with `update` alone gets a declaration of kind path, and as streams the topics that its attribute `topics`
@@ -202,14 +212,14 @@ def _with_interface(estimator_class: type) -> type[Estimator]:
     """
     if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):
         return estimator_class
-    inner_class: Any = estimator_class
+    inner_class: type[PathUpdate] = estimator_class
 
     class PathFromUpdate:
         """An estimator of a path that calls a class with `update` alone."""
 
         declaration: ClassVar[Declaration] = Declaration(name=inner_class.__name__, kind=PATH)
 
-        def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+        def __init__(self, rig: Rig, *, options: Options | None = None, parameters: object = None) -> None:
             self._inner = inner_class(rig)
 
         @classmethod
@@ -219,11 +229,12 @@ def _with_interface(estimator_class: type) -> type[Estimator]:
             topics = getattr(inner_class, "topics", None) or list(kinds)
             return tuple(Stream(role=topic, topic=topic, kind=kinds.get(topic, Sample)) for topic in topics)
 
-        def update(self, sample: Sample) -> Any:
+        def update(self, sample: Sample) -> object:
             """The pose, with the frame that the class names."""
             estimate, frame = self._inner.update(sample), getattr(inner_class, "frame", "")
-            named = isinstance(estimate, Pose) and not estimate.frame and bool(frame)
-            return replace(estimate, frame=frame) if named else estimate
+            if isinstance(estimate, Pose) and frame and not estimate.frame:
+                return replace(estimate, frame=frame)
+            return estimate
 
     PathFromUpdate.__name__ = inner_class.__name__
     return PathFromUpdate

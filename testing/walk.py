@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stridetwin.estimators.base import POSES, Estimator, Options, Stream
+from stridetwin.estimators.base import POSES, AnyEstimator, Options, Stream
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.record import record, twin_class
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
@@ -88,7 +88,7 @@ class Walk:
         )
 
 
-def find_walk(estimator_class: type[Estimator], options: Options | None, recording: Path | None) -> Walk:
+def find_walk(estimator_class: type[AnyEstimator], options: Options | None, recording: Path | None) -> Walk:
     """The walk for an estimator: a recording if one is given, else the twin's, else synthetic samples.
 
     Args:
@@ -138,7 +138,7 @@ def rig_of(recording: Recording) -> Rig:
     return recording.rig if recording.has_rig else Rig()
 
 
-def _select_streams(estimator_class: type[Estimator], options: Options, recording: Recording) -> Walk:
+def _select_streams(estimator_class: type[AnyEstimator], options: Options, recording: Recording) -> Walk:
     """The walk of a recording; of several possible mounts the first that it has."""
     options = replace(options, metadata=recording.metadata, source=str(recording.path))
     mounts = estimator_class.declaration.mounts
@@ -249,7 +249,7 @@ def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
     return path
 
 
-def _synthetic_walk(estimator_class: type[Estimator], options: Options) -> Walk:
+def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Walk:
     """Six seconds of a person who stands, for a computer without MuJoCo.
 
     Raises:

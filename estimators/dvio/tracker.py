@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -57,7 +56,7 @@ class Lens:
         self.focal_px = float(np.sqrt(fu * fv))
         self._readout_s, self._last_row = camera.readout_s, max(camera.height - 1, 1)
 
-    def to_normalized(self, pixels: NDArray[np.floating[Any]]) -> Array:
+    def to_normalized(self, pixels: NDArray[np.floating]) -> Array:
         """(N, 2) points on the plane at depth 1 of (N, 2) pixels, without distortion."""
         if not self._fisheye and not self._distortion.any():
             return np.asarray((pixels - self._centre) / self._focal)

@@ -91,7 +91,7 @@ class FootIns:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.
         """
         topic = _topic(options)
-        block, estimator = recording.block(topic), cls.batch(recording.rig, options, parameters)
+        block, estimator = recording.block(topic).as_kind(Imu), cls.batch(recording.rig, options, parameters)
         path = estimator.run(block)
         return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis)]
 

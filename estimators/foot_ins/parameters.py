@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -164,11 +164,19 @@ _UNKNOWN = ImuCalibration(
     accelerometer_random_walk=0.0,
 )
 
+RecordT = TypeVar("RecordT")
 
-def as_record(values: Mapping[str, float]) -> Any:
-    """Numbers under their names, as one argument of a compiled function."""
+
+def as_record(kind: type[RecordT], values: Mapping[str, float]) -> RecordT:
+    """Numbers under their names, as one argument of a compiled function.
+
+    Args:
+        kind: `np.record`, under the name by which a type checker knows the attributes, such as `KernelParameters`.
+        values: Numbers by attribute.
+    """
     dtype = np.dtype([(name, type(value)) for name, value in values.items()], align=True)
-    return np.rec.array([tuple(values.values())], dtype=dtype)[0]
+    record: RecordT = np.rec.array([tuple(values.values())], dtype=dtype)[0]
+    return record
 
 
 def for_sensor(
@@ -213,4 +221,4 @@ def for_sensor(
     values["gyro_bias_sd_radps"] = imu.gyroscope_bias_sd or values["gyro_bias_sd_radps"]
     values["accel_bias_sd_mps2"] = imu.accelerometer_bias_sd or values["accel_bias_sd_mps2"]
     values["path_scale_sd"] = imu.accelerometer_scale_sd or values["path_scale_sd"]
-    return as_record({name: float(value) for name, value in values.items()})
+    return as_record(KernelParameters, {name: float(value) for name, value in values.items()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,12 +145,12 @@ def merge_events(
 _KIND = {BoardObservation: OBSERVATION, RelativePosition: RELATIVE, Range: RANGE}
 
 
-def _concatenate(arrays: Sequence[NDArray], dtype: type, empty: tuple[int, ...]) -> NDArray:
+def _concatenate(arrays: Sequence[NDArray[Any]], dtype: type, empty: tuple[int, ...]) -> NDArray[Any]:
     """Arrays of one kind after each other, contiguous."""
     return np.concatenate([np.zeros(empty, dtype), *arrays]).astype(dtype, copy=False)
 
 
-def _pad_observations(seen: Sequence[BoardObservation]) -> tuple[NDArray, NDArray, NDArray, NDArray[np.int64]]:
+def _pad_observations(seen: Sequence[BoardObservation]) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Points (S, M, 3), rays (S, M, 2) and their sd (S, M), M the largest number of points, and (S,) numbers."""
     count = np.array([len(s.rays) for s in seen], np.int64)
     m = max(count, default=0)

@@ -167,8 +167,9 @@ class FootToFoot:
         if any(s.kind is Image for s in streams):
             paths = follow(estimator, recording.samples([s.topic for s in streams]))
         else:  # no image is searched at a prediction, so one block gives the same numbers
-            blocks = {foot: recording.block(f"/foot_{foot}/imu") for foot in FEET}
-            echoes = [echo for s in streams if s.kind is Range for echo in recording.block(s.topic)]
+            blocks = {foot: recording.block(f"/foot_{foot}/imu").as_kind(Imu) for foot in FEET}
+            sonars = [recording.block(s.topic).as_kind(Range) for s in streams if s.kind is Range]
+            echoes = [echo for sonar in sonars for echo in sonar]
             paths = estimator.run(blocks, echoes)
         world = name if options.method == PROPOSED else f"{name}_{options.method}"
         common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}

@@ -136,4 +136,4 @@ def for_kernel(parameters: FootToFootParameters, published: bool = False) -> Pai
     values = _numbers(parameters.published) | _numbers(parameters)
     if published:
         values["range_sd_m"] = parameters.published.range_sd_m
-    return as_record({"is_published": published, **values})
+    return as_record(PairParameters, {"is_published": published, **values})

@@ -25,6 +25,7 @@ from stridetwin.outputs.truth import FOOTPRINTS
 from stridetwin.pages.html import boxes, number_text, render_template, section, table
 from stridetwin.reference.norms import read_reference
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import terrain_layout
 
 _CARDS = (
@@ -84,7 +85,7 @@ def score_cards(results: Sequence[Result]) -> str:
 
 def path_figures(results: Sequence[Result], recording: Recording) -> str:
     """Section with plan view, and side view and error over time of each part."""
-    footprints = recording.block(FOOTPRINTS) if FOOTPRINTS in recording.topics else None
+    footprints = recording.block(FOOTPRINTS).as_kind(Footprint) if FOOTPRINTS in recording.topics else None
     layout = terrain_layout(recording.metadata)
     parts = by_part(results).values()
     figures = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,15 +113,15 @@ class SimulatedWalk(WalkMotion):
             _pitch=np.zeros((len(t), len(SIDES))),
         )
 
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+    def pitch(self, side: str, t: NDArray[np.floating]) -> Array:
         """(N,) rad, simulated pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
-    def _nearest_steps(self, t: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    def _nearest_steps(self, t: NDArray[np.floating]) -> NDArray[np.int64]:
         """(N,) rows of the physics steps nearest to (N,) s."""
         return np.clip(np.round((t - self.t[0]) / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
 
-    def feet(self, t: NDArray[np.floating[Any]]) -> dict[str, FootLoad]:
+    def feet(self, t: NDArray[np.floating]) -> dict[str, FootLoad]:
         """Ground reaction on each foot at (N,) s, that of the nearest physics step, by side."""
         _, _, force, torque, cop = self.loads.at(self._nearest_steps(t))
         return {
@@ -129,7 +129,7 @@ class SimulatedWalk(WalkMotion):
             for k, side in enumerate(SIDES)
         }
 
-    def efforts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    def efforts(self, t: NDArray[np.floating]) -> tuple[Array, Array, Array]:
         """Joint torques (N, J) in the order of `coordinates.names[6:]`, and the assistance at the root in the world.
 
         Returns:

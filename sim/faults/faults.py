@@ -88,7 +88,7 @@ class SampleInTransit:
         log_ns: Arrival time; (N,) for the samples of a block, None = at their stamps.
     """
 
-    item: Sample | Block[Any]
+    item: Sample | Block[Sample]
     taken_ns: int = 0
     log_ns: Any = None
 
@@ -97,12 +97,15 @@ class SampleInTransit:
         """Topic of the item."""
         return self.item.topic
 
-    def with_values(self, **values: Any) -> SampleInTransit:
+    def with_values(self, **values: object) -> SampleInTransit:
         """Copy of this arrival whose sample has other values in the named fields."""
-        return replace(self, item=replace(self.item, **values))
+        fields: dict[str, Any] = dict(values)
+        return replace(self, item=replace(self.item, **fields))
 
 
-def arrivals(items: Iterable[Block[Any] | Sample], faults: Iterable[tuple[Fault, Events]]) -> Iterator[SampleInTransit]:
+def arrivals(
+    items: Iterable[Block[Sample] | Sample], faults: Iterable[tuple[Fault, Events]]
+) -> Iterator[SampleInTransit]:
     """Items as they arrive at the recorder, with faults applied in the given order.
 
     Args:
@@ -141,7 +144,7 @@ def _process_last(
     yield from fault.flush(memory)
 
 
-def _split_block(item: Block[Any] | Sample) -> Iterator[SampleInTransit]:
+def _split_block(item: Block[Sample] | Sample) -> Iterator[SampleInTransit]:
     """Each sample of a block, or a single sample, as an arrival at its own stamp."""
     for sample in item if isinstance(item, Block) else (item,):
         yield SampleInTransit(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
@@ -401,11 +404,11 @@ class FaultPlan:
             rig = replace(rig, **sensors)
         return cls(rig=rig, planned=planned)
 
-    def arrivals(self, items: Iterable[Block[Any] | Sample]) -> Iterator[SampleInTransit]:
+    def arrivals(self, items: Iterable[Block[Sample] | Sample]) -> Iterator[SampleInTransit]:
         """Items as they arrive at the recorder, given those that the sensors sent, in chunks by time."""
         return arrivals(items, self.planned)
 
-    def samples(self, items: Iterable[Block[Any] | Sample]) -> Iterator[Sample]:
+    def samples(self, items: Iterable[Block[Sample] | Sample]) -> Iterator[Sample]:
         """Single samples as they arrive at an estimator, given the items that the sensors sent, in chunks by time."""
         for arrival in self.arrivals(items):
             yield from arrival.item if isinstance(arrival.item, Block) else (arrival.item,)

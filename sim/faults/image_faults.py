@@ -27,6 +27,8 @@ _ROUND_M = 0.12  # depth of a body, from its middle to its outline
 _FLAT = 0.05  # share of its distance within which a depth pixel belongs to the floor
 _MEMORY = 1000  # true poses that are kept: 5 s, more than a chunk of the twin
 _LONGEST_M = 6.0  # beyond which the mirror image has no depth
+ImageArray = NDArray[np.uint8] | NDArray[np.float32]
+"""Pixels of a colour or grey image, or depth in m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +61,7 @@ class _ImageFault(TimedFault):
             yield arrival.with_values(**{name: memory["corrupted"]})
 
     @abstractmethod
-    def degrade(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: ImageArray, event: Event) -> ImageArray:
         """New image as the camera sees it through the fault; depth images are float32, 0 without a reading."""
 
 
@@ -73,7 +75,7 @@ class Occlusion(_ImageFault):
 
     share: Annotated[Number, Field(ge=0.01, le=1)] = 0.3
 
-    def degrade(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: ImageArray, event: Event) -> ImageArray:
         """The image with one side covered; covered depth has no reading."""
         side = int(event.rng().integers(4))
         covered = image.copy()
@@ -95,22 +97,22 @@ class LensDirt(_ImageFault):
     spots: Annotated[StrictInt, Field(ge=1, le=50)] = 6
     size: Annotated[Number, Field(ge=0.01, le=0.5)] = 0.08
 
-    def degrade(self, image: NDArray, event: Event) -> NDArray:
+    def degrade(self, image: ImageArray, event: Event) -> ImageArray:
         """The image through the dirty lens: dimmed and blurred at the spots; depth is missing in their middle."""
         height, width = image.shape[:2]
         dirt, corrupted = _draw_dirt(event, self.spots, self.size, height, width), image.copy()
         if is_depth(image):
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
-            blurred = _blur_coarse(image, _blur_scale(self.size, height), self.size * height / 2)
+            blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
             each = math.prod(image.shape[2:])
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
-            smear(corrupted.reshape(-1, each), blurred.reshape(-1, each), *dirt)
+            smear(corrupted.reshape(-1, each).view(np.uint8), blurred.reshape(-1, each), *dirt)
         return corrupted
 
 
-def image_field(arrival: SampleInTransit) -> tuple[str, NDArray]:
+def image_field(arrival: SampleInTransit) -> tuple[str, ImageArray]:
     """Name and value of the field of a camera's sample that holds the image: `pixels` or `depth`.
 
     Raises:
@@ -124,7 +126,18 @@ def image_field(arrival: SampleInTransit) -> tuple[str, NDArray]:
     raise TypeError(f"{arrival.topic} carries no images")
 
 
-def is_depth(image: NDArray) -> bool:
+def depth_field(arrival: SampleInTransit) -> NDArray[np.float32]:
+    """Depth of a depth camera's sample.
+
+    Raises:
+        TypeError: A sample without depth.
+    """
+    if not isinstance(arrival.item, Depth):
+        raise TypeError(f"{arrival.topic} carries no depth")
+    return arrival.item.depth
+
+
+def is_depth(image: ImageArray) -> bool:
     """Whether an image holds depth in metres (float32) and not brightness."""
     return image.dtype == np.float32
 
@@ -214,7 +227,7 @@ class DepthNoise(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image with added noise; pixels without depth stay without."""
-        depth = image_field(arrival)[1]
+        depth = depth_field(arrival)
         height, width = depth.shape
         grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
         coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
@@ -238,7 +251,7 @@ class HighView(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image without its lower rows."""
-        depth = image_field(arrival)[1].copy()
+        depth = depth_field(arrival).copy()
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
         depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
         return (arrival.with_values(depth=depth),)
@@ -318,7 +331,7 @@ class MirrorFloor(TimedFault):
                 continue
             del truth[:-_MEMORY]
             pose = min(truth, key=lambda s: abs(s.t_ns - arrival.taken_ns))
-            yield arrival.with_values(depth=self._mirror(image_field(arrival)[1], pose, event))
+            yield arrival.with_values(depth=self._mirror(depth_field(arrival), pose, event))
 
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
         """(H, W) m, depth image of a mirroring floor, from the exact one and the true pose of the camera's IMU.

@@ -10,7 +10,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -143,16 +142,16 @@ class WalkMotion(ABC):
     coordinates: Coordinates
     splines: BSpline
 
-    def state(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    def state(self, t: NDArray[np.floating]) -> tuple[Array, Array, Array]:
         """Generalised position (N, nq), velocity (N, nv) and acceleration (N, nv) at (N,) s, in MuJoCo's layout."""
         return self.coordinates.evaluate(self.splines, np.clip(t, 0.0, self.duration_s))
 
-    def position_velocity(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def position_velocity(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """Generalised position (N, nq) and velocity (N, nv) at (N,) s, in MuJoCo's layout; faster than `state`."""
         return self.coordinates.position_velocity(self.splines, np.clip(t, 0.0, self.duration_s))
 
     @abstractmethod
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+    def pitch(self, side: str, t: NDArray[np.floating]) -> Array:
         """(N,) rad, pitch of a foot relative to the ground under it, toes down positive."""
 
 
@@ -170,7 +169,7 @@ class Reference(WalkMotion):
     paths: dict[str, FootPath]
     grid: Array
 
-    def pitch(self, side: str, t: NDArray[np.floating[Any]]) -> Array:
+    def pitch(self, side: str, t: NDArray[np.floating]) -> Array:
         """(N,) rad, planned pitch of a foot relative to the ground under it at (N,) s, toes down positive."""
         return np.interp(t, self.grid, self.paths[side].pitch)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -64,11 +64,11 @@ class Coordinates:
         x[:, 6:] = q[:, self.qpos]
         return x
 
-    def evaluate(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array, Array]:
+    def evaluate(self, splines: BSpline, t: NDArray[np.floating]) -> tuple[Array, Array, Array]:
         """Qpos (N, nq), qvel (N, nv) and qacc (N, nv) at (N,) s, from splines of the coordinates."""
         return self.to_mujoco(splines(t), splines(t, 1), splines(t, 2))
 
-    def position_velocity(self, splines: BSpline, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def position_velocity(self, splines: BSpline, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """Qpos (N, nq) and qvel (N, nv) at (N,) s, from splines of the coordinates; faster than `evaluate`."""
         x, dx = splines(t), splines(t, 1)
         q, v = np.empty((len(x), self.nq)), np.empty((len(x), self.nv))

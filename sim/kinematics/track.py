@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +53,7 @@ class Track:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> Track:
+    def __getitem__(self, rows: slice | NDArray[np.integer]) -> Track:
         """Track of some of the instants: a slice, or increasing numbers."""
         return Track(**{name: values[rows] for name, values in vars(self).items()})
 

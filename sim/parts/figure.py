@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import typing
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -39,8 +40,14 @@ class Figure:
 
 
 def figure(
-    key: str, low: float, high: float, *, scale: float = 1.0, ideal: Any = None, default: Any = dataclasses.MISSING
-) -> Any:
+    key: str,
+    low: float,
+    high: float,
+    *,
+    scale: float = 1.0,
+    ideal: float | None = None,
+    default: object = dataclasses.MISSING,
+) -> float:
     """Dataclass field of a part that is a number in its file.
 
     Args:
@@ -51,10 +58,30 @@ def figure(
         ideal: Value of an ideal part, in SI; None: the part's own.
         default: Value if the file has no such key; a figure without default must be there.
     """
-    return _field(Figure(key=key, low=low, high=high, scale=scale, ideal=ideal), default)
+    entry: float = _field(Figure(key=key, low=low, high=high, scale=scale, ideal=ideal), default)
+    return entry
 
 
-def numbers(key: str, count: int, low: float, high: float, *, ideal: Any = None) -> Any:
+@typing.overload
+def numbers(
+    key: str, count: typing.Literal[2], low: float, high: float, *, ideal: tuple[float, float] | None = None
+) -> tuple[float, float]: ...
+
+
+@typing.overload
+def numbers(
+    key: str,
+    count: typing.Literal[4],
+    low: float,
+    high: float,
+    *,
+    ideal: tuple[float, float, float, float] | None = None,
+) -> tuple[float, float, float, float]: ...
+
+
+def numbers(
+    key: str, count: int, low: float, high: float, *, ideal: tuple[float, ...] | None = None
+) -> tuple[float, ...]:
     """Dataclass field of a part that is a list of `count` numbers in its file; zeros if the file has no such key.
 
     Args:
@@ -64,10 +91,11 @@ def numbers(key: str, count: int, low: float, high: float, *, ideal: Any = None)
         high: Largest one.
         ideal: Value of an ideal part; None: the part's own.
     """
-    return _field(Figure(key=key, low=low, high=high, count=count, ideal=ideal), (0.0,) * count)
+    entry: tuple[float, ...] = _field(Figure(key=key, low=low, high=high, count=count, ideal=ideal), (0.0,) * count)
+    return entry
 
 
-def word(key: str, *words: str, ideal: str | None = None) -> Any:
+def word(key: str, *words: str, ideal: str | None = None) -> str:
     """Dataclass field of a part that is one of a few words in its file; the first one if the file has no such key.
 
     Args:
@@ -75,7 +103,8 @@ def word(key: str, *words: str, ideal: str | None = None) -> Any:
         words: The valid words.
         ideal: Word of an ideal part; None: the part's own.
     """
-    return _field(Figure(key=key, choices=words, ideal=ideal), words[0])
+    entry: str = _field(Figure(key=key, choices=words, ideal=ideal), words[0])
+    return entry
 
 
 def _field(entry: Figure, default: Any) -> Any:

@@ -111,7 +111,7 @@ class SensorConfig:
 
 def part_of(
     fittings: Mapping[str, SensorConfig], group: str, every_ideal: bool, standard: str | None = None
-) -> tuple[Any, Any]:
+) -> tuple[Part, Part]:
     """The simulated part of a group, and its data sheet; a noise-free part keeps the data sheet of the real one.
 
     Args:

@@ -21,7 +21,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from queue import SimpleQueue
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 import mujoco
 import numpy as np
@@ -34,13 +34,15 @@ from stridetwin.sim.sensors.mount_slip import MountSlips
 from stridetwin.sim.sensors.standard_rig import SensorRig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.samples import Depth, Image
+from stridetwin.streams.samples import Array, Depth, Image
 
 PROCESSES = 2
 _PIPE_BYTES = 1 << 20
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
 _BATCH = 6  # frames that a process renders between two requests
 _BATCHES = 16  # in progress or waiting to be taken
+_Poses = tuple[list[FrameRequest], Array, dict[str, Array]]
+"""What a process needs for a batch: the frames, MuJoCo's coordinates at each, and the pose of each shoe's upper."""
 
 
 class CameraProcesses:
@@ -73,7 +75,7 @@ class CameraProcesses:
         for worker in self._workers:
             self._idle.put(worker)
         self._threads = ThreadPoolExecutor(max(count, 1))
-        self._waiting: deque[tuple[tuple[Any, ...], int]] = deque()
+        self._waiting: deque[tuple[_Poses, int]] = deque()
         self._running: deque[Future[list[Image | Depth | Patch]]] = deque()
         self._sensors = {
             c.topic: make_image_sensor(sensor_rig, c.topic, seed)
@@ -128,7 +130,7 @@ class CameraProcesses:
         while self._waiting and len(self._running) < _BATCHES:
             self._running.append(self._threads.submit(self._render, *self._waiting.popleft()))
 
-    def _render(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
+    def _render(self, poses: _Poses, count: int) -> list[Image | Depth | Patch]:
         """The `count` images of one batch, from the next idle process; runs in a thread of the pool."""
         worker = self._idle.get()
         try:
@@ -187,7 +189,7 @@ class _Worker:
     def pid(self) -> int:
         return self._process.pid
 
-    def images(self, poses: tuple[Any, ...], count: int) -> list[Image | Depth | Patch]:
+    def images(self, poses: _Poses, count: int) -> list[Image | Depth | Patch]:
         """The `count` images of a batch of frames.
 
         Raises:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -22,6 +23,7 @@ BLANK = 96
 """Grey value of pixels that are not rendered."""
 _TARGET = 0.45  # target of automatic exposure: mean grey value over white, that of typical cameras
 _GAINS = (0.25, 64.0)  # of automatic exposure relative to the nominal one, smallest and largest
+NumberT = TypeVar("NumberT", np.uint8, np.float32)
 
 
 class ImageSensor:
@@ -166,9 +168,9 @@ class RenderedLens:
         self.intrinsics = fu, fv, pu - left, pv - top
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
-    def distort(self, image: NDArray, interpolation: int = cv2.INTER_LINEAR) -> NDArray:
+    def distort(self, image: NDArray[NumberT], interpolation: int = cv2.INTER_LINEAR) -> NDArray[NumberT]:
         """The camera's image (H, W, ...), resampled from the pinhole image (height, width, ...)."""
-        return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation))
+        return image if self.straight else np.asarray(cv2.remap(image, *self._maps, interpolation), image.dtype)
 
 
 def _rays(calibration: CameraCalibration) -> Array:

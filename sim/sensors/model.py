@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +81,7 @@ class Stamps:
         stamps[stamps < 0] = -1
         return stamps
 
-    def stamp_block(self, block: Block[Any]) -> Block[Any]:
+    def stamp_block(self, block: Block[Sample]) -> Block[Sample]:
         """Block with the stamps of this clock, without samples from before the recording's start."""
         stamps = self.stamp(block.t_ns)
         kept = stamps >= 0

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stridetwin.sim.gait.reference import WalkMotion
 from stridetwin.sim.kinematics.track import Track
 from stridetwin.sim.noise import Noise
 from stridetwin.sim.playback import Loads, Motion, Player
@@ -20,7 +21,7 @@ from stridetwin.sim.sensors.standard_rig import MountedSensor, SensorRig
 from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.sim.world.terrain import Terrain
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, OtherSensor
-from stridetwin.streams.samples import Array, Block
+from stridetwin.streams.samples import Array, Block, Sample
 
 
 class SensorSuite:
@@ -54,7 +55,9 @@ class SensorSuite:
         """Largest delay from an instant to the motion that an inertial sensor's filter needs for it, s."""
         return max((m.delay_s for s, m, _ in self._models if isinstance(s.calibration, ImuCalibration)), default=0.0)
 
-    def read(self, player: Player, motion: Motion, loads: Loads, after_ns: int, until_ns: int) -> Iterator[Block[Any]]:
+    def read(
+        self, player: Player[WalkMotion], motion: Motion, loads: Loads, after_ns: int, until_ns: int
+    ) -> Iterator[Block[Sample]]:
         """One block per topic, with the samples after `after_ns` and up to `until_ns`.
 
         Args:
@@ -101,7 +104,7 @@ def _make_model(sensor: MountedSensor, terrain: Terrain, crowd: Crowd, noise: No
 
 def _read_block(
     sensor: OtherSensor, model: Any, carrier: Track, motion: Motion, loads: Loads, t_ns: Instants
-) -> Block[Any]:
+) -> Block[Sample]:
     """Samples of a sensor that is neither IMU nor camera, at (N,) instants.
 
     Args:

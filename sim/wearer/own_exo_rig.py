@@ -79,7 +79,7 @@ def _check_short_names(valid: str, *more: str) -> AfterValidator:
         more: Further valid keys.
     """
 
-    def check(named: dict[str, Any]) -> dict[str, Any]:
+    def check(named: dict[str, object]) -> dict[str, object]:
         for name in named:
             if name not in more and not _SHORT.fullmatch(name):
                 raise field_error(name, f"names such as {valid}")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -88,7 +87,7 @@ class Bystander:
     first: int
     size: float
 
-    def parts(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def parts(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
@@ -119,7 +118,7 @@ class Bystander:
             w_body=np.interp(t, self.t, np.gradient(self.yaw, self.t))[:, None] * R[:, 2],
         )
 
-    def sonar_spheres(self, t: NDArray[np.floating[Any]]) -> tuple[Array, Array]:
+    def sonar_spheres(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
         p, R = self.parts(t)
         rows = [

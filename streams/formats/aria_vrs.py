@@ -15,7 +15,7 @@ from stridetwin.streams.errors import StrideTwinError, explain_import_error
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Image, Imu, Stamps
+from stridetwin.streams.samples import Block, Image, Imu, Sample, Stamps
 
 EXTRA = "aria"
 IMUS = {"imu-right": "/head/imu", "imu-left": "/head/imu_left"}
@@ -45,7 +45,7 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
         raise StrideTwinError(f"{path}: cannot be read: {' '.join(str(error).split())[:200]}") from error
     if provider is None:
         raise StrideTwinError(f"{path}: cannot be read: projectaria_tools finds no recording of Aria glasses in it")
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     images: dict[str, ImageStream] = {}
     for label, topic in IMUS.items():
         if (stream := provider.get_stream_id_from_label(label)) is not None and provider.get_num_data(stream):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Block, Depth, Image, Imu, Stamps
+from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
 
 BODY = "head"
 GIVE = "give one with --rig FILE (Kalibr YAML)"
@@ -30,7 +29,7 @@ _FOCAL_PER_WIDTH = 525.0 / 640.0  # the first Kinect's, used by RGB-D datasets w
 
 def with_assumed_calibration(
     rig: Rig,
-    blocks: Mapping[str, Block[Any]],
+    blocks: Mapping[str, Block[Sample]],
     images: Mapping[str, ImageStream],
     notes: Notes,
     registered: Collection[str] = (),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from stridetwin.streams.formats.derived import imu_name, join_gyro_and_accel, to
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
-from stridetwin.streams.recording.ros_types import Definitions, deserialise, typestore_for
+from stridetwin.streams.recording.ros_types import Definitions, RosMessage, deserialise, typestore_for
 from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
 
@@ -87,7 +87,7 @@ POSES = frozenset(
 )
 
 
-def pose_of(message: Any) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
+def pose_of(message: RosMessage) -> tuple[int, tuple[float, ...], tuple[float, ...]]:
     """Reads one message of a type in `POSES`, as they give the ground truth in bags.
 
     Returns:
@@ -120,8 +120,13 @@ class Channel:
     definition: str
 
 
-class Bag(Protocol):
+KeyT = TypeVar("KeyT")
+
+
+class Bag(Protocol[KeyT]):
     """An open bag of ROS messages; `McapBag` and `RosBag` in `bag_files` are the two kinds.
+
+    A `KeyT` names one of its messages, so that this can be read again.
 
     Attributes:
         channels: Its streams.
@@ -129,17 +134,17 @@ class Bag(Protocol):
 
     channels: list[Channel]
 
-    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, KeyT]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
 
-    def read_payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: KeyT) -> bytes:
         """CDR bytes of one message, read again."""
 
 
 _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
 
 
-class _Stream:
+class _Stream(Generic[KeyT]):
     """The messages of one topic while a bag is read.
 
     Of images, only the first payload is kept, to detect their kind, and the key by which each can be read again; of
@@ -162,9 +167,9 @@ class _Stream:
         self.is_image = self.reader is not None and self.reader.is_image
         self.times: list[int] = []
         self.payloads: list[bytes] = []
-        self.keys: list[Any] = []
+        self.keys: list[KeyT] = []
 
-    def add(self, log_time: int, payload: bytes, key: Any) -> None:
+    def add(self, log_time: int, payload: bytes, key: KeyT) -> None:
         """Keeps what is needed of a message: its stamp, its key, and the payload unless it is a later image.
 
         Args:
@@ -179,7 +184,7 @@ class _Stream:
         self.keys.append(key)
 
 
-def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
+def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
     """Reads the streams of a bag: small ones into memory, images as streams that are read on request.
 
     Args:
@@ -197,7 +202,7 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     for topic, log_time, payload, key in bag.read_messages(set(streams)):
         streams[topic].add(log_time, payload, key)
     images: dict[str, ImageStream] = {}
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     calibration = BagCalibration(notes)
     depth_units = _read_depth_units(streams)
     for topic, stream in streams.items():
@@ -228,9 +233,9 @@ def read_bag(bag: Bag, kind: str, notes: Notes) -> Source:
     )
 
 
-def _open_streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str, str]]:
+def _open_streams(bag: Bag[KeyT], notes: Notes) -> tuple[dict[str, _Stream[KeyT]], dict[str, str]]:
     """The streams that can be read, and the types of the others."""
-    streams: dict[str, _Stream] = {}
+    streams: dict[str, _Stream[KeyT]] = {}
     unread: dict[str, str] = {}
     definitions = Definitions()
     for channel in bag.channels:
@@ -247,14 +252,14 @@ def _open_streams(bag: Bag, notes: Notes) -> tuple[dict[str, _Stream], dict[str,
     return streams, unread
 
 
-def _to_messages(stream: _Stream) -> Messages:
+def _to_messages(stream: _Stream[KeyT]) -> Messages:
     """The collected payloads of a topic as `Messages`: one buffer with the offset, length and stamp of each."""
     lengths = np.array([len(p) for p in stream.payloads], np.int64)
     starts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
     return Messages(b"".join(stream.payloads), starts, lengths, np.array(stream.times, np.int64))
 
 
-def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
+def _read_depth_units(streams: Mapping[str, _Stream[KeyT]]) -> dict[str, float]:
     """Reads the depth units that RealSense's own files contain.
 
     Returns:
@@ -272,7 +277,7 @@ def _read_depth_units(streams: Mapping[str, _Stream]) -> dict[str, float]:
     return units
 
 
-def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: float) -> ImageStream:
+def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader, units_m: float) -> ImageStream:
     """A stream of images that are read from the bag again on request; depth is scaled by `units_m`, metres per unit."""
     kind = reader.image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
@@ -286,7 +291,9 @@ def _to_image_stream(bag: Bag, stream: _Stream, reader: TopicReader, units_m: fl
     return ImageStream(kind=kind, t_ns=times, load=load)
 
 
-def _read_extra(stream: _Stream, calibration: BagCalibration, blocks: dict[str, Block[Any]], notes: Notes) -> None:
+def _read_extra(
+    stream: _Stream[KeyT], calibration: BagCalibration, blocks: dict[str, Block[Sample]], notes: Notes
+) -> None:
     """Reads messages that are not samples themselves.
 
     CameraInfo and /tf_static go into `calibration`; poses become a block of odometry in `blocks`.

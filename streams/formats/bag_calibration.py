@@ -9,7 +9,6 @@ import os.path
 import re
 from collections.abc import Mapping
 from pathlib import PurePosixPath
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,12 @@ from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.recording.ros_types import RosMessage
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
-from stridetwin.streams.samples import Array, Block, Imu
+from stridetwin.streams.samples import Array, Block, Imu, Sample
 
+Intrinsics = tuple[float, float, float, float]
+"""fu, fv, pu, pv in pixels."""
 MOST_TERMS = 8
 _ACROSS = 41  # points along each side of the image
 _STEPS = 300
@@ -27,9 +29,7 @@ _ENOUGH = 0.8  # of the image must correspond to rays
 _CLOSE = 0.01  # px, largest error of a ray's pixel
 
 
-def fit_radtan(
-    intrinsics: tuple[float, float, float, float], distortion: Array, size: tuple[int, int]
-) -> tuple[Array, float]:
+def fit_radtan(intrinsics: Intrinsics, distortion: Array, size: tuple[int, int]) -> tuple[Array, float]:
     """Fits the four coefficients of `radtan` to a lens of ROS's rational model, by least squares over the image.
 
     A grid of pixels is undistorted by fixed-point iteration with the rational model; the coefficients are the linear
@@ -118,10 +118,10 @@ class BagCalibration:
     def __init__(self, notes: Notes) -> None:
         self._notes = notes
         self.assumed: dict[str, str] = {}
-        self._infos: dict[str, Any] = {}
+        self._infos: dict[str, RosMessage] = {}
         self._parents: dict[str, tuple[str, Array]] = {}
 
-    def add_camera_info(self, topic: str, message: Any) -> None:
+    def add_camera_info(self, topic: str, message: RosMessage) -> None:
         """Adds a camera's intrinsics; those of an uncalibrated camera (focal length 0) are reported and not used.
 
         Args:
@@ -135,7 +135,7 @@ class BagCalibration:
         else:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
-    def add_transforms(self, message: Any) -> None:
+    def add_transforms(self, message: RosMessage) -> None:
         """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
@@ -149,7 +149,7 @@ class BagCalibration:
                 self._parents[stamped.child_frame_id.strip("/")] = (stamped.header.frame_id.strip("/"), T)
 
     def build_rig(
-        self, blocks: Mapping[str, Block[Any]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
+        self, blocks: Mapping[str, Block[Sample]], images: Mapping[str, ImageStream], frames: Mapping[str, str]
     ) -> Rig:
         """Builds a rig of the cameras that have a CameraInfo.
 
@@ -176,7 +176,7 @@ class BagCalibration:
             cameras[topic] = self._to_camera(topic, stream, info, np.eye(4) if T is None else T, imu)
         return Rig(cameras=cameras)
 
-    def _find_info(self, topic: str) -> Any:
+    def _find_info(self, topic: str) -> RosMessage | None:
         """The CameraInfo whose topic is the longest beginning of an image's topic; None without one."""
         near = [base for base in self._infos if topic == base or topic.startswith(base + "/")]
         return self._infos[max(near, key=len)] if near else None
@@ -185,7 +185,7 @@ class BagCalibration:
         """Adds a text to what is assumed of a camera."""
         self.assumed[topic] = f"{self.assumed[topic]}; {text}" if topic in self.assumed else text
 
-    def _to_camera(self, topic: str, stream: ImageStream, info: Any, T: Array, imu: str) -> CameraCalibration:
+    def _to_camera(self, topic: str, stream: ImageStream, info: RosMessage, T: Array, imu: str) -> CameraCalibration:
         """A camera from its CameraInfo; T is the pose of the optical frame in the IMU's frame, m."""
         K, d = _read_field(info, "k"), _read_field(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
@@ -208,7 +208,7 @@ class BagCalibration:
             imu_topic=imu,
         )
 
-    def _read_rectified_intrinsics(self, topic: str, info: Any, raw: tuple[float, float, float, float]) -> Any:
+    def _read_rectified_intrinsics(self, topic: str, info: RosMessage, raw: Intrinsics) -> Intrinsics:
         """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of the matrix P, or `raw` without one."""
         P = _read_field(info, "p")
         if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
@@ -224,7 +224,7 @@ class BagCalibration:
         model_name: str,
         model: str | None,
         d: Array,
-        intrinsics: tuple[float, float, float, float],
+        intrinsics: Intrinsics,
         size: tuple[int, int],
     ) -> tuple[str, Array]:
         """The distortion model of ours for the one that a CameraInfo names.
@@ -279,6 +279,6 @@ class BagCalibration:
         return frame, T
 
 
-def _read_field(info: Any, name: str) -> Array:
+def _read_field(info: RosMessage, name: str) -> Array:
     """A field of a CameraInfo as an array, named by the capital letter in ROS 1; empty if it is missing."""
     return np.asarray(getattr(info, name) if hasattr(info, name) else getattr(info, name.upper(), ()), float)

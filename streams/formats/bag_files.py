@@ -12,14 +12,14 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol
 
 import lz4.frame  # type: ignore[import-untyped]
 from mcap import records
 from mcap.opcode import Opcode
 from rosbags import rosbag1, rosbag2
-from rosbags.interfaces import MessageDefinitionFormat
-from rosbags.rosbag1.reader import Compression, Header, decompressors
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag1.reader import Chunk, Compression, Header, IndexData, decompressors
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError, read_error
@@ -37,6 +37,23 @@ from stridetwin.streams.recording.mcap_scan import (
 from stridetwin.streams.recording.ros_types import Definitions, check_types, definition, typestore
 
 _LOOSE = struct.Struct("<HIqq")
+
+
+class _Unpacker(Protocol):
+    """What the decompressors of bz2 and lz4 share."""
+
+    @property
+    def eof(self) -> bool:
+        """Whether the data have ended."""
+
+    def decompress(self, data: bytes, max_length: int = -1) -> bytes:
+        """Unpacked data, up to a length."""
+
+
+McapKey = tuple[int, int, int, int]
+"""Of a message: number of the file, offset of its chunk (-1: none), first byte and length there."""
+RosKey = tuple[Connection, int, int]
+"""Of a message: its connection, log time in ns, and number among those of equal time."""
 
 
 class McapBag:
@@ -67,7 +84,7 @@ class McapBag:
                         self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
-    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, McapKey]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         for i, path in enumerate(self._paths):
             unpacking = Unpacking(path)
@@ -87,7 +104,7 @@ class McapBag:
                         at = offset + 9 + _LOOSE.size, len(body) - _LOOSE.size
                         yield topic, log_time, body[_LOOSE.size :], (i, -1, *at)
 
-    def read_payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: McapKey) -> bytes:
         """The CDR bytes of one message, read again from its file.
 
         Args:
@@ -189,7 +206,7 @@ class BoundedReader(rosbag1.Reader):
         self._bytes = _FREE_BYTES + _BYTES_PER_BYTE * self._size
         self._entries = self._size // _BYTES_PER_ENTRY
 
-    def read_chunk(self) -> Any:
+    def read_chunk(self) -> Chunk:
         """Position of a chunk, and how to unpack it.
 
         Raises:
@@ -200,7 +217,7 @@ class BoundedReader(rosbag1.Reader):
             raise ValueError(f"a chunk of {chunk.datasize} bytes: expected up to {LARGEST_CHUNK}")
         return chunk._replace(decompressor=partial(self._unpack, _KINDS[chunk.decompressor]))
 
-    def read_index_data(self, pos: int, indexes: Any) -> None:
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
         """Reads the index of one connection in one chunk.
 
         Raises:
@@ -222,7 +239,7 @@ class BoundedReader(rosbag1.Reader):
         """
         if kind == Compression.NONE:
             return data
-        unpacker: Any = bz2.BZ2Decompressor() if kind == Compression.BZ2 else lz4.frame.LZ4FrameDecompressor()
+        unpacker: _Unpacker = bz2.BZ2Decompressor() if kind == Compression.BZ2 else lz4.frame.LZ4FrameDecompressor()
         unpacked: bytes = unpacker.decompress(data, max_length=LARGEST_CHUNK)
         if not unpacker.eof:
             raise ValueError(f"a chunk that is damaged, or larger than {LARGEST_CHUNK} bytes unpacked")
@@ -269,7 +286,7 @@ class RosBag:
         with self._convert_errors():
             if is_ros1:
                 check_index(path)
-            self._reader: Any = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
+            self._reader = BoundedReader(path) if is_ros1 else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, _close, self._reader)
             self._store = get_typestore(Stores.EMPTY)
@@ -278,7 +295,7 @@ class RosBag:
         types = {c.topic: c.typename for c in self.channels}
         self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
 
-    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, Any]]:
+    def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, RosKey]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
         counts: dict[tuple[int, int], int] = {}
@@ -299,7 +316,7 @@ class RosBag:
             nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
             yield connection.topic, time, payload, (connection, time, nth)
 
-    def read_payload(self, topic: str, key: Any) -> bytes:
+    def read_payload(self, topic: str, key: RosKey) -> bytes:
         """The CDR bytes of one message, read again from the bag.
 
         Args:
@@ -321,7 +338,7 @@ class RosBag:
         """The CDR bytes of a message: converted from those of ROS 1, or the same."""
         return bytes(self._store.ros1_to_cdr(raw, typename)) if self._is_ros1 else bytes(raw)
 
-    def _to_channel(self, connection: Any) -> Channel:
+    def _to_channel(self, connection: Connection) -> Channel:
         """The stream of a connection; definitions that older ROS 2 bags lack are those of the standard types."""
         name = connection.msgtype
         text, encoding = connection.msgdef.data, "ros2msg"
@@ -361,7 +378,7 @@ class RosBag:
             raise RecordingError(f"{self.path}: a damaged bag: {text[:200]}") from error
 
 
-def _close(reader: Any) -> None:
+def _close(reader: rosbag1.Reader | rosbag2.Reader) -> None:
     """Closes a reader, when its bag is garbage collected."""
     reader.close()
 

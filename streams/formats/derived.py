@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Imu, Odometry, Stamps, is_increasing
+from stridetwin.streams.samples import Array, Block, Imu, Odometry, Sample, Stamps, is_increasing
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -102,7 +102,7 @@ _GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
 _JOINED = "imu"
 
 
-def join_gyro_and_accel(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str, Block[Any]]:
+def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[str, Block[Sample]]:
     """Joins each pair of streams `.../gyro` and `.../accel` to one IMU, and reports that by a warning.
 
     A pair is joined only if the first has no forces and the second no rates. The force is interpolated linearly to
@@ -118,7 +118,7 @@ def join_gyro_and_accel(blocks: dict[str, Block[Any]], notes: Notes) -> dict[str
             continue
         name = imu_name(topic)
         del result[topic], result[accel_topic]
-        result[name] = join_at_gyro_stamps(name, gyro, accel)
+        result[name] = join_at_gyro_stamps(name, gyro.as_kind(Imu), accel)
         notes.warn(f"{topic} and {accel_topic} are joined as {name}, the force interpolated to the stamps of the rate")
     return result
 
@@ -128,7 +128,7 @@ def imu_name(topic: str) -> str:
     return _GYRO.sub(_JOINED, topic)
 
 
-def join_at_gyro_stamps(name: str, gyro: Block[Imu], accel: Block[Any]) -> Block[Imu]:
+def join_at_gyro_stamps(name: str, gyro: Block[Imu], accel: Block[Sample]) -> Block[Imu]:
     """Joins two streams to one IMU, with the force interpolated linearly to the stamps of the rate.
 
     Args:

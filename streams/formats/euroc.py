@@ -43,7 +43,7 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
-from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
+from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import parse_yaml
 
@@ -80,7 +80,7 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     root = find_euroc_root(path)
     if root is None:
         raise ConfigError(path, "", "no imu0 and no cam0", "a folder in the ASL layout")
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     images: dict[str, ImageStream] = {}
     imus: dict[str, ImuCalibration] = {}
     cameras: dict[str, CameraCalibration] = {}
@@ -183,7 +183,7 @@ def _count_columns(rows: list[TextRow]) -> int:
     return len(rows[0].cells) if rows else 0
 
 
-def _to_matrix_rows(node: Any) -> Any:
+def _to_matrix_rows(node: object) -> object:
     """Rows of a matrix; OpenCV lists its 16 numbers under `data`."""
     data = node.get("data") if isinstance(node, dict) else None
     return [data[i : i + 4] for i in range(0, 16, 4)] if isinstance(data, list) and len(data) == 16 else node
@@ -281,7 +281,9 @@ def make_right_camera(left: CameraCalibration, baseline_m: float, topic: str) ->
     return replace(left, topic=topic, part=part, mount=mount, distortion_model="radtan", depth_topic="")
 
 
-def render_right_view(left: Any, depth: NDArray[np.float32], focal_px: float, baseline_m: float) -> Any:
+def render_right_view(
+    left: NDArray[np.uint8], depth: NDArray[np.float32], focal_px: float, baseline_m: float
+) -> NDArray[np.uint8]:
     """Renders the image of a virtual right camera from the left image and its depth, for rectified stereo.
 
     Each pixel moves left by its disparity fu·b/z, the nearest surface wins, and the left image is sampled bilinearly at
@@ -312,9 +314,10 @@ def render_right_view(left: Any, depth: NDArray[np.float32], focal_px: float, ba
     seen[~np.isfinite(seen)] = np.nan
     from_column = _find_background(seen)
     x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
-    return cv2.remap(
+    right = cv2.remap(
         left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
+    return np.asarray(right, np.uint8)
 
 
 def _find_background(disparity: Array) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,10 +20,12 @@ from stridetwin.streams.formats.euroc import NAMES
 from stridetwin.streams.kalibr import PLAIN_BODY
 from stridetwin.streams.recording.imported import Source
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
+from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array, Image, Imu
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
+Calibration = ImuCalibration | CameraCalibration | OtherSensor
+CalibrationT = TypeVar("CalibrationT", ImuCalibration, CameraCalibration, OtherSensor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +100,7 @@ def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool)
             implies another one than the old topic.
     """
 
-    def rename(item: Any) -> Any:
+    def rename(item: CalibrationT) -> CalibrationT:
         topic, body = topic_of(item.topic), item.mount.body
         if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
@@ -108,7 +110,7 @@ def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool)
                 changes[link] = topic_of(getattr(item, link))
         return replace(item, **changes)
 
-    def rename_all(items: Mapping[str, Any]) -> dict[str, Any]:
+    def rename_all(items: Mapping[str, CalibrationT]) -> dict[str, CalibrationT]:
         return {new.topic: new for new in map(rename, items.values())}
 
     return Rig(
@@ -131,7 +133,7 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     Returns:
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
-    sensors: dict[str, Mapping[str, Any]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
+    sensors: dict[str, Mapping[str, Calibration]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
     topic_of: dict[str, str] = {}
     for stem in ("imu", "cam", ""):
         for i, item in enumerate(sensors[stem].values()):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from pathlib import Path, PurePath
-from typing import Any
 
 import cv2
 import numpy as np
@@ -32,11 +31,10 @@ def read_image(path: Path, topic: str, t_ns: int) -> Image:
     Raises:
         StrideTwinError: The file is missing or damaged.
     """
-    pixels = _read_pixels(path)
-    if pixels.dtype == np.uint16:
-        pixels = (pixels >> 8).astype(np.uint8)
-    if pixels.dtype != np.uint8:
-        raise ConfigError(path, "pixels", str(pixels.dtype), "8 or 16 bits")
+    raw = _read_pixels(path)
+    if raw.dtype not in (np.uint8, np.uint16):
+        raise ConfigError(path, "pixels", str(raw.dtype), "8 or 16 bits")
+    pixels = raw.view(np.uint8) if raw.dtype == np.uint8 else (raw.view(np.uint16) >> 8).astype(np.uint8)
     return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
 
 
@@ -78,7 +76,7 @@ def png_is_sound(data: bytes) -> bool:
     return False
 
 
-def _read_pixels(path: Path) -> NDArray[Any]:
+def _read_pixels(path: Path) -> NDArray[np.generic]:
     """Decodes an image file of up to `MOST_PIXELS`: (H, W) grey or (H, W, C) in OpenCV's order BGR.
 
     Raises:
@@ -97,7 +95,7 @@ def _read_pixels(path: Path) -> NDArray[Any]:
     return pixels
 
 
-def _write_pixels(path: Path, pixels: NDArray[Any]) -> None:
+def _write_pixels(path: Path, pixels: NDArray[np.integer | np.floating]) -> None:
     """Writes pixels in the format that the suffix names, such as `.png`."""
     done, data = cv2.imencode(path.suffix, pixels)
     if not done:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.samples import Array, Block, Stamps
+from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
@@ -16,9 +16,10 @@ _GAP = (
     1.6  # periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter
 )
 _FEWEST = 10  # samples needed to know a period
+SampleT = TypeVar("SampleT", bound=Sample)
 
 
-def bridge_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def bridge_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Makes a stream of samples even: without repeated stamps, and with samples in its short gaps.
 
     Repeated rows are left out. Other rows with the stamp of the row before, such as the samples of one packet, are
@@ -40,7 +41,7 @@ def bridge_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
     return _fill_gaps(name, block, notes)
 
 
-def _drop_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Leaves out each row that equals the row before it in its stamp and in every column."""
     same = np.diff(block.t_ns) == 0
     for column in block.columns.values():
@@ -51,7 +52,7 @@ def _drop_repeated_rows(name: str, block: Block[Any], notes: Notes) -> Block[Any
     return block[np.concatenate(([True], ~same))]
 
 
-def _spread_repeated_stamps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period."""
     t_ns = block.t_ns
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
@@ -65,7 +66,7 @@ def _spread_repeated_stamps(name: str, block: Block[Any], notes: Notes) -> Block
     return replace(block, t_ns=t_ns[0] + np.rint(at).astype(np.int64))
 
 
-def _fill_gaps(name: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Inserts samples where a step is more than 1.6 median periods long and up to `LONGEST_S`, by linear interpolation.
 
     A long step next to a step that is as much shorter is a late stamp, not a gap. Longer gaps are reported.

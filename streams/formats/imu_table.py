@@ -9,10 +9,8 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
@@ -140,7 +138,7 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
     try:
         _check_packing(path)
         with np.load(path, allow_pickle=False) as table:
-            columns: dict[str, NDArray[Any]] = {n: table[n] for n in ("t", "accel", "gyro") if n in table}
+            columns: dict[str, Array] = {n: table[n] for n in ("t", "accel", "gyro") if n in table}
             names = table.files
     except StrideTwinError:
         raise

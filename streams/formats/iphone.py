@@ -35,7 +35,7 @@ from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, Rig
-from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Stamps
+from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.validation import validate
 
 COLOR, DEPTH, IMU = "/head/color", "/head/depth", "/head/imu"
@@ -82,7 +82,7 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
         images[DEPTH] = open_image_stream(depth_files, per_metre)
     poses = _to_path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
-    blocks: dict[str, Block[Any]] = {poses.topic: poses}
+    blocks: dict[str, Block[Sample]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
         blocks[IMU] = imu
     return Source(kind="strayscanner", blocks=blocks, images=images, rig=_read_stray_rig(path, images, IMU in blocks))
@@ -267,7 +267,7 @@ def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> I
     return ImageStream(kind=Depth, t_ns=np.array([t for t, _ in files], np.int64), load=load)
 
 
-def _read_depth(file: Path, shape: tuple[int, int]) -> Any:
+def _read_depth(file: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Reads a depth file of float32: (H, W) m, NaN where there is none.
 
     Raises:

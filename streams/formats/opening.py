@@ -15,7 +15,7 @@ from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinErr
 from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import with_assumed_calibration
-from stridetwin.streams.formats.bag import Bag, read_bag, side_of
+from stridetwin.streams.formats.bag import read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
@@ -30,7 +30,7 @@ from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, is_increasing
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, Sample, is_increasing
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -220,12 +220,12 @@ def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source
     if kind == "table":
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
-        blocks: dict[str, Block[Any]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
+        blocks: dict[str, Block[Sample]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
         return Source(kind=kind, blocks=blocks, images={}, rig=Rig(), names=names)
     if kind in _READERS:
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
         return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
-    return read_bag(_open_bag(path, kind, notes), kind, notes)
+    return _read_bag(path, kind, notes)
 
 
 def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
@@ -244,22 +244,22 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
     )
 
 
-def _open_bag(path: Path, kind: str, notes: Notes) -> Bag:
-    """Opens a bag; the tables of SQLite files are checked first."""
+def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
+    """Reads an MCAP file, a ROS 1 bag, or a ROS 2 bag of MCAP or SQLite files, whose tables are checked first."""
     if kind == "mcap":
-        return McapBag([path], notes)
+        return read_bag(McapBag([path], notes), kind, notes)
     if kind == "rosbag1":
-        return RosBag(path, True, notes)
+        return read_bag(RosBag(path, True, notes), kind, notes)
     files = _list_bag_files(path) if path.is_dir() else [path]
     if files and all(f.suffix == ".mcap" for f in files):
-        return McapBag(files, notes)
+        return read_bag(McapBag(files, notes), kind, notes)
     for file in files:
         if file.suffix != ".db3":
             continue
         check_tables(file)
         if not sqlite_is_sound(file):
             notes.problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
-    return RosBag(path, False, notes)
+    return read_bag(RosBag(path, False, notes), kind, notes)
 
 
 def _list_bag_files(path: Path) -> list[Path]:
@@ -320,7 +320,7 @@ def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: 
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
-def _bridge_inertial(topic: str, block: Block[Any], notes: Notes) -> Block[Any]:
+def _bridge_inertial(topic: str, block: Block[Sample], notes: Notes) -> Block[Sample]:
     """Bridges the gaps of an IMU or accelerometer whose numbers are all finite; returns other blocks unchanged."""
     return bridge_gaps(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
 

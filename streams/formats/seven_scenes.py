@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from stridetwin.streams.formats.text_rows import read_camera_matrix, read_matrix
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Array, Block
+from stridetwin.streams.samples import Array, Block, Sample
 
 RATE_HZ = 30.0
 PER_METRE = 1000.0
@@ -65,7 +64,7 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
         for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre))
         if files
     }
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     if frame_files["pose"]:
         blocks[TRUTH_TOPIC] = _read_poses(frame_files["pose"], notes)
     return Source(kind="7scenes", blocks=blocks, images=images, rig=_read_rig(path, folder, images), unread={})
@@ -85,7 +84,7 @@ def _to_stamp(frame: int) -> int:
     return round(frame * 1e9 / RATE_HZ)
 
 
-def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Any]:
+def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Sample]:
     """Reads the pose files, by frame number, as odometry of the camera in the world."""
     stamps: list[int] = []
     poses: list[Array] = []

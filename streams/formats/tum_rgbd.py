@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
-from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Stamps
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Sample, Stamps
 from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
@@ -58,7 +57,7 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
         StrideTwinError: A file cannot be read or a value in it is invalid, unless lenient.
     """
     images: dict[str, ImageStream] = {}
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     if (path / "rgb.txt").is_file():
         images[COLOR] = read_image_list(path / "rgb.txt", path, None, parse_seconds, notes)
     if (path / "depth.txt").is_file():
@@ -74,9 +73,9 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
 
 
-def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Any]]:
+def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
     """Reads the accelerometer, and an IMU from `imu.txt` or from `gyroscope.txt` with the accelerometer's forces."""
-    blocks: dict[str, Block[Any]] = {}
+    blocks: dict[str, Block[Sample]] = {}
     force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
     if force.is_file():
         t_ns, table = _read_columns(force, _FORCE, notes)

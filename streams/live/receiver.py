@@ -18,10 +18,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.live.messages import Message, MessageDecoder, rank_of
+from stridetwin.streams.live.messages import MessageDecoder, rank_of
 from stridetwin.streams.live.wire import Counts, Hello, WireError, ZenohLink, parse_json, read_message
+from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.ros_types import typestore
 from stridetwin.streams.samples import LATEST_NS, Depth, Image, Sample
+from stridetwin.streams.validation import type_adapter
 
 if TYPE_CHECKING:
     import zenoh
@@ -182,7 +184,7 @@ class Receiver:
         Raises:
             WireError: The hello or its rig is invalid, or there are `MOST_SENDERS` already.
         """
-        hello: Hello = parse_json(Hello, body, "hello")
+        hello = parse_json(type_adapter(Hello), body, "hello")
         _ = hello.calibration  # an invalid one is refused
         with self._changed:
             if self._count_connected() >= MOST_SENDERS:
@@ -202,7 +204,7 @@ class Receiver:
         Raises:
             WireError: The query is invalid, or the sender has not said hello.
         """
-        numbers = parse_json(Counts, body, "end")
+        numbers = parse_json(type_adapter(Counts), body, "end")
         with self._changed:
             sender = self._senders.get(name)
             if sender is None:

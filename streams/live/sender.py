@@ -12,7 +12,7 @@ from typing import Self
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.kalibr import rig_to_yaml
-from stridetwin.streams.live.messages import Message, MessageEncoder
+from stridetwin.streams.live.messages import MessageEncoder
 from stridetwin.streams.live.wire import (
     LARGEST_HELLO,
     VERSION,
@@ -23,9 +23,11 @@ from stridetwin.streams.live.wire import (
     check_message,
     parse_json,
 )
+from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
+from stridetwin.streams.validation import type_adapter
 
 IMAGES_HELD, SAMPLES_HELD = 8, 2048
 """Most queued messages of a topic while a receiver is slow or disconnected; then the oldest is dropped."""
@@ -211,7 +213,7 @@ class Sender:
         """
         if answer is None:
             return False
-        received = parse_json(Counts, answer, "answer")
+        received = parse_json(type_adapter(Counts), answer, "answer")
         with self._changed:
             missing = self._put_counts - Counter(received)
             self.sent -= missing

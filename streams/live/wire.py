@@ -19,18 +19,17 @@ import re
 import struct
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from stridetwin.streams.bounded_images import check_pixels
 from stridetwin.streams.errors import StrideTwinError, explain_import_error
 from stridetwin.streams.kalibr import rig_from_yaml
-from stridetwin.streams.live.messages import Message
+from stridetwin.streams.recording.mcap_contents import Message
 from stridetwin.streams.recording.ros_images import IMAGES
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS
-from stridetwin.streams.validation import type_adapter
 from stridetwin.streams.yaml_file import check_yaml
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ _TOPIC = re.compile(r"(/[^/*$?#\s]+)+")
 _ROOT, _CDR = "stridetwin", "application/cdr;"
 _MARK = struct.Struct("<qQ")
 _ANSWER_S = 60.0
-_CONFIG: Mapping[str, Any] = {
+_CONFIG: Mapping[str, object] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -69,6 +68,8 @@ Counts = Annotated[
     dict[Annotated[str, Field(max_length=255)], Annotated[int, Field(ge=0, lt=2**53)]], Field(max_length=1000)
 ]
 """Numbers of samples by topic."""
+
+T = TypeVar("T")
 
 
 class WireError(StrideTwinError):
@@ -111,16 +112,16 @@ class Hello(BaseModel):
         return rig
 
 
-def parse_json(kind: Any, body: bytes, what: str) -> Any:
+def parse_json(adapter: TypeAdapter[T], body: bytes, what: str) -> T:
     """Parses the JSON body of a query.
 
     Args:
-        kind: `Hello` or `Counts`.
+        adapter: Of `Hello` or `Counts`.
         body: The bytes.
         what: Name of the query in errors.
 
     Returns:
-        The value, of type `kind`.
+        The value, of the adapter's type.
 
     Raises:
         WireError: The body is too long or no such value; names the first invalid field.
@@ -128,7 +129,7 @@ def parse_json(kind: Any, body: bytes, what: str) -> Any:
     if len(body) > LARGEST_HELLO:
         raise WireError(f"invalid {what} of {len(body)} bytes: expected up to {LARGEST_HELLO}")
     try:
-        return type_adapter(kind).validate_json(body)
+        return adapter.validate_json(body)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place, value = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]

@@ -11,12 +11,15 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import FieldDesc
 
 ENCAPSULATION = 4
 
@@ -37,6 +40,9 @@ _CODES = {
     "float64": "f8",
 }
 
+_Form = np.dtype[np.generic] | tuple[np.dtype[np.generic], tuple[int, ...]]
+"""NumPy type of a field: of one number, or of an array with its shape."""
+
 
 @dataclass(frozen=True, eq=False)
 class MessageLayout:
@@ -50,7 +56,7 @@ class MessageLayout:
         head: Encapsulation header, which contains the byte order.
     """
 
-    dtype: np.dtype[Any]
+    dtype: np.dtype[np.void]
     lengths: tuple[tuple[int, int], ...]
     strings: dict[str, str | list[str]]
     head: bytes
@@ -95,7 +101,7 @@ class _LayoutParser:
         self.payload, self.store = payload, store
         self.order = "<" if payload[1] else ">"
         self.at = ENCAPSULATION
-        self.fields: dict[str, tuple[Any, int]] = {}
+        self.fields: dict[str, tuple[_Form, int]] = {}
         self.lengths: list[tuple[int, int]] = []
         self.strings: dict[str, str | list[str]] = {}
 
@@ -144,24 +150,23 @@ class _LayoutParser:
         for name, description in members:
             self.record_member(f"{path}.{name}" if path else name, description)
 
-    def record_member(self, path: str, description: Any) -> None:
+    def record_member(self, path: str, description: FieldDesc) -> None:
         """Records a field of a message: a number, string, message, or an array or sequence of these.
 
         Args:
             path: Dotted path of the field.
             description: rosbags' description of its type.
         """
-        node, detail = description
-        if node == Nodetype.NAME:
-            self.record_message(path, detail)
-        elif node == Nodetype.BASE:
-            if detail[0] == "string":
+        if description[0] == Nodetype.NAME:
+            self.record_message(path, description[1])
+        elif description[0] == Nodetype.BASE:
+            if description[1][0] == "string":
                 self.strings[path] = self.read_string()
             else:
-                self.record_numbers(path, detail[0], ())
+                self.record_numbers(path, description[1][0], ())
         else:
-            inner, size = detail
-            count = size if node == Nodetype.ARRAY else self.read_length()
+            inner, size = description[1]
+            count = size if description[0] == Nodetype.ARRAY else self.read_length()
             if inner[0] == Nodetype.NAME:
                 for i in range(count):
                     self.record_message(f"{path}.{i}", inner[1])

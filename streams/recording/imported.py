@@ -6,7 +6,6 @@ import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class Source:
     """
 
     kind: str
-    blocks: dict[str, Block[Any]]
+    blocks: dict[str, Block[Sample]]
     images: dict[str, ImageStream]
     rig: Rig
     unread: dict[str, str] = field(default_factory=dict)
@@ -71,7 +70,7 @@ class ImportedContents:
 
     def __init__(
         self,
-        blocks: dict[str, Block[Any]],
+        blocks: dict[str, Block[Sample]],
         images: dict[str, ImageStream],
         rig: Rig,
         metadata: dict[str, str],
@@ -97,7 +96,7 @@ class ImportedContents:
         streams = [self._iterate_topic(topic, order) for order, topic in enumerate(ordered)]
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
-    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Sample]]:
         """All samples of the topics, as one block each; for topics without images."""
         return {topic: self._blocks[topic] for topic in topics}
 
@@ -136,7 +135,7 @@ class ImportedContents:
             self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
         return None
 
-    def _drop_invalid_samples(self, topic: str, block: Block[Any]) -> Block[Any]:
+    def _drop_invalid_samples(self, topic: str, block: Block[Sample]) -> Block[Sample]:
         """The samples of a block with finite numbers and increasing stamps; others are reported as problems."""
         keep = self._check_stamps(topic, block.t_ns)
         sound = block.finite

@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,9 +87,9 @@ class McapContents(RecordingIndex):
                     heapq.heappush(heap, (first.t_ns, order[topic], i, first, items))
         yield from _pop_until(heap, None)
 
-    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Any]]:
+    def blocks(self, topics: Sequence[str]) -> dict[str, Block[Sample]]:
         """All samples of the topics, as one block each, in one pass over the file; for topics without images."""
-        parts: dict[str, list[Block[Any]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
+        parts: dict[str, list[Block[Sample]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
         missing = [topic for topic in topics if topic not in self._kept]
         for chunk in self.chunks if missing else ():
             chunk_topics = [topic for topic in missing if topic in chunk.parts]
@@ -159,7 +159,7 @@ class McapContents(RecordingIndex):
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
-    def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Any]:
+    def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Sample]:
         """The samples of a topic in a chunk with increasing stamps and finite numbers (ground truth may have NaN)."""
         block = reader.block(messages)
         keep = is_increasing(block.t_ns, part.before)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zstandard
@@ -38,7 +38,9 @@ _RECORD_HEAD = np.dtype(
 )
 
 
-def build_message_rows(channel: int, payload: bytes, layout: np.dtype[Any], t_ns: NDArray[np.int64]) -> tuple[Any, Any]:
+def build_message_rows(
+    channel: int, payload: bytes, layout: np.dtype[np.void], t_ns: NDArray[np.int64]
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
     """Builds N message records that are copies of one serialised message, to be filled with numbers column by column.
 
     Args:
@@ -215,7 +217,7 @@ class McapWriter:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, list[Any]]] = [
+        groups: list[tuple[Opcode, Sequence[records.McapRecord]]] = [
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, list(self._channels.values())),
             (Opcode.STATISTICS, [statistics]),
@@ -301,4 +303,5 @@ def _encode(record: records.McapRecord) -> bytes:
     """The bytes of a record of the `mcap` library."""
     builder = RecordBuilder()
     record.write(builder)
-    return builder.end()
+    encoded: bytes = builder.end()
+    return encoded

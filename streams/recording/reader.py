@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -118,7 +118,7 @@ class Recording:
         assert isinstance(self._contents, McapContents)
         return self._contents.messages(topics, rank_of)
 
-    def block(self, topic: str) -> Block[Any]:
+    def block(self, topic: str) -> Block[Sample]:
         """All samples of a topic as one block; not for images.
 
         Raises:
@@ -126,7 +126,7 @@ class Recording:
         """
         return self.blocks([topic])[topic]
 
-    def blocks(self, topics: Iterable[str]) -> dict[str, Block[Any]]:
+    def blocks(self, topics: Iterable[str]) -> dict[str, Block[Sample]]:
         """All samples of some topics as one block each, read in one pass; not for images.
 
         Raises:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +9,7 @@ from rosbags.typesys.store import Typestore
 
 from stridetwin.streams.bounded_images import check_pixels, decode_image
 from stridetwin.streams.recording.ros_samples import frame_id
-from stridetwin.streams.recording.ros_types import deserialise, serialise
+from stridetwin.streams.recording.ros_types import RosMessage, deserialise, serialise
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image
 
@@ -33,7 +31,7 @@ _PIXELS = {
 }
 
 
-def _header(topic: str, t_ns: int) -> dict[str, Any]:
+def _header(topic: str, t_ns: int) -> dict[str, object]:
     """The fields of a message's header: stamp, and the topic as frame."""
     sec, nanosec = divmod(t_ns, 1_000_000_000)
     return {"header.stamp.sec": sec, "header.stamp.nanosec": nanosec, "header.frame_id": frame_id(topic)}
@@ -72,7 +70,7 @@ def encode_depth(sample: Depth, encoding: str) -> bytes:
     if encoding == "16UC1":
         # Rounds to 16 bits in one step; NaN gives 0.
         mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
-        pixels: NDArray[Any] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
+        pixels: NDArray[np.generic] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")
     return _encode_raw_message(sample, pixels, encoding)
@@ -85,7 +83,7 @@ def encode_raw_image(sample: Image) -> bytes:
     )
 
 
-def _encode_raw_message(sample: Image | Depth, pixels: NDArray[Any], encoding: str) -> bytes:
+def _encode_raw_message(sample: Image | Depth, pixels: NDArray[np.generic], encoding: str) -> bytes:
     """The CDR bytes of an Image message with contiguous pixels (H, W) or (H, W, 3)."""
     height, width = pixels.shape[:2]
     values = {
@@ -175,7 +173,8 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
         pixels = decode_image(bytes(message.data))
         if pixels is None or pixels.dtype != np.uint8:
             raise ValueError(f"an image of format {message.format!r} that cannot be decoded to 8 bits")
-        return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
+        pixels_8bit = pixels.view(np.uint8)
+        return Image(topic=topic, t_ns=t_ns, pixels=pixels_8bit if pixels.ndim == 2 else rgb_from_bgr(pixels_8bit))
     if message.encoding not in _PIXELS:
         raise ValueError(f"encoding {message.encoding!r} is not read: expected {', '.join(_PIXELS)}")
     check_pixels(message.width, message.height)
@@ -194,12 +193,12 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
 
 
-def _mm_to_metres(mm: NDArray[Any]) -> NDArray[np.float32]:
+def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:
     """Depth in m from mm; 65535 means none, as 0 does."""
     return np.where(mm == 65535, 0, mm).astype(np.float32) / np.float32(1000.0)
 
 
-def _decode_compressed_depth(message: Any) -> NDArray[np.float32]:
+def _decode_compressed_depth(message: RosMessage) -> NDArray[np.float32]:
     """Depth in the format of ROS' compressed_depth_image_transport: 12 bytes of parameters, then a PNG of 16 bits.
 
     For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.

@@ -38,7 +38,10 @@ from stridetwin.streams.samples import (
 )
 
 Columns = Mapping[str, NDArray[Any]]
+Constants = Mapping[str, tuple[str, ...]]
 Rows = NDArray[np.void]
+TopicValues = Callable[[str, Rig, Constants], dict[str, object]]
+"""Values that are equal in all messages of a topic, by dotted path: from topic, rig and the block's constants."""
 
 FEET = ("l", "r")
 TERRAINS = ("level", "stair", "ramp")
@@ -64,19 +67,19 @@ class SampleMapping:
 
     kind: type[Sample]
     typename: str
-    write: Callable[[Columns], dict[str, NDArray[Any]]]
-    read: Callable[[Rows], dict[str, NDArray[Any]]]
-    fixed: Mapping[str, Any] = field(default_factory=dict)
-    of_topic: Callable[[str, Rig, Mapping[str, Any]], dict[str, Any]] = lambda *_: {}
+    write: Callable[[Columns], Mapping[str, NDArray[np.generic]]]
+    read: Callable[[Rows], Mapping[str, NDArray[np.generic]]]
+    fixed: Mapping[str, object] = field(default_factory=dict)
+    of_topic: TopicValues = lambda *_: {}
     frame: str = ""
-    constants: Callable[[MessageLayout], dict[str, Any]] = lambda _: {}
+    constants: Callable[[MessageLayout], Constants] = lambda _: {}
 
-    def collect_values(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+    def collect_values(self, topic: str, rig: Rig, constants: Constants) -> dict[str, object]:
         """The values that are equal in all messages of a topic, by dotted path, such as the frame."""
         frame = {"header.frame_id": self.frame or frame_id(topic)}
         return {**frame, **self.fixed, **self.of_topic(topic, rig, constants)}
 
-    def build_template(self, topic: str, rig: Rig, constants: Mapping[str, Any]) -> tuple[bytes, MessageLayout]:
+    def build_template(self, topic: str, rig: Rig, constants: Constants) -> tuple[bytes, MessageLayout]:
         """Builds a message of a topic with zeros for its numbers, and finds where these are.
 
         Returns:
@@ -86,7 +89,7 @@ class SampleMapping:
         return payload, layout_of(payload, self.typename, typestore())
 
 
-def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Any]) -> None:
+def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Sample]) -> None:
     """Writes a block's stamps and columns into message rows made from its topic's template."""
     if "header.stamp.sec" in (rows.dtype.names or ()):
         rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(block.t_ns, 1_000_000_000)
@@ -102,7 +105,7 @@ def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
     return t if t.any() else log_time
 
 
-def block_of(samples: Sequence[Sample]) -> Block[Any]:
+def block_of(samples: Sequence[Sample]) -> Block[Sample]:
     """Collects samples of one topic and kind, of one or more stamps, in a block; their texts become its constants."""
     first = samples[0]
     names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
@@ -123,7 +126,7 @@ def frame_id(topic: str) -> str:
 
 def _conjugate(q: Array) -> Array:
     """Conjugates of unit quaternions (N, 4), (w, x, y, z): the inverse rotations."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def _to_xyzw(q: Array) -> Array:
@@ -136,12 +139,12 @@ def _to_wxyz(q: Array) -> Array:
     return q[:, [3, 0, 1, 2]].astype(np.float64)
 
 
-def _to_float64(values: NDArray[Any]) -> Array:
+def _to_float64(values: NDArray[np.generic]) -> Array:
     """The values in double precision."""
     return values.astype(np.float64)
 
 
-def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Covariances of an Imu message: noise density² × rate, (rad/s)² and (m/s²)²; empty for an IMU outside the rig."""
     if topic not in rig.imus:
         return {}
@@ -152,20 +155,20 @@ def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, Any]:
     }
 
 
-def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, Any]:
+def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Field of view (rad) and range (m) of a Range message, from the rig; 0 if unknown."""
     parameters = rig.others[topic].parameters if topic in rig.others else {}
     named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
     return {k: parameters.get(v, 0.0) for k, v in named.items()}
 
 
-def _read_range(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_range(rows: Rows) -> dict[str, NDArray[np.generic]]:
     """Distances in m; those out of range, which REP-117 marks by an infinity, become 0."""
     distance = _to_float64(rows["range"])
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
-def _encoder_joint(topic: str, *_: object) -> dict[str, Any]:
+def _encoder_joint(topic: str, *_: object) -> dict[str, object]:
     """The joint's name of a JointState of one encoder, from its topic."""
     return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
@@ -176,26 +179,26 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joint_values(_: str, rig: Rig, constants: Mapping[str, Any]) -> dict[str, Any]:
+def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
     """The joints' names of a JointState, with zeros in place of their values."""
     names = list(constants["names"])
     zeros = np.zeros(len(names))
     return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}
 
 
-def _read_joints(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_joints(rows: Rows) -> dict[str, Array]:
     """Position, velocity and torque of joints; a quantity that the messages lack is 0."""
     position = _to_float64(rows["position"])
     parts = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}
     return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
 
 
-def _child_frame(topic: str, *_: object) -> dict[str, Any]:
+def _child_frame(topic: str, *_: object) -> dict[str, object]:
     """The child frame of an Odometry message: that of the topic."""
     return {"child_frame_id": frame_id(topic)}
 
 
-def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_odometry(c: Columns) -> dict[str, NDArray[np.generic]]:
     """Fields of Odometry messages; the velocity is rotated from the world to the child frame, as ROS defines it."""
     q = c["q_world_frame"]
     return {
@@ -206,7 +209,7 @@ def _write_odometry(c: Columns) -> dict[str, NDArray[Any]]:
     }
 
 
-def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_odometry(rows: Rows) -> dict[str, NDArray[np.generic]]:
     """Columns of odometry; the velocity is rotated from the child frame, as ROS has it, to the world."""
     q = _to_wxyz(rows["pose.pose.orientation"])
     return {
@@ -217,12 +220,12 @@ def _read_odometry(rows: Rows) -> dict[str, NDArray[Any]]:
     }
 
 
-def _to_codes(values: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.uint8]:
+def _to_codes(values: NDArray[np.generic], names: tuple[str, ...]) -> NDArray[np.uint8]:
     """The number of each text among the names, as a Footprint message has it."""
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
-def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
+def _write_footprint(c: Columns) -> dict[str, NDArray[np.generic]]:
     """Fields of Footprint messages, with texts as numbers."""
     return {
         "foot": _to_codes(c["foot"], FEET),
@@ -233,7 +236,7 @@ def _write_footprint(c: Columns) -> dict[str, NDArray[Any]]:
     }
 
 
-def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
+def _read_footprint(rows: Rows) -> dict[str, NDArray[np.generic]]:
     """Columns of footprints, with numbers as texts."""
     return {
         "foot": np.array([FEET[i] for i in rows["foot"]], object),
@@ -244,21 +247,33 @@ def _read_footprint(rows: Rows) -> dict[str, NDArray[Any]]:
     }
 
 
-def _map_fields(kind: type[Sample], typename: str, paths: Mapping[str, str], **more: Any) -> SampleMapping:
+def _map_fields(
+    kind: type[Sample],
+    typename: str,
+    paths: Mapping[str, str],
+    *,
+    fixed: Mapping[str, object] | None = None,
+    of_topic: TopicValues = lambda *_: {},
+    frame: str = "",
+) -> SampleMapping:
     """The mapping of a sample whose columns are fields of the message under other names.
 
     Args:
         kind: The sample's type.
         typename: The message's type.
         paths: Dotted path of each column's field.
-        **more: Further attributes of `SampleMapping`.
+        fixed: Values that are equal in all messages, by dotted path.
+        of_topic: Values that are equal in all messages of a topic.
+        frame: Frame of the messages; "" stands for that of the topic.
     """
     return SampleMapping(
         kind,
         typename,
         lambda c: {path: c[name] for name, path in paths.items()},
         lambda rows: {name: _to_float64(rows[path]) for name, path in paths.items()},
-        **more,
+        fixed=fixed or {},
+        of_topic=of_topic,
+        frame=frame,
     )
 
 

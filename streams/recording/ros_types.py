@@ -10,12 +10,15 @@ import re
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces.typing import Typesdict
 
 LARGEST_TEXT = 1 << 16
 """Most characters of a definition; the longest standard one that is read has a sixth of it."""
@@ -25,6 +28,17 @@ MOST_ELEMENTS = 1000
 """Most fields of a message with every fixed array of messages or texts unrolled; the largest standard one has 87."""
 DEEPEST = 16
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*")
+
+
+class RosMessage(Protocol):
+    """A message whose type its definition in the recording makes: fields are attributes, known only while it is read.
+
+    Raises:
+        AttributeError: The definition has no such field.
+    """
+
+    def __getattr__(self, field: str, /) -> Any:
+        """Value of a field: a number, a text, an array, a message, or a list of these."""
 
 
 class Definitions:
@@ -56,7 +70,7 @@ def check_text(text: str) -> None:
         raise ValueError(f"a definition of {len(text)} characters: expected up to {LARGEST_TEXT}")
 
 
-def check_types(types: Mapping[str, Any]) -> None:
+def check_types(types: Typesdict) -> None:
     """Rejects types that no real recording needs.
 
     Args:
@@ -70,17 +84,21 @@ def check_types(types: Mapping[str, Any]) -> None:
         _count_fields(name, types, counts, ())
 
 
-def _count_fields(name: str, types: Mapping[str, Any], counts: dict[str, int], around: tuple[str, ...]) -> int:
+def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: tuple[str, ...]) -> int:
     """Number of fields of one message of a type, including those of its members."""
     if name in counts or name not in types:
         return counts.get(name, 1)
     if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
         raise ValueError(f"invalid type {name[:80]!r}: expected names of up to {DEEPEST} types inside each other")
     count = 0
-    for field, (node, detail) in types[name][1]:
+    for field, description in types[name][1]:
         if not _NAME.fullmatch(field):
             raise ValueError(f"invalid field {field[:80]!r}: expected letters, digits and _")
-        inner, size = detail if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((node, detail), 1)
+        node = description[0]
+        if description[0] == Nodetype.NAME or description[0] == Nodetype.BASE:
+            inner, size = description, 1
+        else:
+            inner, size = description[1]
         each = _count_fields(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
         if node == Nodetype.SEQUENCE and each == 0:
             raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
@@ -141,14 +159,14 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
     return store
 
 
-def deserialise(store: Typestore, payload: bytes, typename: str) -> Any:
+def deserialise(store: Typestore, payload: bytes, typename: str) -> RosMessage:
     """The message in CDR bytes, as an object with the fields of its type.
 
     Raises:
         ValueError: The bytes are not a message of this type.
     """
     try:
-        return store.deserialize_cdr(payload, typename)
+        return cast(RosMessage, store.deserialize_cdr(payload, typename))
     except Exception as error:  # the generated code does not validate its input: struct, index, memory errors and more
         raise ValueError(f"not a {typename}: {' '.join(str(error).split())[:120]}") from error
 
@@ -158,33 +176,31 @@ def _definition_or_empty(typename: str) -> str:
     return definition(typename) if typename in typestore().fielddefs else ""
 
 
-def build_message(typename: str, values: Mapping[str, Any]) -> Any:
+def build_message(typename: str, values: Mapping[str, object]) -> RosMessage:
     """Builds a message of a type: zeros and empty strings, except for `values`, given by dotted path."""
     return _build_message(typename, "", values)
 
 
-def serialise(typename: str, values: Mapping[str, Any]) -> bytes:
+def serialise(typename: str, values: Mapping[str, object]) -> bytes:
     """The little-endian CDR bytes of a message with the given values, and zeros and empty strings elsewhere."""
     return bytes(typestore().serialize_cdr(build_message(typename, values), typename, little_endian=True))
 
 
-def _build_message(typename: str, path: str, values: Mapping[str, Any]) -> Any:
+def _build_message(typename: str, path: str, values: Mapping[str, object]) -> RosMessage:
     """Builds the message at a dotted path inside another one; "" is the outermost."""
     store = typestore()
-    members = {}
-    description: Any
+    members: dict[str, Any] = {}
     for name, description in store.fielddefs[typename][1]:
-        node, detail = description
         inner_path = f"{path}.{name}" if path else name
         if inner_path in values:
             members[name] = values[inner_path]
-        elif node == Nodetype.NAME:
-            members[name] = _build_message(detail, inner_path, values)
-        elif node == Nodetype.BASE:
-            members[name] = "" if detail[0] == "string" else 0
+        elif description[0] == Nodetype.NAME:
+            members[name] = _build_message(description[1], inner_path, values)
+        elif description[0] == Nodetype.BASE:
+            members[name] = "" if description[1][0] == "string" else 0
         else:
-            (inner, base), size = detail
-            count = size if node == Nodetype.ARRAY else 0
-            is_array = inner == Nodetype.BASE and base[0] != "string"
-            members[name] = np.zeros(count, base[0]) if is_array else []
-    return store.types[typename](**members)
+            inner, size = description[1]
+            count = size if description[0] == Nodetype.ARRAY else 0
+            is_array = inner[0] == Nodetype.BASE and inner[1][0] != "string"
+            members[name] = np.zeros(count, inner[1][0]) if is_array else []
+    return cast(RosMessage, store.types[typename](**members))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +76,7 @@ class TopicReader:
         """
         return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
-    def block(self, messages: Messages) -> Block[Any]:
+    def block(self, messages: Messages) -> Block[Sample]:
         """Decodes all messages to one block; their stamps are not checked.
 
         Raises:
@@ -95,13 +94,13 @@ class TopicReader:
             raise ValueError(f"{len(messages)} messages of unequal layout together: expected up to {_MOST_UNEQUAL}")
         return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
-    def _decode_single(self, messages: Messages, i: int) -> Block[Any]:
+    def _decode_single(self, messages: Messages, i: int) -> Block[Sample]:
         """Decodes message `i`, whose layout may differ from that of the others."""
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
-    def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Any]:
+    def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Sample]:
         """Decodes messages of one layout, as rows (N,), to a block.
 
         Raises:
@@ -122,7 +121,7 @@ class TopicReader:
         )
 
 
-def concatenate_blocks(blocks: list[Block[Any]]) -> Block[Any]:
+def concatenate_blocks(blocks: list[Block[Sample]]) -> Block[Sample]:
     """Joins blocks of one topic, one after the other.
 
     Raises:

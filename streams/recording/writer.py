@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,7 +71,7 @@ class RecordingWriter:
         self._depth_encoding, self._quality = depth_encoding, jpeg_quality
         self._last: dict[str, int] = {}
         self._kinds: dict[str, type[Sample]] = {}
-        self._templates: dict[str, tuple[bytes, MessageLayout, Mapping[str, Any]]] = {}
+        self._templates: dict[str, tuple[bytes, MessageLayout, Mapping[str, object]]] = {}
         self._infos = CameraInfos(rig)
         self._queue: deque[tuple[str, str, Future[bytes], int]] = deque()
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
@@ -97,7 +97,7 @@ class RecordingWriter:
         finally:
             self._pool.shutdown(cancel_futures=True)
 
-    def write(self, item: Block[Any] | Sample, log_ns: ArrayLike | None = None) -> None:
+    def write(self, item: Block[Sample] | Sample, log_ns: ArrayLike | None = None) -> None:
         """Appends a sample, or a block of samples of one topic.
 
         Args:
@@ -148,7 +148,7 @@ class RecordingWriter:
         self._last[topic] = int(t_ns[-1])
         return t_ns
 
-    def _write_block(self, block: Block[Any], log_ns: NDArray[np.int64]) -> None:
+    def _write_block(self, block: Block[Sample], log_ns: NDArray[np.int64]) -> None:
         """Appends a block as message records made from its topic's template.
 
         Raises:

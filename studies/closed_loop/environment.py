@@ -68,7 +68,7 @@ class WalkPhysics(control.Physics):
             raise _no_power_error(config)
         self.joints = tuple(sorted(powered, key=_rank))
         motor_limits = np.array([powered[joint].torque_max_nm for joint in self.joints])
-        is_own = config.exo is not None and config.exo.own is not None
+        is_own = config.exo is not None and config.exo.user_exo is not None
         self.max_torque_nm = motor_limits if is_own else np.minimum(torque_limits_nm(self.joints), motor_limits)
         self._driven = [self.joints.index(joint) for joint in powered]  # in the order of the motors
         first = next(seeds)

@@ -99,7 +99,8 @@ def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Samp
     estimator = estimator_class(rig, options=options, **parameter_keywords(estimator_class, options.method))
     last: dict[int, StepEstimate] = {}
     for sample in samples:
-        if (estimate := estimator.update(sample)) is not None and estimate.step > 0:
+        estimate = estimator.update(sample)
+        if isinstance(estimate, StepEstimate) and estimate.step > 0:
             last[estimate.step] = estimate
     return [last[step] for step in sorted(last)]
 

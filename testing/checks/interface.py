@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
-from typing import Any
 
 from stridetwin.estimators.base import MODES, PATH, POSES, STEPS, TERRAIN, Declaration, Options, Stream
 from stridetwin.estimators.contact_terrain import StepEstimate
@@ -24,7 +23,7 @@ _MAP_METHODS = ("heights", "profile", "ground", "surface_points")
 
 def check_declaration(subject: Subject) -> None:
     """Name, kind and methods are valid, and the declared streams are those of the walk."""
-    estimator_class: Any = subject.estimator_class
+    estimator_class: object = subject.estimator_class
     declaration = getattr(estimator_class, "declaration", None)
     if not isinstance(declaration, Declaration):
         raise ConformanceError(

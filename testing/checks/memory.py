@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from stridetwin.estimators.base import Estimator
+from stridetwin.estimators.base import AnyEstimator
 from stridetwin.streams.samples import Array, Odometry, Sample, copy_sample
 from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import ConformanceError, Subject, call_update, require_equal
@@ -68,7 +68,7 @@ def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[tuple[Sample, ...], int
     return tuple(sample for sample in samples if sample.t_ns < first_ns + duration_ns), duration_ns
 
 
-def _feed_pass(estimator: Estimator, samples: tuple[Sample, ...], duration_ns: int, number: int) -> None:
+def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns: int, number: int) -> None:
     """Feeds the samples of one pass: each `duration_ns` later than those of the one before, and farther on the way."""
     way = number * _way(samples)
     for sample in samples:

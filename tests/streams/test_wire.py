@@ -28,6 +28,7 @@ from stridetwin.streams.live.wire import (
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.samples import Depth, Image, Imu, Odometry
+from stridetwin.streams.validation import type_adapter
 
 
 def arrived(message, **other):
@@ -121,7 +122,7 @@ def test_a_hello_brings_rig_texts_and_clock():
         next={"/a": 3},
         visit=2,
     )
-    back = parse_json(Hello, hello.model_dump_json().encode(), "hello")
+    back = parse_json(type_adapter(Hello), hello.model_dump_json().encode(), "hello")
     assert rig_to_yaml(back.calibration) == hello.rig
     assert back == hello
 
@@ -156,7 +157,7 @@ BOMB = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\nc: [*b,*b
 def test_an_invalid_hello_is_refused_at_once(body, said):
     began = time.perf_counter()
     with pytest.raises(WireError, match=said):
-        _ = parse_json(Hello, body, "hello").calibration
+        _ = parse_json(type_adapter(Hello), body, "hello").calibration
     assert time.perf_counter() - began < 2.0
 
 
@@ -190,11 +191,11 @@ def test_a_topic_that_is_no_key_is_not_sent(topic):
 
 
 def test_numbers_of_samples_are_checked():
-    assert parse_json(Counts, b'{"/a": 3}', "end") == {"/a": 3}
+    assert parse_json(type_adapter(Counts), b'{"/a": 3}', "end") == {"/a": 3}
     many = json.dumps({f"/{i}": 1 for i in range(2000)}).encode()
     for body in (b'{"/a": -1}', b'{"/a": 1.5}', b'{"/a": 1' + b"0" * 40 + b"}", b"[1]", many):
         with pytest.raises(WireError, match="end: invalid"):
-            parse_json(Counts, body, "end")
+            parse_json(type_adapter(Counts), body, "end")
 
 
 def claimed_size(width, height):

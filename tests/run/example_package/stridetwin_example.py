@@ -5,7 +5,7 @@ An estimator of another package; the foot's place stays the origin.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,9 +30,9 @@ class GravityFoot:
         summary="Gravity: the attitude of a foot that stands.",
     )
 
-    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: float | None = None) -> None:
         self._imu = rig.imu(_topic(options or Options()))
-        self._smoothing = SMOOTHING if parameters is None else float(parameters)
+        self._smoothing = SMOOTHING if parameters is None else parameters
         self._up: np.ndarray | None = None
         self._last_ns = -1
 

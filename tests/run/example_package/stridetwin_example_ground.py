@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from stridetwin.estimators.locomotion_mode import ModeEstimate, StepPrediction
 from stridetwin.estimators.terrain_map import Level, Plane, Profile, TerrainEstimate, TerrainMapParameters
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Depth, Insole, Odometry
+from stridetwin.streams.samples import Depth, Insole, Odometry, Sample
 
 EYES_M, REACH_M = 1.6, 3.0
 STEP_M, STEP_S, LOADED_N = 0.6, 0.55, 50.0
@@ -39,7 +39,9 @@ class FlatGround:
         name="flat_ground", kind=TERRAIN, description="level ground below the camera", needs="a depth camera"
     )
 
-    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+    def __init__(
+        self, rig: Rig, *, options: Options | None = None, parameters: TerrainMapParameters | None = None
+    ) -> None:
         depth_stream(rig)
         self.parameters = parameters or TerrainMapParameters()
         self.estimate: TerrainEstimate | None = None
@@ -50,7 +52,7 @@ class FlatGround:
         """Poses and depth."""
         return (POSE_STREAM, depth_stream(rig))
 
-    def update(self, sample: Any) -> TerrainEstimate | None:
+    def update(self, sample: Sample) -> TerrainEstimate | None:
         """The ground after a depth image."""
         if isinstance(sample, Odometry) and (p := finite_position(sample)) is not None:
             self._p = p
@@ -99,7 +101,7 @@ class SteadySteps:
         name="steady_steps", kind=MODES, description="level steps of one length", needs="a depth camera and insoles"
     )
 
-    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: None = None) -> None:
         depth_stream(rig)
         self._p: np.ndarray | None = None
         self._heading, self._step, self._foot = 0.0, 0, ""
@@ -111,7 +113,7 @@ class SteadySteps:
         insoles = (Stream(role="insole", topic=f"/foot_{foot}/insole", kind=Insole) for foot in "lr")
         return (POSE_STREAM, depth_stream(rig), *insoles)
 
-    def update(self, sample: Any) -> ModeEstimate | None:
+    def update(self, sample: Sample) -> ModeEstimate | None:
         """The next step, with each depth image."""
         if isinstance(sample, Odometry) and (p := finite_position(sample)) is not None:
             moved = np.zeros(3) if self._p is None else p - self._p
