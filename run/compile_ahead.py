@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 from stridetwin.batch.processes import open_pool
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import POSES, EstimatorClass, Options
-from stridetwin.outputs.feeding import runnable_instances, runnable_on
+from stridetwin.estimators.base import POSES, Options
+from stridetwin.outputs.feeding import EstimatorClass, runnable_instances, runnable_on
 from stridetwin.outputs.registry import kind_of
 from stridetwin.run.live_chain import Chain, Request
 from stridetwin.run.warm_up import synthetic_rig, synthetic_samples, write_synthetic_recording
