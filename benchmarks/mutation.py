@@ -149,8 +149,8 @@ EQUIVALENT = {
     ("estimators/foot_to_foot/published.py", "total += value", "total -= value"): "only its square counts",
     (
         "estimators/foot_to_foot/rewind.py",
-        "w = axpy(rate_of(memory, ring_row(memory, 0)), -1.0, gyro_bias)",
-        "w = axpy(rate_of(memory, ring_row(memory, 1)), -1.0, gyro_bias)",
+        "w = axpy(state.rate_of(memory, state.ring_row(memory, 0)), -1.0, gyro_bias)",
+        "w = axpy(state.rate_of(memory, state.ring_row(memory, 1)), -1.0, gyro_bias)",
     ): "the loop replaces it where it is used",
     (
         "estimators/locomotion_mode/published.py",
