@@ -42,7 +42,7 @@ Order = tuple[int, str]
 class McapContents(RecordingIndex):
     """The samples of an MCAP file with standard ROS 2 messages; the `Contents` of a `Recording`.
 
-    Samples are streamed chunk by chunk, so that a file of any length needs the memory of one chunk per topic.
+    Samples are streamed chunk by chunk, so that a file of any length needs the memory of those that overlap in time.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
