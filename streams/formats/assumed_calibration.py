@@ -112,7 +112,9 @@ def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) 
     camera = rig.cameras[topic]
     if size is not None and size != (camera.width, camera.height):
         expected = f"{camera.width} x {camera.height}"
-        notes.invalid(ConfigError(notes.path, f"{topic}, size", f"{size[0]} x {size[1]}", f"{expected}, as calibrated"))
+        notes.add_error(
+            ConfigError(notes.path, f"{topic}, size", f"{size[0]} x {size[1]}", f"{expected}, as calibrated")
+        )
     return camera
 
 

@@ -215,9 +215,9 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
                 images[topic] = _to_image_stream(bag, stream, stream.reader, units)
             else:
-                blocks[topic] = stream.reader.block(_to_messages(stream))
+                blocks[topic] = stream.reader.read_block(_to_messages(stream))
         except ValueError as error:
-            notes.problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
+            notes.add_problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = join_gyro_and_accel(blocks, notes)
     frames = {t: _read_header_frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
     # a joined IMU has the frame of its gyroscope
@@ -248,7 +248,7 @@ def _open_streams(bag: Bag[KeyT], notes: Notes) -> tuple[dict[str, _Stream[KeyT]
             streams[channel.topic] = _Stream(channel)
         except ValueError as error:
             unread[channel.topic] = channel.typename
-            notes.problem(Problem(channel.topic, None, str(error)))
+            notes.add_problem(Problem(channel.topic, None, str(error)))
     return streams, unread
 
 
@@ -279,11 +279,11 @@ def _read_depth_units(streams: Mapping[str, _Stream[KeyT]]) -> dict[str, float]:
 
 def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader, units_m: float) -> ImageStream:
     """A stream of images that are read from the bag again on request; depth is scaled by `units_m`, metres per unit."""
-    kind = reader.image_kind(stream.payloads[0])
+    kind = reader.detect_image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
-        image = reader.image(bag.read_payload(source, keys[i]), int(times[i]), topic)
+        image = reader.read_image(bag.read_payload(source, keys[i]), int(times[i]), topic)
         if isinstance(image, Depth) and units_m != _MILLIMETRE:
             return replace(image, depth=image.depth * np.float32(units_m / _MILLIMETRE))
         return image

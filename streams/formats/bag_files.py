@@ -128,7 +128,7 @@ class McapBag:
             raise read_error(path, error) from error
         except DamagedError as error:
             cut = "; the part before can be read" if isinstance(error, CutOffError) else ""
-            self._notes.problem(Problem("", None, f"{path.name}: {error}{cut}"))
+            self._notes.add_problem(Problem("", None, f"{path.name}: {error}{cut}"))
 
     def _unpack_record(
         self, path: Path, opcode: int, body: bytes, unpacking: Unpacking
@@ -139,7 +139,7 @@ class McapBag:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
             return unpacking.contents(opcode, body)
         except DamagedError as error:
-            self._notes.problem(Problem("", None, f"{path.name}: {error}"))
+            self._notes.add_problem(Problem("", None, f"{path.name}: {error}"))
             return [], {}
 
     def _register(self, i: int, record: Any, schemas: dict[int, records.Schema], channels: dict[str, Channel]) -> None:
@@ -311,7 +311,7 @@ class RosBag:
             except RecordingError as error:
                 if not self._notes.lenient:
                     raise
-                self._notes.problem(Problem("", None, f"{error}; the part before can be read"))
+                self._notes.add_problem(Problem("", None, f"{error}; the part before can be read"))
                 return
             nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
             yield connection.topic, time, payload, (connection, time, nth)

@@ -51,7 +51,7 @@ def to_odometry(
     sound = (norm > _UNIT[0]) & (norm < _UNIT[1])
     if not sound.all():
         at = int(np.argmin(sound))
-        notes.invalid(ConfigError(file, f"row {at + 1}, quaternion", q[at].tolist(), "a unit quaternion"))
+        notes.add_error(ConfigError(file, f"row {at + 1}, quaternion", q[at].tolist(), "a unit quaternion"))
         t_ns, p, q, norm = t_ns[sound], p[sound], q[sound], norm[sound]
         v = None if v is None else v[sound]
     q = q / norm[:, None]

@@ -177,7 +177,7 @@ def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: St
         names += ["/cam0, /imu0, ..."]
     valid = f"an existing stream: {', '.join(names)}"
     if unmatched and len(unmatched) == len(rig.imus) + len(rig.cameras) + len(rig.others):
-        notes.invalid(ConfigError(file, "rostopic", ", ".join(unmatched), valid))
+        notes.add_error(ConfigError(file, "rostopic", ", ".join(unmatched), valid))
     elif unmatched:
         notes.warn(f"{file}: {', '.join(unmatched)}: no stream of this name; its calibration is not used")
 

@@ -131,9 +131,9 @@ def read_image_list(
             path = _to_image_path(file, folder, row.line, (separator or " ").join(row.cells[1:]))
             listed.append((parse_row_stamp(file, row.line, row.cells[0], stamp), path))
         except ConfigError as error:
-            notes.invalid(error)
+            notes.add_error(error)
     if not listed:
-        notes.invalid(ConfigError(file, "rows", 0, "at least one that is valid"))
+        notes.add_error(ConfigError(file, "rows", 0, "at least one that is valid"))
     return open_image_stream(select_existing(file.name, folder, listed, notes), per_metre)
 
 

@@ -258,7 +258,7 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
             continue
         check_tables(file)
         if not sqlite_is_sound(file):
-            notes.problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
+            notes.add_problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
     return read_bag(RosBag(path, False, notes), kind, notes)
 
 
@@ -348,7 +348,7 @@ def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: S
             # it describes the source: its topics are the source's, even if others were given
             better, _ = match_rig(read_rig(beside), source, streams, as_read=False)
         except StrideTwinError as error:
-            notes.invalid(error)
+            notes.add_error(error)
     if options.rig is not None:
         user_rig = read_rig(options.rig)
         matched, unmatched = match_rig(user_rig, _merge_rigs(source, better), streams)
@@ -373,11 +373,11 @@ def _check_plausible(source: Source, notes: Notes) -> None:
         if block.kind in (Imu, Accelerometer):
             sound = block[is_increasing(block.t_ns) & block.finite]
             for implausible in find_implausible_values(sound) if len(sound) >= _FEWEST else ():
-                notes.problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
+                notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
         for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
-            notes.problem(Problem(topic, int(rising[0]), str(implausible)))
+            notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
@@ -399,4 +399,4 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
             what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
             period_text = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
             description = f"{what}, where {name} runs from {period_text}: expected stamps of one clock"
-            notes.problem(Problem(topic, info.first_ns, description))
+            notes.add_problem(Problem(topic, info.first_ns, description))

@@ -93,7 +93,7 @@ def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Sample]:
             poses.append(_read_pose(file))
             stamps.append(_to_stamp(frame))
         except StrideTwinError as error:
-            notes.invalid(error)
+            notes.add_error(error)
     T = np.array(poses).reshape(-1, 4, 4)
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 

@@ -89,9 +89,9 @@ def read_numbers(
             stamps.append(parse_row_stamp(path, row.line, cells[0], stamp))
             table.extend(values)
         except ConfigError as error:
-            notes.invalid(error)
+            notes.add_error(error)
     if not table:
-        notes.invalid(ConfigError(path, "rows", 0, "at least one that is valid"))
+        notes.add_error(ConfigError(path, "rows", 0, "at least one that is valid"))
     return np.array(stamps), np.array(table).reshape(len(stamps), len(columns))
 
 

@@ -88,7 +88,7 @@ class ImportedContents:
         if not self.topics:
             raise RecordingError(f"{notes.path}: no readable sample")
         for problem in rate_problems(rig, self.topics):
-            notes.problem(problem)
+            notes.add_problem(problem)
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
@@ -130,9 +130,9 @@ class ImportedContents:
         try:
             return images.load(topic, i)
         except StrideTwinError as error:
-            self._notes.invalid(error)
+            self._notes.add_error(error)
         except ValueError as error:
-            self._notes.problem(Problem(topic, int(images.t_ns[i]), str(error)))
+            self._notes.add_problem(Problem(topic, int(images.t_ns[i]), str(error)))
         return None
 
     def _drop_invalid_samples(self, topic: str, block: Block[Sample]) -> Block[Sample]:
@@ -141,7 +141,7 @@ class ImportedContents:
         sound = block.finite
         if not sound.all():
             at = int(np.argmin(sound))
-            self._notes.problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
+            self._notes.add_problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
         return block[keep & sound]
 
     def _drop_late_images(self, topic: str, images: ImageStream) -> ImageStream:
@@ -163,14 +163,14 @@ class ImportedContents:
         if not on_clock.all():
             at = int(np.argmin(on_clock))
             what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
-            self._notes.problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
+            self._notes.add_problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
         rising = is_increasing(np.where(on_clock, t_ns, -1))
         late = on_clock & ~rising
         if late.any():
             at = int(np.argmax(late))
             before = int(t_ns[:at][on_clock[:at]].max())
             what = f"the stamp of row {at + 1} is not after the previous one, {before * 1e-9:.6f} s"
-            self._notes.problem(Problem(topic, int(t_ns[at]), what, int(late.sum())))
+            self._notes.add_problem(Problem(topic, int(t_ns[at]), what, int(late.sum())))
         return np.asarray(on_clock & rising)
 
 

@@ -102,7 +102,7 @@ class Notes:
         self.problems: list[Problem] = []
         self.warnings: list[str] = []
 
-    def problem(self, problem: Problem) -> None:
+    def add_problem(self, problem: Problem) -> None:
         """Rejects the source, or (when lenient) records the problem, once.
 
         Raises:
@@ -113,11 +113,11 @@ class Notes:
         if problem not in self.problems:
             self.problems.append(problem)
 
-    def invalid(self, error: StrideTwinError) -> None:
+    def add_error(self, error: StrideTwinError) -> None:
         """Raises an error about an invalid value in a file, or (when lenient) records it as a problem, once."""
         if not self.lenient:
             raise error
-        self.problem(Problem("", None, str(error)))
+        self.add_problem(Problem("", None, str(error)))
 
     def warn(self, text: str) -> None:
         """Records an assumption, once."""
@@ -205,7 +205,7 @@ class RecordingIndex:
         self._times = {topic: np.concatenate(parts) for topic, parts in self._parts_of_times.items()}
         del self._parts_of_times
         for problem in rate_problems(self.rig, self.topics):
-            self.notes.problem(problem)
+            self.notes.add_problem(problem)
 
     def _scan(self) -> None:
         try:
@@ -214,13 +214,15 @@ class RecordingIndex:
                 try:
                     self._index_record(opcode, offset, body)
                 except DamagedError as error:
-                    self.notes.problem(Problem("", None, f"{error} (at byte {offset}, {self._readable_range_text()})"))
+                    self.notes.add_problem(
+                        Problem("", None, f"{error} (at byte {offset}, {self._readable_range_text()})")
+                    )
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except CutOffError as error:
-            self.notes.problem(Problem("", None, f"{error}; {self._readable_range_text()}"))
+            self.notes.add_problem(Problem("", None, f"{error}; {self._readable_range_text()}"))
         except DamagedError as error:
-            self.notes.problem(Problem("", None, str(error)))
+            self.notes.add_problem(Problem("", None, str(error)))
 
     def _readable_range_text(self) -> str:
         last = max((t.last_ns for t in self.topics.values()), default=None)
@@ -253,7 +255,7 @@ class RecordingIndex:
             if schema is None or name not in READABLE or record.message_encoding != "cdr":
                 self.unread[record.topic] = name
             elif record.topic in self.readers:
-                self.notes.problem(Problem(record.topic, None, "a second publisher, which is not read"))
+                self.notes.add_problem(Problem(record.topic, None, "a second publisher, which is not read"))
             else:
                 text = schema.data.decode(errors="replace")
                 try:
@@ -261,7 +263,7 @@ class RecordingIndex:
                     self.readers[record.topic] = TopicReader(record.topic, name, schema.encoding, text)
                 except ValueError as error:
                     self.unread[record.topic] = name
-                    self.notes.problem(Problem(record.topic, None, str(error)))
+                    self.notes.add_problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
         parts: dict[str, ChunkPart] = {}
@@ -287,22 +289,24 @@ class RecordingIndex:
         known = self.topics.get(topic)
         before = known.last_ns if known else -1
         try:
-            block = None if reader.is_image else reader.block(messages)
-            t = reader.times(messages) if block is None else block.t_ns
+            block = None if reader.is_image else reader.read_block(messages)
+            t = reader.read_times(messages) if block is None else block.t_ns
         except ValueError as error:
-            self.notes.problem(Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages)))
+            self.notes.add_problem(
+                Problem(topic, int(messages.log_time[0]), f"cannot be decoded: {error}", len(messages))
+            )
             return None
         rising = is_increasing(t, before)
         if not rising.all():
             i = int(np.argmin(rising))
             earlier = max(before, int(t[:i].max(initial=before)))
             what = f"the stamp is not after the previous one, {earlier * 1e-9:.6f} s"
-            self.notes.problem(Problem(topic, int(t[i]), what, int((~rising).sum())))
+            self.notes.add_problem(Problem(topic, int(t[i]), what, int((~rising).sum())))
         keep = rising
         if block is not None and not topic.startswith("/truth/"):
             sound = block.finite
             if not sound.all():
-                self.notes.problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
+                self.notes.add_problem(Problem(topic, int(t[np.argmin(sound)]), "NaN or infinity", int((~sound).sum())))
             keep = rising & sound
         kept = t[keep]
         if block is not None and block.kind is Imu:
@@ -364,7 +368,7 @@ def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
                 try:
                     rig = parse_rig_attachment(body) or rig
                 except DamagedError as error:
-                    notes.problem(Problem("", None, str(error)))
+                    notes.add_problem(Problem("", None, str(error)))
             elif opcode == Opcode.METADATA:
                 record = parse_record(records.Metadata, body)
                 if record.name == VERSION_RECORD:

@@ -42,7 +42,7 @@ Order = tuple[int, str]
 class McapContents(RecordingIndex):
     """The samples of an MCAP file with standard ROS 2 messages; the `Contents` of a `Recording`.
 
-    Samples are streamed chunk by chunk, so that a file of any length needs the memory of one chunk per topic.
+    Samples are streamed chunk by chunk, so that a file of any length needs the memory of those that overlap in time.
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
@@ -154,20 +154,20 @@ class McapContents(RecordingIndex):
 
     def _iterate_messages(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Iterator[Message]:
         """Yields the messages of a topic in a chunk whose stamps increase, with their stamps."""
-        times = reader.times(messages) if reader.is_image else reader.block(messages).t_ns
+        times = reader.read_times(messages) if reader.is_image else reader.read_block(messages).t_ns
         for i in np.flatnonzero(is_increasing(times, part.before)).tolist():
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
     def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Sample]:
         """The samples of a topic in a chunk with increasing stamps and finite numbers (ground truth may have NaN)."""
-        block = reader.block(messages)
+        block = reader.read_block(messages)
         keep = is_increasing(block.t_ns, part.before)
         return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]
 
     def _select_ordered_images(self, topic: str, messages: Messages, part: ChunkPart) -> Messages:
         """The messages of an image topic in a chunk whose stamps increase, with the stamps in place of log times."""
-        t = self.readers[topic].times(messages)
+        t = self.readers[topic].read_times(messages)
         keep = is_increasing(t, part.before)
         return replace(messages, log_time=t).select(np.flatnonzero(keep))
 
@@ -175,9 +175,9 @@ class McapContents(RecordingIndex):
         """Yields the images of a topic one by one; a damaged one is reported, and (when lenient) left out."""
         for i, t in enumerate(messages.log_time.tolist()):
             try:
-                yield self.readers[topic].image(messages.payload(i), t)
+                yield self.readers[topic].read_image(messages.payload(i), t)
             except ValueError as error:
-                self.notes.problem(Problem(topic, t, str(error)))
+                self.notes.add_problem(Problem(topic, t, str(error)))
 
 
 def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:

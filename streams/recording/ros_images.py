@@ -133,7 +133,7 @@ class CameraInfos:
         return camera
 
 
-def image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
+def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[Image] | type[Depth]:
     """Whether a topic carries colour (or grey) images or depth, from the encoding in its first message.
 
     Args:

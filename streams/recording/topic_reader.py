@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.recording.cdr import MessageLayout, layout_of
 from stridetwin.streams.recording.mcap_scan import DamagedError, Messages
-from stridetwin.streams.recording.ros_images import IMAGES, image_kind, read_image_message
+from stridetwin.streams.recording.ros_images import IMAGES, detect_image_kind, read_image_message
 from stridetwin.streams.recording.ros_samples import SAMPLE_MAPPINGS, SampleMapping, find_mapping, read_stamps
 from stridetwin.streams.recording.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
@@ -48,22 +48,22 @@ class TopicReader:
         """Whether the topic carries images, which are decoded one at a time."""
         return self.typename in IMAGES
 
-    def times(self, messages: Messages) -> Stamps:
+    def read_times(self, messages: Messages) -> Stamps:
         """Stamps of image messages, (N,) ns, from their headers, or log times if those are empty; decodes no image."""
         if self.kind is None:
-            self.kind = self.image_kind(messages.payload(0))
+            self.kind = self.detect_image_kind(messages.payload(0))
         t = np.array([read_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
         return t if t.any() else messages.log_time
 
-    def image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
+    def detect_image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
         """Whether a message carries colour (or grey) or depth.
 
         Raises:
             ValueError: The message cannot be decoded.
         """
-        return image_kind(payload, self.typename, self._store)
+        return detect_image_kind(payload, self.typename, self._store)
 
-    def image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
+    def read_image(self, payload: bytes, t_ns: int, topic: str | None = None) -> Image | Depth:
         """Decodes one image.
 
         Args:
@@ -76,7 +76,7 @@ class TopicReader:
         """
         return read_image_message(payload, self.typename, self._store, topic or self.topic, t_ns)
 
-    def block(self, messages: Messages) -> Block[Sample]:
+    def read_block(self, messages: Messages) -> Block[Sample]:
         """Decodes all messages to one block; their stamps are not checked.
 
         Raises:

@@ -13,7 +13,7 @@ from stridetwin.streams.formats.assumed_calibration import with_assumed_calibrat
 from stridetwin.streams.formats.bag_calibration import BagCalibration
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
-from stridetwin.streams.recording.ros_images import COMPRESSED, image_kind, read_image_message
+from stridetwin.streams.recording.ros_images import COMPRESSED, detect_image_kind, read_image_message
 from stridetwin.streams.recording.ros_types import serialise, typestore
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu
@@ -30,7 +30,7 @@ def compressed(form, raw, a=0.0, b=0.0):
 def test_compressed_depth_in_mm():
     raw = np.array([[0, 65535, 1234, 3]], np.uint16)
     payload = compressed("16UC1; compressedDepth png", raw)
-    assert image_kind(payload, COMPRESSED, typestore()) is Depth
+    assert detect_image_kind(payload, COMPRESSED, typestore()) is Depth
     depth = read_image_message(payload, COMPRESSED, typestore(), "/d", 5).depth
     np.testing.assert_allclose(depth, [[0, 0, 1.234, 0.003]], atol=1e-6)
 
