@@ -141,6 +141,7 @@ def test_patterns_and_manners_of_walking(tmp_path):
         (lambda n: stairs(n).update(risers=True), "terrain[1].stairs.risers: invalid True", "whole number"),
         (lambda n: stairs(n).update(direction="upp"), "invalid 'upp'", "expected up, down (did you mean 'up'?)"),
         (lambda n: stairs(n).update(riser_m=0.1), "terrain[1].stairs: invalid 'riser_m'", "riser_mm"),
+        (lambda n: stairs(n).update({"": 1}), "terrain[1].stairs: invalid ''", "keys risers, riser_mm"),
         (lambda n: stairs(n).pop("risers"), "terrain[1].stairs.risers: missing", "expected"),
         (lambda n: n["terrain"].insert(1, {"stair": {}}), "terrain[1]: invalid 'stair'", "did you mean 'stairs'?"),
         (lambda n: n["terrain"].insert(1, "level"), "terrain[1]: invalid 'level'", "one of the keys level, stairs"),
