@@ -11,10 +11,13 @@ import importlib
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, cast
 
 import numba
 from numba import njit
+
+if TYPE_CHECKING:
+    from numba.core.compiler import CompilerBase
 
 KNOWN = ((0, 61), (0, 69))
 """First version of Numba whose inside is known, and the first one beyond."""
@@ -55,8 +58,21 @@ def is_known(version: str) -> bool:
     return KNOWN[0] <= numbers < KNOWN[1]
 
 
+class KernelOptions(TypedDict, total=False):
+    """Options of `numba.njit` that its types know; so a compiled function keeps the types of the plain one."""
+
+    pipeline_class: type[CompilerBase]
+
+
+class _InnerOptions(KernelOptions):
+    """Those of an inner kernel."""
+
+    no_cfunc_wrapper: bool
+    no_cpython_wrapper: bool
+
+
 _WITH_INTERNALS = is_known(numba.__version__) and not find_missing_internals()
-INNER_KERNEL: dict[str, Any] = {}
+INNER_KERNEL: KernelOptions = {}
 """Options of a function that Python never calls: its arguments are not taken apart, and LLVM sees it only as a part of
 what calls it (`part_compiler`). Otherwise every function is optimised and made machine code again for each one further
 out; that was half of the compilation."""
@@ -64,7 +80,7 @@ out; that was half of the compilation."""
 if _WITH_INTERNALS:
     from stridetwin.streams.part_compiler import PartCompiler, entry_compiler
 
-    INNER_KERNEL |= {"no_cfunc_wrapper": True, "no_cpython_wrapper": True, "pipeline_class": PartCompiler}
+    INNER_KERNEL = _InnerOptions(no_cfunc_wrapper=True, no_cpython_wrapper=True, pipeline_class=PartCompiler)
 
 _ALGEBRA = [Path(__file__).parent / "algebra" / name for name in ("matrices.py", "tuples.py")]
 """Sources that count for every function, because most call them."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 
 @njit(**INNER_KERNEL)
-def sort(values: Array) -> None:
+def sort(values: NDArray[np.floating]) -> None:
     """Sorts (N,) values in place by insertion with shrinking gaps (Shell 1959)."""
     n = values.shape[0]
     gap = n // 2
@@ -26,7 +28,7 @@ def sort(values: Array) -> None:
 
 
 @njit(**INNER_KERNEL)
-def median(ordered: Array, n: int) -> float:
+def median(ordered: NDArray[np.floating], n: int) -> float:
     """Median of the first n entries of a sorted array (N,)."""
     half = n // 2
     return ordered[half] if n % 2 else (ordered[half - 1] + ordered[half]) / 2

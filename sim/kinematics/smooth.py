@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import betainc
@@ -11,13 +13,29 @@ from stridetwin.streams.samples import Array
 _SOFTNESS = 3.4
 
 
-def ease(s: Array | float) -> Array:
+@overload
+def ease(s: float) -> float: ...
+
+
+@overload
+def ease(s: Array) -> Array: ...
+
+
+def ease(s: Array | float) -> Array | float:
     """Minimum-jerk step from 0 at s = 0 to 1 at s = 1 (Flash & Hogan 1985), constant outside; scalars and arrays."""
     s = np.minimum(np.maximum(s, 0.0), 1.0)
     return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
 
 
-def ease_rate(s: Array | float) -> Array:
+@overload
+def ease_rate(s: float) -> float: ...
+
+
+@overload
+def ease_rate(s: Array) -> Array: ...
+
+
+def ease_rate(s: Array | float) -> Array | float:
     """Derivative of `ease` by s."""
     s = np.minimum(np.maximum(s, 0.0), 1.0)
     return 30.0 * (s * (1.0 - s)) ** 2
