@@ -24,10 +24,12 @@ The estimate of an odometry may also have a `camera_pose`, the estimated `Pose` 
 object whenever it changes.
 
 An estimator of paths may also have the class method `follow(recording, options, progress)`, which returns the
-`PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample.
+`PathEstimate`s of a whole recording, with the same numbers as `update` sample by sample. With a fourth argument
+`parameters` it is also used where single parameters are changed.
 
-Study files set single parameters by name. For this, the type hint of `parameters` is a dataclass or a named tuple with
-defaults; where these depend on the method, the estimator has the static method `default_parameters(method)`.
+Study files and `--set` change single parameters by name. For this, the type hint of `parameters` is a dataclass or a
+named tuple with defaults; where these depend on the method, the estimator has the static method
+`default_parameters(method)`.
 """
 
 from __future__ import annotations

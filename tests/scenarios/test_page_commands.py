@@ -23,8 +23,9 @@ from stridetwin.scenarios.scenario_file import PHYSICS, catalogue
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.studies.placement.problem_file import problems
 
-WHOLE = {"docs/bring_your_own.md", "docs/hardware.md", "docs/tutorial.md"}
-"""Pages that other tests do from end to end: test_bring_your_own_page, test_hardware_page, test_tutorial."""
+WHOLE = {"docs/bring_your_own.md", "docs/hardware.md", "docs/own_estimator.md", "docs/tutorial.md"}
+"""Pages that other tests do from end to end: test_bring_your_own_page, test_hardware_page, test_own_estimator_page,
+test_tutorial."""
 
 RUN = [
     "stridetwin list",
