@@ -18,6 +18,7 @@ from stridetwin.cli.options import (
     OnlyOption,
     Options,
     SchedulerOption,
+    ScoreOnlyOption,
     SourceOptions,
     WalkOptions,
     count,
@@ -264,7 +265,7 @@ class ScoreOptions(Options):
         list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
-    only: OnlyOption = field(default_factory=list)
+    only: ScoreOnlyOption = field(default_factory=list)
     workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
     scheduler: SchedulerOption = None
     resume: Annotated[

@@ -74,6 +74,10 @@ OnlyOption = Annotated[
     ),
 ]
 
+ScoreOnlyOption = Annotated[
+    list[str], typer.Option(metavar="NAME", help="Score only this estimator, such as foot_ins; may be repeated.")
+]
+
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler instead.")
 ]

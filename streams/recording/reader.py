@@ -202,6 +202,8 @@ class Recording:
 
     def _check_topic(self, topic: str) -> None:
         if topic not in self.topics:
+            if f"/{topic}" in self.topics:
+                raise RecordingError(f"{self.path}: no topic {topic!r}: expected {f'/{topic}'!r}, with a slash")
             topics = ", ".join(sorted(self.topics)) or "none"
             raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}{self.map_hint(topic)}")
 
