@@ -116,7 +116,8 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
     if speed_group(float(np.mean([s.speed_mps for s in strides]))) == "Free":
         norms = read_reference("gait_norms")["level_walking"]["vertical_grf_bw"]
         for name, (begin_pct, end_pct) in _LOAD_PCT.items():
-            plot.bars(begin_pct, end_pct, *norms[name], faint(MUTED, 0.2), label="people, range")
+            low, high = norms[name]
+            plot.bars(begin_pct, end_pct, low, high, faint(MUTED, 0.2), label="people, range")
     _draw_strides(plot, strides, loads)
     return plot.html()
 
