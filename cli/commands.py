@@ -19,6 +19,7 @@ from stridetwin.cli.options import (
     Options,
     ParametersOption,
     SchedulerOption,
+    ScoreOnlyOption,
     SourceOptions,
     WalkOptions,
     count,
@@ -280,7 +281,7 @@ class ScoreOptions(Options):
         list[Path], typer.Argument(metavar="RECORDING|CAMPAIGN", help="Recordings, or folders of campaigns.")
     ]
     lenient: Annotated[bool, switch("--lenient", "Read a damaged recording as far as possible.")] = False
-    only: OnlyOption = field(default_factory=list)
+    only: ScoreOnlyOption = field(default_factory=list)
     parameters: ParametersOption = field(default_factory=list)
     workers: Annotated[int | None, option("Recordings at a time (default 1).", "N", count)] = None
     scheduler: SchedulerOption = None

@@ -112,6 +112,10 @@ ParametersOption = Annotated[
     ),
 ]
 
+ScoreOnlyOption = Annotated[
+    list[str], typer.Option(metavar="NAME", help="Score only this estimator, such as foot_ins; may be repeated.")
+]
+
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler instead.")
 ]
@@ -265,12 +269,12 @@ def check_outputs(command: str, arguments: Options) -> None:
         option = f"{command} {_OUTPUTS[name]}"
         if any(_same(path, other) for other in taken):
             raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
-        if (command, name) in _ONLY_RECORDINGS:
-            check_recording_name(option, path)
         if name != "output" or command not in _FOLDERS:
             partial_path(path)
             if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
                 raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
+        if (command, name) in _ONLY_RECORDINGS:
+            check_recording_name(option, path)
         taken.append(path)
 
 
@@ -282,8 +286,9 @@ def check_recording_name(option: str, path: Path) -> None:
         path: The file.
 
     Raises:
-        ConfigError: Its suffix is not `.mcap`.
+        ConfigError: It is a folder, or its suffix is not `.mcap`.
     """
+    partial_path(path)
     if path.suffix != RECORDING_SUFFIX:
         raise ConfigError(option, "", str(path), f"a file that ends in {RECORDING_SUFFIX}")
 

@@ -75,7 +75,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
     """Runs `export`: writes a file, or a new or empty folder that appears complete or not at all."""
     recording, output = open_with_warnings(arguments.source, arguments.lenient), arguments.output
     progress("export", 0.0)
-    frame = arguments.frame or DEFAULT_FRAME
+    frame = (arguments.frame or DEFAULT_FRAME).lstrip("/")
     is_trajectory = arguments.frame is not None or output.suffix in TRAJECTORY_SUFFIXES
     if arguments.format == "table":
         rows = _write_table(recording, output, frame)

@@ -161,7 +161,7 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
     Raises:
         StrideTwinError: One of them is invalid, or two have one name; reported before anything is scored.
     """
-    frame = arguments.frame or SCORED_FRAME
+    frame = (arguments.frame or SCORED_FRAME).lstrip("/")
     own_estimators: list[OwnEstimator] = []
     for text in arguments.estimate:
         name, file = _split_assignment(text, "--estimate", "FILE")
@@ -177,7 +177,7 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         program.arguments()
         own_estimators.append(program)
     frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own_estimators}
-    if own_estimators and arguments.frame is not None and arguments.frame not in frames:
+    if own_estimators and arguments.frame is not None and frame not in frames:
         declared = f"{', '.join(sorted(frames))}, as the classes declare"
         raise ConfigError("command line", "--frame", arguments.frame, declared)
     names = [estimator.name for estimator in own_estimators]

@@ -97,7 +97,7 @@ class PythonClass(OwnEstimator):
     @property
     def own_frame(self) -> str:
         """The frame that the class declares, else `frame`."""
-        return getattr(self.load(), "frame", None) or self.frame
+        return str(getattr(self.load(), "frame", None) or self.frame).lstrip("/")
 
     def path(self, recording: Recording) -> PathEstimate:
         """The path that the class estimates from a recording: built with its rig and fed sample by sample.

@@ -103,10 +103,14 @@ class TruePath:
 def true_path(recording: Recording, frame: str) -> TruePath:
     """The true path of a frame: recorded, or derived from another sensor on the same body by their mounts.
 
+    Args:
+        recording: The recording.
+        frame: Such as `foot_r/imu`; a leading slash, as topics have, is left out.
+
     Raises:
         RecordingError: The recording has no truth for the frame; the message lists the available frames.
     """
-    frames = true_frames(recording.topics)
+    frame, frames = frame.lstrip("/"), true_frames(recording.topics)
     if frame in frames:
         return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
     mounts = _mounts(recording.rig) if recording.has_rig else {}

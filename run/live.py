@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -23,6 +24,8 @@ from stridetwin.streams.samples import Depth, Image
 
 WINDOW_S = 0.01
 """How long a sample waits for older samples of other streams if no estimator runs."""
+SLOW_START_S = 5.0
+"""Compiled functions are loaded within this time; if the warm-up takes longer, they are being compiled."""
 _IDLE_S = 0.1
 
 Say = Callable[[str], None]
@@ -229,8 +232,14 @@ class _Live:
             trial = Chain(replace(wanted, output=None), synthetic_rig(), self._metadata)
         except StrideTwinError:
             return
-        self._say(f"{wanted.estimator} is being compiled, which takes minutes the first time")
-        feed_synthetic_samples(trial)
+        note = f"{wanted.estimator} is being compiled, which takes minutes the first time"
+        timer = threading.Timer(SLOW_START_S, self._say, [note])  # compiled functions are loaded in less
+        timer.daemon = True
+        timer.start()
+        try:
+            feed_synthetic_samples(trial)
+        finally:
+            timer.cancel()
         self._compiled = True
 
     def _arrive(self, arrival: Arrival) -> None:

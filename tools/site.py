@@ -35,6 +35,8 @@ _LINK = re.compile(r"(!?\[(?:[^\[\]]|\[[^\[\]]*\])*\]\()([^()\s]+)(\))")
 _INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.S)
 _BLOCK = re.compile(r'<div class="arithmatex">\\\[(.*?)\\\]</div>', re.S)
 _TAG = re.compile(r"\\tag\{(\d+)\}")
+_HTML_CODE = re.compile(r"<code>[^<]*</code>")
+_OPTION = re.compile(r"(?<![\w-])(--?[a-z][\w-]*)")
 _ROW = "display:flex;align-items:center;overflow-x:auto"
 _LANGUAGES = {".py": "python", ".yml": "yaml", ".yaml": "yaml", ".cff": "yaml", ".sh": "bash", ".xml": "xml"}
 
@@ -66,8 +68,19 @@ def on_page_content(page_html: str, page: Page, config: MkDocsConfig, files: Fil
     """Replaces the equations of a page by MathML."""
     from latex2mathml.converter import convert
 
-    inlined = _INLINE.sub(lambda match: convert(html.unescape(match.group(1))), page_html)
+    inlined = _INLINE.sub(lambda match: convert(html.unescape(match.group(1))), unbroken_options(page_html))
     return _BLOCK.sub(_numbered, inlined)
+
+
+def unbroken_options(page_html: str) -> str:
+    """The HTML of a page in which no line breaks inside an option, such as after the `--` of `--baseline`.
+
+    Browsers break after hyphens. Only code within text and tables wraps; blocks of code do not.
+    """
+    whole = r'<span style="white-space:nowrap">\1</span>'
+    texts = re.split(r"(<pre.*?</pre>)", page_html, flags=re.S)
+    texts[::2] = (_HTML_CODE.sub(lambda match: _OPTION.sub(whole, match.group()), text) for text in texts[::2])
+    return "".join(texts)
 
 
 def numbers(markdown: str) -> list[int]:

@@ -208,6 +208,8 @@ class Recording:
             RecordingError: There is none of this name; the message lists the topics.
         """
         if topic not in self.topics:
+            if f"/{topic}" in self.topics:
+                raise RecordingError(f"{self.path}: no topic {topic!r}: expected {f'/{topic}'!r}, with a slash")
             topics = ", ".join(sorted(self.topics)) or "none"
             raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}{self.map_hint(topic)}")
 

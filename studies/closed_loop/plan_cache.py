@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,12 @@ from joblib import Memory
 from platformdirs import user_cache_path
 
 from stridetwin.batch.versions import digest
+from stridetwin.sim.config import Exo, TwinConfig
 from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.gait.reference import plan_reference
+from stridetwin.sim.exo_description import OwnExo
+from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.dimensions import Wearer
 
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
@@ -23,8 +27,8 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callabl
     """Functions that plan motion and control of a walk, but look the plan up on disk first.
 
     They take the arguments of the twin's own planners. A plan is found if every argument (model, configuration, state
-    of the random numbers) and the version of the code behind a walk are equal. Otherwise it is made, with a note on
-    stderr.
+    of the random numbers) and the version of the code behind a walk are equal; files of the same content may lie
+    anywhere. Otherwise it is made, with a note on stderr.
 
     Args:
         folder: Where the plans are kept; None for the user's cache.
@@ -48,10 +52,26 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., Any], 
         what: What it plans, for the note.
     """
 
-    def plan(arguments: tuple[Any, ...], version: str) -> Any:
+    def plan(key: tuple[Any, ...], version: str, arguments: tuple[Any, ...]) -> Any:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
     plan.__qualname__ = function.__name__  # the name of its folder
-    cached_plan = memory.cache(plan)
-    return lambda *arguments: cached_plan(arguments, version)
+    cached_plan = memory.cache(plan, ignore=["arguments"])
+    return lambda *arguments: cached_plan(tuple(map(without_paths, arguments)), version, arguments)
+
+
+def without_paths(argument: Any) -> Any:
+    """An argument of a planner without the paths of the user's files, of which only the content matters."""
+    match argument:
+        case OwnExo():
+            return replace(argument, source="", rig="")
+        case Exo() | Wearer():
+            field = "own" if isinstance(argument, Exo) else "exo"
+            return replace(argument, **{field: without_paths(getattr(argument, field))})
+        case TwinConfig():
+            return replace(argument, exo=without_paths(argument.exo))
+        case Reference():
+            return replace(argument, size=without_paths(argument.size))
+        case _:
+            return argument

@@ -153,6 +153,13 @@ def test_generate_writes_a_recording_alone(simulator, capsys, tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["walk.mcap"]
 
 
+def test_only_says_what_it_does_in_each_command(capsys):
+    for command, says in (("run", "simulate only the sensors"), ("score", "Score only this estimator")):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        assert says in " ".join(re.sub(r"[^\w ]", "", capsys.readouterr().out).split())
+
+
 @pytest.mark.parametrize("command", [("generate", "level_20m"), ("import", "x.csv"), ("live", "--record")])
 def test_a_recording_is_no_bag(capsys, tmp_path, command):
     words = (*command, tmp_path / "w.bag") if command[0] == "live" else (*command, "-o", tmp_path / "w.bag")

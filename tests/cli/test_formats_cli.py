@@ -158,12 +158,12 @@ def test_truth_of_a_camera_scores_the_imu_beside_it(capsys, tmp_path):
             writer.write(Depth(topic=camera.depth_topic, t_ns=now, depth=np.full((24, 32), 2.0, np.float32)))
     assert call(capsys, "export", recorded, "--format", "tum", "--frame", "head/imu", "-o", path)[0] == 0
     assert call(capsys, "export", recorded, "--format", "tum", "-o", folder)[0] == 0
-    words = ("score", folder, "--estimate", f"own={path}", "--frame", "head/imu", "--json")
+    words = ("score", folder, "--estimate", f"own={path}", "--frame", "/head/imu", "--json")
     code, out, err = call(capsys, *words)
     assert code == 0, err
     scores = json.loads(out)["estimators"]["own"]
     assert scores["ape_max_m"] < 1e-6
-    carried, own = true_path(open_any(folder), "head/imu"), true_path(Recording(recorded), "head/imu")
+    carried, own = true_path(open_any(folder), "/head/imu"), true_path(Recording(recorded), "head/imu")
     np.testing.assert_allclose(carried.v_frame_in_world[1:-1], own.v_frame_in_world[1:-1], atol=2e-3)
     turn = Rotation.from_quat(carried.q_world_frame, scalar_first=True).inv() * R
     assert turn.magnitude().max() < 1e-6

@@ -147,6 +147,13 @@ def test_the_reference_lists_the_public_classes(built):
             assert any(i.endswith(f".{name}") for i in ids), name
 
 
+def test_no_line_breaks_inside_an_option():
+    page = "<p><code>score --baseline FILE -o x-y</code></p><pre><code>a --b</code></pre><p>a --c</p>"
+    whole = '<span style="white-space:nowrap">{}</span>'.format
+    expected = f"<code>score {whole('--baseline')} FILE {whole('-o')} x-y</code>"
+    assert site.unbroken_options(page) == f"<p>{expected}</p><pre><code>a --b</code></pre><p>a --c</p>"
+
+
 def test_tables_show_the_pipes_of_their_code(built):
     text = (built / "command_line.html").read_text(encoding="utf-8")
     assert "kinematic|dynamic" in text

@@ -26,7 +26,7 @@ from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.terrain.files import write_terrain
 from stridetwin.run import live
 from stridetwin.run.latency import Latency, Times
-from stridetwin.run.live_chain import InputCheck
+from stridetwin.run.live_chain import InputCheck, Request
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.tum import write_tum
 from stridetwin.streams.kalibr import write_rig
@@ -284,6 +284,19 @@ def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_i
     head, legs = shown
     assert head == {"/head/imu", "/head/color", "/head/depth"}
     assert {"/exo/back/ahrs", "/exo/knee_l/encoder", "/foot_r/insole"} <= legs
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_compilation_is_announced_only_if_it_takes_long(monkeypatch, slow):
+    said = []
+    monkeypatch.setattr(live, "SLOW_START_S", 0.2)
+    monkeypatch.setattr(live, "synthetic_samples", lambda takes: time.sleep(0.6 * slow) or [])
+    session = live._Live(
+        live.LiveRequest(chain=Request(estimator="foot_ins"), address=("", 0)), said.append, said.append
+    )
+    session._compile()
+    time.sleep(0.4)
+    assert said == ["foot_ins is being compiled, which takes minutes the first time"] * slow
 
 
 def test_who_can_be_reached_from_elsewhere_is_warned(capsys, tmp_path, seen):

@@ -243,6 +243,8 @@ def test_writer_refuses_a_topic_that_changes_its_kind(tmp_path):
 def test_missing_topic_lists_those_there_are(recorded):
     with pytest.raises(RecordingError, match=r"no topic '/foot_r/imu'; it has .*/head/imu"):
         Recording(recorded).block("/foot_r/imu")
+    with pytest.raises(RecordingError, match="no topic 'head/imu': expected '/head/imu', with a slash"):
+        Recording(recorded).block("head/imu")
     with pytest.raises(RecordingError, match="carries images"):
         Recording(recorded).block("/head/color")
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import joblib
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from stridetwin.sim.config import Exo, Level, Route, TwinConfig
 from stridetwin.sim.dynamics.plan import plan_control
 from stridetwin.sim.gait.reference import plan_reference
 from stridetwin.sim.twin import Twin
+from stridetwin.sim.wearer.own_exo_rig import read_own_exo
 from stridetwin.studies.closed_loop import plan_cache
 from stridetwin.studies.closed_loop.environment import environment
 
@@ -60,6 +63,19 @@ def test_another_seed_or_walk_is_planned_anew(tmp_path: Path, planned: list[str]
     walked(WALK, 4, tmp_path)
     walked(replace(WALK, person=replace(WALK.person, height_m=1.6)), 3, tmp_path)
     assert planned.count("plan_reference") == 3
+
+
+def test_files_of_the_same_content_share_a_plan_wherever_they_are(tmp_path: Path) -> None:
+    example, keys = Path(__file__).parents[3] / "examples" / "own_exo", []
+    for folder in ("a", "b"):
+        shutil.copytree(example, tmp_path / folder)
+        own = read_own_exo(tmp_path / folder / "my_exo.xml", tmp_path / folder / "my_exo.yaml")
+        config = replace(WALK, exo=Exo(own=own))
+        keys.append((joblib.hash(plan_cache.without_paths(config)), joblib.hash(config)))
+    assert keys[0][0] == keys[1][0]
+    assert keys[0][1] != keys[1][1]
+    other = replace(WALK, exo=Exo(own=replace(own, encoders=())))
+    assert joblib.hash(plan_cache.without_paths(other)) != keys[0][0]
 
 
 def test_the_environment_plans_through_it(tmp_path: Path, planned: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
