@@ -130,7 +130,7 @@ def _run_alone(
         return None
 
 
-def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
+def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Task]]) -> list[str]:
     """The names of consecutive groups whose worker died, with one more.
 
     Raises:
@@ -144,7 +144,7 @@ def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -
     return names
 
 
-def _name_of(group: Sequence[Job[Any]]) -> str:
+def _name_of(group: Sequence[Job[Task]]) -> str:
     """Name of a group in messages: its first job, and the number of the others."""
     return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
 
