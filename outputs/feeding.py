@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 from stridetwin.estimators.base import FEET, POSES, Declaration, Estimator, Options, Stream
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
@@ -32,7 +31,7 @@ class Instance:
     estimator_class: EstimatorClass
     options: Options
     streams: tuple[Stream, ...]
-    parameters: Any = None
+    parameters: object = None
 
     @property
     def declaration(self) -> Declaration:

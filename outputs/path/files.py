@@ -10,7 +10,6 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +112,7 @@ class LivePaths(LiveOutput):
         self._out = {part: partial_path(path).open("w", encoding="ascii") for part, path in self._files.items()}
         self._rows: Counter[str] = Counter()
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """The row of a pose, prefixed with its part if there are several."""
         if (pose := pose_of(estimate, self._name)) is None:
             return None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
 from stridetwin.estimators.base import Declaration, Estimator, PathEstimate, Progress
 from stridetwin.outputs.aligned_walk import AlignedWalk
@@ -15,6 +16,9 @@ from stridetwin.outputs.path.files import LivePaths, write_path
 from stridetwin.outputs.path.run import PathCollector, run_paths
 from stridetwin.outputs.path.scores import SCORES
 from stridetwin.streams.recording.reader import Recording
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 
 class Paths(OutputKind[PathEstimate, Result]):
@@ -67,7 +71,9 @@ class Paths(OutputKind[PathEstimate, Result]):
         """A view of the position errors over time."""
         return {"error_mm": ("series", "position error, mm")}
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[Result], recording: Recording) -> None:
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[Result], recording: Recording
+    ) -> None:
         """Logs the true and the estimated paths as lines, and the errors over time."""
         from stridetwin.outputs.path.rerun import log_paths
 
