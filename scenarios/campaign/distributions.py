@@ -37,13 +37,13 @@ class Distribution(FileModel, ABC):
     """A distribution of a value; its fields are the keys of a file."""
 
     @abstractmethod
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The value whose cumulative probability is `u`, 0 <= u < 1 (inverse transform sampling)."""
 
     @property
-    def ends(self) -> tuple[Any, ...]:
+    def ends(self) -> tuple[object, ...]:
         """Lowest and highest value, or all values where they have no order: those of its own key, the first one."""
-        ends: tuple[Any, ...] = getattr(self, next(iter(type(self).model_fields)))
+        ends: tuple[object, ...] = getattr(self, next(iter(type(self).model_fields)))
         return ends
 
     @property
@@ -59,14 +59,14 @@ class Fixed(Distribution):
         fixed: The value, which may have keys.
     """
 
-    fixed: Any
+    fixed: object
 
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The fixed value, whatever the quantile."""
         return self.fixed
 
     @property
-    def ends(self) -> tuple[Any, ...]:
+    def ends(self) -> tuple[object, ...]:
         """The fixed value alone."""
         return (self.fixed,)
 
@@ -188,7 +188,7 @@ class Choice(Distribution):
         weights: Relative probability of each; equal by default.
     """
 
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
+    choice: Annotated[tuple[object, ...], Field(min_length=1)]
     weights: Annotated[tuple[_Above0, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -197,7 +197,7 @@ class Choice(Distribution):
             raise field_error(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
         return self
 
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The value at a quantile, with probabilities proportional to the weights."""
         return self.choice[index_at_quantile(self._weights, u)]
 
@@ -239,7 +239,7 @@ _KINDS: dict[str, type[Distribution]] = {
 class _OneValue:
     """Annotation: a value without keys, which is the same in every walk."""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Anything; in the JSON Schema anything but a mapping."""
         return core_schema.no_info_after_validator_function(lambda value: Fixed(fixed=value), core_schema.any_schema())
 
@@ -251,7 +251,7 @@ class _OneValue:
 class _DistributionType:
     """Annotation: a distribution by its key, or a value that is the same in every walk."""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """A union that is tagged by the key of the distribution."""
         kinds = {TAG + key: handler.generate_schema(kind) for key, kind in _KINDS.items()}
         kinds[_VALUE] = handler.generate_schema(Annotated[Any, _OneValue()])
@@ -261,7 +261,7 @@ class _DistributionType:
 _VALUE = f"{TAG}value"
 
 
-def _tag(node: Any) -> str | None:
+def _tag(node: object) -> str | None:
     if not isinstance(node, dict):
         return _VALUE
     return next((TAG + key for key in node if key in _KINDS), None)

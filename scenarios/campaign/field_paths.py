@@ -13,6 +13,8 @@ from stridetwin.sim.parts.sensor_config import KIND
 from stridetwin.streams.errors import FieldLocation
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
+PlainScenario = dict[str, object]
+"""Content of a scenario file: its keys, with texts, numbers, lists and mappings as the file has them."""
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
 
 
@@ -39,7 +41,7 @@ def field_path(text: str, where: FieldLocation) -> FieldPath:
     return FieldPath(text=text, keys=tuple(keys))
 
 
-def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: FieldLocation) -> None:
+def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: FieldLocation) -> None:
     """Sets a value in a scenario's plain data and creates missing keys on the way.
 
     A list of sensor groups, and the short forms of a group, become mappings first.
@@ -47,7 +49,7 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Fiel
     Raises:
         ConfigError: A node on the way has no such place.
     """
-    node: Any = scenario
+    node: Any = scenario  # a mapping or a list, as the key says
     for depth, key in enumerate(path.keys[:-1]):
         _check_place(node, path, depth, where)
         if isinstance(key, str):
@@ -59,7 +61,7 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Fiel
     node[path.keys[-1]] = value
 
 
-def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: FieldLocation) -> None:
+def set_values(scenario: PlainScenario, paths: Iterable[FieldPath], value: object, where: FieldLocation) -> None:
     """Sets a value at several fields of a scenario, each with a copy of its own.
 
     Args:
@@ -75,16 +77,18 @@ def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any,
         set_value(scenario, path, deepcopy(value), where)
 
 
-def _check_place(node: Any, path: FieldPath, depth: int, where: FieldLocation) -> None:
+def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation) -> None:
     """Raises ConfigError if a node has no place for the key of a path at this depth."""
     key, node_text = path.keys[depth], _text(path.keys[:depth])
-    if not isinstance(node, list if isinstance(key, int) else dict):
+    if isinstance(key, str) and isinstance(node, dict):
+        return
+    if not (isinstance(key, int) and isinstance(node, list)):
         raise where.error(path.text, f"a field of the scenario, where {node_text} is {_short(node)}")
-    if isinstance(key, int) and key >= len(node):
+    if key >= len(node):
         raise where.error(path.text, f"{node_text}[0] to {node_text}[{len(node) - 1}]")
 
 
-def _expand_short_form(node: Any, *, of_group: bool) -> Any:
+def _expand_short_form(node: object, *, of_group: bool) -> object:
     """The list of sensor groups as a mapping from groups, or a group's part name as a mapping of options."""
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
@@ -97,6 +101,6 @@ def _text(keys: tuple[str | int, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).removeprefix(".") or "the scenario"
 
 
-def _short(node: Any) -> str:
+def _short(node: object) -> str:
     text = repr(node)
     return text if len(text) < 60 else f"{text[:56]} ..."
