@@ -23,13 +23,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Protocol, TypeGuard
 
 from stridetwin.estimators.base import PathEstimate
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError, was_interrupted
 from stridetwin.streams.formats.tum import read_tum
 from stridetwin.streams.recording.reader import Recording
+from stridetwin.streams.rig import Rig
+from stridetwin.streams.samples import Sample
 from stridetwin.streams.trajectory import Pose, Trajectory, trajectory_of
 from stridetwin.streams.validation import suggest
 
@@ -39,6 +41,16 @@ _HOME = Path(__file__).resolve().parents[1]
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason."""
+
+
+class PathEstimator(Protocol):
+    """The class of a user's estimator; it may also have `topics` and `frame`, see this module."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Takes the recording's rig."""
+
+    def update(self, sample: Sample) -> object:
+        """Takes one sample in time order; returns None, a `Pose`, or an object whose `pose` is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +91,7 @@ class PythonClass(OwnEstimator):
 
     place: str
 
-    def load(self) -> type[Any]:
+    def load(self) -> type[PathEstimator]:
         """Imports the class at `place`.
 
         Raises:
@@ -94,7 +106,8 @@ class PythonClass(OwnEstimator):
     @property
     def own_frame(self) -> str:
         """The frame that the class declares, else `frame`."""
-        return getattr(self.load(), "frame", None) or self.frame
+        declared_frame: str | None = getattr(self.load(), "frame", None)
+        return declared_frame or self.frame
 
     def path(self, recording: Recording) -> PathEstimate:
         """The path that the class estimates from a recording: built with its rig and fed sample by sample.
@@ -169,7 +182,7 @@ class Program(OwnEstimator):
         return PathEstimate(name=self.name, frame=self.frame, path=path)
 
 
-def load_class(place: str, option: str) -> type[Any]:
+def load_class(place: str, option: str) -> type[PathEstimator]:
     """A class with a method `update`, installed or in the working folder.
 
     Args:
@@ -186,16 +199,20 @@ def load_class(place: str, option: str) -> type[Any]:
     if here not in sys.path:
         sys.path.append(here)  # installed modules take precedence over the working folder
     with _catch_user_errors(f"{option}: {place}: cannot be imported"):
-        loaded: Any = importlib.import_module(module)
+        loaded: object = importlib.import_module(module)
         for part in attribute.split("."):
             loaded = getattr(loaded, part)
-        fits = isinstance(loaded, type) and callable(getattr(loaded, "update", None))
-    if not fits:
-        raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
-    return loaded
+        if _is_estimator_class(loaded):
+            return loaded
+    raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
 
 
-def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
+def _is_estimator_class(loaded: object) -> TypeGuard[type[PathEstimator]]:
+    """Whether it is a class with a method `update`."""
+    return isinstance(loaded, type) and callable(getattr(loaded, "update", None))
+
+
+def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
     Args:

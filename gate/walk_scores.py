@@ -17,7 +17,7 @@ from stridetwin.batch.run import Batch, run_batch
 from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
 from stridetwin.gate.own_estimators import OwnEstimator
-from stridetwin.gate.score_table import EVERY_ESTIMATOR
+from stridetwin.gate.score_table import EVERY_ESTIMATOR, ScoredWalk
 from stridetwin.outputs.base import Scores, scores_by_output
 from stridetwin.outputs.path.evaluate import evaluate
 from stridetwin.outputs.registry import estimators, kind_of
@@ -112,7 +112,7 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
     return jobs
 
 
-def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, Any]:
+def score_walk(job: ScoringJob, progress: Progress | None = None) -> ScoredWalk:
     """Scores one recording and returns its row.
 
     Returns:
@@ -125,7 +125,7 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
     recording = open_with_warnings(job.path, job.lenient)
     scores: dict[str, Scores] = {}
     failed: dict[str, str] = {}
-    row = {
+    row: ScoredWalk = {
         "name": job.name,
         "sha256": job.sha256 or _digest(job.path),
         "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
@@ -144,7 +144,9 @@ def score_walk(job: ScoringJob, progress: Progress | None = None) -> dict[str, A
             if was_interrupted(error):
                 raise KeyboardInterrupt from error
             _record_failure(job, failed, EVERY_ESTIMATOR, error)
-    return {**row, "failed": failed} if failed else row
+    if failed:
+        row["failed"] = failed
+    return row
 
 
 def _score_installed(
@@ -180,7 +182,7 @@ def _digest(path: Path) -> str:
 
 def score_walks(
     jobs: Sequence[ScoringJob], options: BatchOptions, progress: Progress, *, is_kept: bool = False
-) -> list[dict[str, Any]]:
+) -> list[ScoredWalk]:
     """Scores recordings in parallel and returns the row of each, as `score_walk` gives it, in the order of the jobs.
 
     Args:
@@ -205,7 +207,8 @@ def score_walks(
     if is_kept:
         results = run_batch(keyed, work, options, "score", progress)
     else:
-        results = Batch(keyed, None).run_with(options, work, "score", progress, "")
+        batch: Batch[ScoringJob, ScoredWalk] = Batch(keyed, None)
+        results = batch.run_with(options, work, "score", progress, "")
     return [
         _row_of_failure(job, result.reason) if isinstance(result, Failure) else result
         for job, result in zip(jobs, results)
@@ -226,7 +229,7 @@ def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
     return content_key(job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions))
 
 
-def _row_of_failure(job: ScoringJob, reason: str) -> dict[str, Any]:
+def _row_of_failure(job: ScoringJob, reason: str) -> ScoredWalk:
     """The row of a recording whose worker died."""
     digest = job.sha256 or _digest(job.path)
     return {"name": job.name, "sha256": digest, "metadata": {}, "estimators": {}, "failed": {EVERY_ESTIMATOR: reason}}
