@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -37,7 +37,7 @@ Progress = Callable[[str, float], None]
 class Outcome:
     """Outcome of a command: data for `--json`, output as text and tables, and the exit code."""
 
-    data: dict[str, Any]
+    data: Mapping[str, object]
     lines: Sequence[str | Table]
     code: int = 0
 

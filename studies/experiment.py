@@ -6,15 +6,17 @@ hooks name the module that turns one case into a row, and the one that makes the
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
+from stridetwin.batch.jobs import Row
 from stridetwin.scenarios.built_in import experiments
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.fields import FileModel
@@ -22,9 +24,9 @@ from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
+from stridetwin.studies.result import AnyResult, Collected
 from stridetwin.studies.tables import Column, rows_table
 
-Result = dict[str, Any]
 _OF_TABLES = ("study", "tables", "report", "columns", "title", "kind")
 """Keys of a file that do not change the rows."""
 
@@ -35,12 +37,12 @@ class Hook(FileModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     module: str
 
-    def load(self) -> Any:
+    def load(self) -> ModuleType:
         """Imports the module."""
         return import_module(f"stridetwin.studies.{self.module}")
 
     @property
-    def arguments(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, object]:
         """The other keys, which are arguments of the module's function."""
         return dict(self.model_extra or {})
 
@@ -98,12 +100,12 @@ class Experiment:
     module: str = ""
     content: str = ""
     kind: str = ""
-    run_case: Callable[[ExperimentCase], Result]
-    collect: Callable[[list[Result]], Result]
-    table: Callable[[Result], list[str]]
-    report: Callable[[Result], str] | None = None
+    run_case: Callable[[ExperimentCase], Row]
+    collect: Callable[[list[Row]], Collected[Mapping[str, object], Mapping[str, object]]]
+    table: Callable[[AnyResult], list[str]]
+    report: Callable[[AnyResult], str] | None = None
 
-    def result(self, rows: list[Result]) -> Result:
+    def result(self, rows: list[Row]) -> AnyResult:
         """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
         return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
 

@@ -5,21 +5,22 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from joblib import Memory
 from platformdirs import user_cache_path
 
 from stridetwin.batch.versions import digest
-from stridetwin.sim.dynamics.plan import plan_control
-from stridetwin.sim.gait.reference import plan_reference
+from stridetwin.sim.dynamics.plan import Plan, plan_control
+from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.twin import Twin
 
+PlanT = TypeVar("PlanT")
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
 
-def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Reference], Callable[..., Plan]]:
     """Functions that plan motion and control of a walk, but look the plan up on disk first.
 
     They take the arguments of the twin's own planners. A plan is found if every argument (model, configuration, state
@@ -38,7 +39,7 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callabl
     )
 
 
-def _cache_function(memory: Memory, version: str, function: Callable[..., Any], what: str) -> Callable[..., Any]:
+def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT], what: str) -> Callable[..., PlanT]:
     """A function with a cache on disk, whose key are the arguments and the version of the code.
 
     Args:
@@ -48,10 +49,10 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., Any], 
         what: What it plans, for the note.
     """
 
-    def plan(arguments: tuple[Any, ...], version: str) -> Any:
+    def plan(arguments: tuple[object, ...], version: str) -> PlanT:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
     plan.__qualname__ = function.__name__  # the name of its folder
-    cached_plan = memory.cache(plan)
+    cached_plan: Callable[[tuple[object, ...], str], PlanT] = memory.cache(plan)
     return lambda *arguments: cached_plan(arguments, version)

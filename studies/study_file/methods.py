@@ -33,10 +33,10 @@ class Method:
     name: str
     estimator: str
     method: str
-    parameters: Any = None
+    parameters: object = None
 
 
-def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, Any], at: FieldLocation) -> Method:
+def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, object], at: FieldLocation) -> Method:
     """A method from what a file says; `at` is its position there, `method` may be "" for the estimator's first one.
 
     Raises:
@@ -53,7 +53,9 @@ def make_method(name: str, estimator: str, method: str, parameters: Mapping[str,
     return Method(name=name, estimator=estimator, method=chosen, parameters=values)
 
 
-def _set_parameters(estimator_class: EstimatorClass, method: str, values: Mapping[str, Any], at: FieldLocation) -> Any:
+def _set_parameters(
+    estimator_class: EstimatorClass, method: str, values: Mapping[str, object], at: FieldLocation
+) -> object:
     """The parameters that the estimator has with this method, with some values replaced."""
     hint = get_type_hints(estimator_class.__init__).get("parameters")
     kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and _fields(kind)]

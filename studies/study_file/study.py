@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
@@ -32,7 +32,7 @@ class MethodInFile(FileModel):
 
     estimator: Annotated[str, text_field()]
     method: str = ""
-    parameters: dict[str, Any] = Field(default={})
+    parameters: dict[str, object] = Field(default={})
 
 
 class StudyFile(DesignFile):
