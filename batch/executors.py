@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -82,7 +82,7 @@ class _Pool(Executor):
 
     def __init__(self, workers: int, resources: ExitStack) -> None:
         self.workers, self._resources = workers, resources
-        self._pool: Any = None
+        self._pool: ProcessPoolExecutor | None = None
 
     def run(
         self, work: Work[Task, Result], groups: Sequence[Sequence[Job[Task]]]

@@ -68,7 +68,7 @@ def _shapes(surface: str, person: Person) -> list[LimbShape]:
 _DIGITS = 6  # of a number that is chosen: of any unit and size
 _MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
-_Any = Annotated[float, float_field(-1e6, 1e6)]
+_Number = Annotated[float, float_field(-1e6, 1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +202,7 @@ class Between(FileModel):
         step: Only the lowest and its multiples above it; any number where it is missing.
     """
 
-    between: Annotated[tuple[_Any, _Any], AfterValidator(_check_order)]
+    between: Annotated[tuple[_Number, _Number], AfterValidator(_check_order)]
     step: Annotated[float, float_field(1e-9, 1e6)] | None = None
 
 
@@ -217,7 +217,7 @@ class Among(FileModel):
 
 
 _Coordinate = Annotated[
-    Annotated[_Any, Tag("=number")] | Annotated[Between, Tag("=range")],
+    Annotated[_Number, Tag("=number")] | Annotated[Between, Tag("=range")],
     Discriminator(lambda node: "=range" if isinstance(node, dict | Between) else "=number"),
 ]
 
