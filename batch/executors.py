@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -89,7 +89,7 @@ class _Pool(Executor):
 
     def __init__(self, workers: int, resources: ExitStack) -> None:
         self.workers, self._resources = workers, resources
-        self._pool: Any = None
+        self._pool: ProcessPoolExecutor | None = None
 
     def run(
         self, work: Work[Task, ResultT], groups: Sequence[Sequence[Job[Task]]]
@@ -137,7 +137,7 @@ def _run_alone(
         return None
 
 
-def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -> list[str]:
+def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Task]]) -> list[str]:
     """Adds a group whose worker died to the names of those before it in a row.
 
     Raises:
@@ -151,7 +151,7 @@ def _add_failed_group(failed_groups: Sequence[str], group: Sequence[Job[Any]]) -
     return names
 
 
-def _name_of(group: Sequence[Job[Any]]) -> str:
+def _name_of(group: Sequence[Job[Task]]) -> str:
     """Name of a group in messages: its first job's, and how many more jobs it has."""
     return group[0].name if len(group) == 1 else f"{group[0].name} and {len(group) - 1} more"
 

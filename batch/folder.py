@@ -9,7 +9,6 @@ import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import atomic_file, to_json
@@ -78,7 +77,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def read_request(folder: Path) -> Any:
+def read_request(folder: Path) -> object:
     """Reads the request that a folder belongs to; None if it belongs to none, or if the file is damaged."""
     try:
         return json.loads((folder / REQUEST).read_text(encoding="utf-8"))
@@ -86,12 +85,12 @@ def read_request(folder: Path) -> Any:
         return None
 
 
-def write_request(folder: Path, request: Mapping[str, Any]) -> None:
+def write_request(folder: Path, request: Mapping[str, object]) -> None:
     """Writes the request that a folder belongs to from now on, atomically."""
     with atomic_file(folder / REQUEST) as file:
         file.write_text(to_json(request), encoding="utf-8")
 
 
-def differing_keys(request: Mapping[str, Any], previous: Mapping[str, Any]) -> list[str]:
+def differing_keys(request: Mapping[str, object], previous: Mapping[str, object]) -> list[str]:
     """Keys of a request whose values differ from those of a previous one, which was read from its file."""
     return [key for key, value in json.loads(to_json(request)).items() if previous.get(key) != value]

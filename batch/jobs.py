@@ -7,13 +7,16 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from stridetwin.streams.errors import StrideTwinError
 
 Task = TypeVar("Task")
 ResultT = TypeVar("ResultT")
-Row = dict[str, Any]
+Row = dict[str, object]
+"""A row of any kind, as JSON holds it: figures by name."""
+RowT = TypeVar("RowT", bound=Mapping[str, object])
+"""The rows of one kind of job: `Row`, or a `TypedDict` that names their keys."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +70,7 @@ def one_by_one(
     return partial(map, function)
 
 
-def content_key(*content: Any) -> str:
+def content_key(*content: object) -> str:
     """Digest of everything that determines a row, as JSON: inputs, options, and versions of the code."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -6,15 +6,15 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Generic
 
-from stridetwin.batch.jobs import Job, Row
+from stridetwin.batch.jobs import Job, RowT, Task
 
 _INVALID = (ValueError, KeyError, AttributeError, TypeError)
 """What reading a damaged row raises: no JSON or UTF-8, no mapping, or no key."""
 
 
-class RowFiles:
+class RowFiles(Generic[RowT]):
     """One JSON file per job, which people and other tools may read.
 
     Args:
@@ -26,30 +26,31 @@ class RowFiles:
     def __init__(self, folder: Path, unfinished: Path, *, is_sorted: bool) -> None:
         self._folder, self._unfinished, self._is_sorted = folder, unfinished, is_sorted
 
-    def path(self, job: Job[Any]) -> Path:
+    def path(self, job: Job[Task]) -> Path:
         """The file of a job's row."""
         return self._folder / f"{job.name}.json"
 
-    def read(self, job: Job[Any]) -> Row | None:
+    def read(self, job: Job[Task]) -> RowT | None:
         """The row of a job; None if there is none, or only a damaged one or one with another key."""
         try:
-            row: Row = json.loads(self.path(job).read_text(encoding="utf-8"))
-            return row if row.pop("key") == job.key else None
+            stored = json.loads(self.path(job).read_text(encoding="utf-8"))
+            key, row = stored.pop("key"), stored
+            return row if key == job.key else None
         except (FileNotFoundError, *_INVALID):
             return None
 
-    def has_any(self, job: Job[Any]) -> bool:
+    def has_any(self, job: Job[Task]) -> bool:
         """Whether there is a row of the job's name, even if `read` refuses it."""
         return self.path(job).exists()
 
-    def write(self, job: Job[Any], row: Row) -> None:
+    def write(self, job: Job[Task], row: RowT) -> None:
         """Stores the row of a job atomically."""
         unfinished = self._unfinished / f"{job.name}.json"
         unfinished.write_text(json.dumps({"key": job.key, **row}, sort_keys=self._is_sorted), encoding="utf-8")
         os.replace(unfinished, self.path(job))
 
 
-class RowLines:
+class RowLines(Generic[RowT]):
     """One file of JSON lines, for many small rows, whose keys keep their order. Jobs with the same key share a row.
 
     Args:
@@ -60,22 +61,22 @@ class RowLines:
     def __init__(self, file: Path, unfinished: Path) -> None:
         self._file, self._unfinished = file, unfinished
         text = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
-        self._rows = dict(_read_lines(text))
+        self._rows: dict[str, RowT] = dict(_read_lines(text))
         self._is_whole = text == self._text(list(self._rows))  # without the half line of a killed run
 
     def __len__(self) -> int:
         """Number of rows."""
         return len(self._rows)
 
-    def read(self, job: Job[Any]) -> Row | None:
+    def read(self, job: Job[Task]) -> RowT | None:
         """The row of a job; None if there is none with its key."""
         return self._rows.get(job.key)
 
-    def has_any(self, job: Job[Any]) -> bool:
+    def has_any(self, job: Job[Task]) -> bool:
         """Whether there is a row with the job's key, as in `read`, because rows have no names here."""
         return job.key in self._rows
 
-    def write(self, job: Job[Any], row: Row) -> None:
+    def write(self, job: Job[Task], row: RowT) -> None:
         """Appends the row of a job."""
         if not self._is_whole:
             self._rewrite()
@@ -104,7 +105,7 @@ class RowLines:
         return "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows)
 
 
-def _read_lines(text: str) -> Iterator[tuple[str, Row]]:
+def _read_lines(text: str) -> Iterator[tuple[str, RowT]]:
     """Key and row of each valid line; invalid lines, such as the half line of a killed run, are skipped."""
     for line in text.splitlines():
         try:
@@ -114,4 +115,4 @@ def _read_lines(text: str) -> Iterator[tuple[str, Row]]:
             continue  # the last line of a killed run
 
 
-RowStore = RowFiles | RowLines
+RowStore = RowFiles[RowT] | RowLines[RowT]

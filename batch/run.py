@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Generic
+from typing import Generic
 
 from stridetwin.batch.executors import BatchOptions, Executor, open_executor
 from stridetwin.batch.folder import hold_folder
 from stridetwin.batch.forecast import Forecast
-from stridetwin.batch.jobs import Failure, Job, Row, Task, Work
+from stridetwin.batch.jobs import Failure, Job, RowT, Task, Work
 from stridetwin.batch.rows import RowLines, RowStore
 
 Progress = Callable[[str, float], None]
@@ -16,7 +16,7 @@ ROWS = "rows.jsonl"
 """File of the rows of `run_batch` in its folder."""
 
 
-class Batch(Generic[Task]):
+class Batch(Generic[Task, RowT]):
     """Jobs, and the rows that they have already.
 
     Args:
@@ -34,13 +34,13 @@ class Batch(Generic[Task]):
     def __init__(
         self,
         jobs: Sequence[Job[Task]],
-        store: RowStore | None,
+        store: RowStore[RowT] | None,
         *,
         resume: bool = True,
-        update_row: Callable[[Job[Task], Row], Row | None] = lambda job, row: row,
+        update_row: Callable[[Job[Task], RowT], RowT | None] = lambda job, row: row,
     ) -> None:
         self._jobs, self._store = jobs, store
-        self.results: dict[str, Any] = {}
+        self.results: dict[str, RowT | Failure] = {}
         self.missing: list[Job[Task]] = []
         self.outdated = 0
         unique = {job.key: job for job in jobs}
@@ -56,11 +56,11 @@ class Batch(Generic[Task]):
 
     def run(
         self,
-        work: Work[Task, Any],
+        work: Work[Task, RowT],
         executor: Executor,
         progress: Callable[[float], None],
         forecast: Forecast | None = None,
-    ) -> list[Any]:
+    ) -> list[RowT | Failure]:
         """Runs the missing jobs.
 
         Args:
@@ -86,8 +86,8 @@ class Batch(Generic[Task]):
         return [self.results[job.key] for job in self._jobs]
 
     def run_with(
-        self, options: BatchOptions, work: Work[Task, Any], stage: str, progress: Progress, resume: str
-    ) -> list[Any]:
+        self, options: BatchOptions, work: Work[Task, RowT], stage: str, progress: Progress, resume: str
+    ) -> list[RowT | Failure]:
         """Runs the missing jobs on an executor that is opened for them, and announces the time left.
 
         Args:
@@ -115,15 +115,15 @@ class Batch(Generic[Task]):
 
 def _groups_of(jobs: Iterable[Job[Task]]) -> list[list[Job[Task]]]:
     """Collects the jobs by their groups, in the order of each group's first job."""
-    groups: dict[Any, list[Job[Task]]] = {}
+    groups: dict[str | int, list[Job[Task]]] = {}
     for i, job in enumerate(jobs):
         groups.setdefault(job.group or i, []).append(job)
     return list(groups.values())
 
 
 def run_batch(
-    jobs: Sequence[Job[Task]], work: Work[Task, Row], options: BatchOptions, stage: str, progress: Progress
-) -> list[Row | Failure]:
+    jobs: Sequence[Job[Task]], work: Work[Task, RowT], options: BatchOptions, stage: str, progress: Progress
+) -> list[RowT | Failure]:
     """Runs jobs, such as every variant of an estimator on every walk, to rows in a folder, and reuses its rows.
 
     Jobs that share costly work, such as the recording of one walk, have the same `Job.group`: `work.run` gets their
@@ -144,7 +144,7 @@ def run_batch(
     """
     file = options.folder / ROWS
     with hold_folder(options.folder, file.exists) as unfinished:
-        store = RowLines(file, unfinished)
+        store: RowLines[RowT] = RowLines(file, unfinished)
         results = Batch(jobs, store).run_with(options, work, stage, progress, "the same command continues")
         store.sort([job.key for job in jobs])
     return results

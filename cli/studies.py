@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from stridetwin.studies.placement.problem_file import PlacementProblem
+    from stridetwin.studies.placement.result import PlacementResult
 
 _SUFFIXES = (".yaml", ".yml")
 """Libraries of the extra `closed-loop` beside those of `twin`."""
@@ -219,14 +220,14 @@ def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementPro
     return problem
 
 
-def _size(result: dict[str, Any]) -> str:
+def _size(result: PlacementResult) -> str:
     """How many places were tried on how many walks, as text below the table."""
     walks, shown = len(result["walks"]), len(result["table"])
     places = f"{result['tried']} places and the unchanged one on {walks} walk{'s' * (walks != 1)}"
     return f"{places}; {shown} of them in the table, all in places.csv" if shown <= result["tried"] else places
 
 
-def placement_lines(result: dict[str, Any]) -> list[str | Table]:
+def placement_lines(result: PlacementResult) -> list[str | Table]:
     """What `place` prints: the table of places, failures, and which differences are significant."""
     from stridetwin.studies.placement.page import value_text
     from stridetwin.studies.significance import interval_text

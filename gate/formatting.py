@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 from xml.etree import ElementTree
 
 from stridetwin.gate.compare import BETTER, ENOUGH_WALKS, MISSING, NEW, SAME, WALKS, Comparison, Line
+from stridetwin.gate.score_table import ScoredWalk
 
 HEAD = ("estimator", "score", "mean", "baseline", "now", "change", "95 % interval", "p", "verdict")
 _NOT_WORSE = "not worse"
@@ -27,10 +27,10 @@ class ScoringFailure:
     why: str
 
 
-def collect_failures(rows: Sequence[Mapping[str, Any]]) -> list[ScoringFailure]:
+def collect_failures(rows: Sequence[ScoredWalk]) -> list[ScoringFailure]:
     """The failures in results of `score_walk`."""
     return [
-        ScoringFailure(walk=str(row["name"]), estimator=name, why=why)
+        ScoringFailure(walk=row["name"], estimator=name, why=why)
         for row in rows
         for name, why in row.get("failed", {}).items()
     ]
@@ -165,13 +165,13 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
     return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _add_case(suite: Any, estimator: str, name: str) -> Any:
+def _add_case(suite: ElementTree.Element, estimator: str, name: str) -> ElementTree.Element:
     """Adds a test case to a JUnit suite, and returns its element."""
     classname = _valid_xml(f"stridetwin.{estimator}")
     return ElementTree.SubElement(suite, "testcase", classname=classname, name=_valid_xml(name), time="0")
 
 
-def _set_counts(element: Any, lines: Sequence[Line], failed: int) -> None:
+def _set_counts(element: ElementTree.Element, lines: Sequence[Line], failed: int) -> None:
     """Sets the numbers of tests, failures, errors and skipped tests of a JUnit element."""
     regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
     counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}

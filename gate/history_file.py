@@ -6,11 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from stridetwin.gate.compare import Comparison
 from stridetwin.gate.formatting import collect_failures, to_sentence
-from stridetwin.gate.score_table import check_scores, is_text
+from stridetwin.gate.score_table import ScoredWalk, check_scores, is_text
 from stridetwin.outputs.base import Scores
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 
@@ -19,9 +19,31 @@ _WRITTEN = "lines that `stridetwin score --history` has written"
 _MOST_WALKS = 1_000_000_000
 
 
+class HistoryLine(TypedDict):
+    """The scores of one run in a history.
+
+    Attributes:
+        label: Version or commit.
+        verdict: `passed`, `worse`, `failed` or `no baseline`.
+        regressions: What became worse than the baseline, one sentence each.
+        walks: Number of walks.
+        walks_digest: Digest of the walks; scores of other walks cannot be compared.
+        failed: Number of walks on which an estimator failed.
+        estimators: Mean scores by estimator.
+    """
+
+    label: str
+    verdict: str
+    regressions: list[str]
+    walks: int
+    walks_digest: str
+    failed: NotRequired[int]
+    estimators: dict[str, Scores]
+
+
 def history_line(
-    label: str, rows: Sequence[Mapping[str, Any]], means: Mapping[str, Scores], comparison: Comparison | None
-) -> dict[str, Any]:
+    label: str, rows: Sequence[ScoredWalk], means: Mapping[str, Scores], comparison: Comparison | None
+) -> HistoryLine:
     """The entry of a run in the history.
 
     Args:
@@ -36,7 +58,7 @@ def history_line(
         verdict = FAILED
     else:
         verdict = ALONE if comparison is None else PASSED
-    digests = "\n".join(sorted(str(row["sha256"]) for row in rows))
+    digests = "\n".join(sorted(row["sha256"] for row in rows))
     return {
         "label": label,
         "verdict": verdict,
@@ -48,7 +70,7 @@ def history_line(
     }
 
 
-def append_history(file: Path, line: Mapping[str, Any]) -> None:
+def append_history(file: Path, line: HistoryLine) -> None:
     """Appends a line to a file, which is created if missing.
 
     Raises:
@@ -60,13 +82,13 @@ def append_history(file: Path, line: Mapping[str, Any]) -> None:
         out.write(json.dumps(line, sort_keys=True, allow_nan=False) + "\n")
 
 
-def read_history(file: Path) -> list[dict[str, Any]]:
+def read_history(file: Path) -> list[HistoryLine]:
     """Reads the lines of a history, and checks that each has the form that `score --history` writes.
 
     Raises:
         StrideTwinError: There are none, or one has another form; names file, line and field.
     """
-    lines = []
+    lines: list[HistoryLine] = []
     try:
         texts = file.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError:

@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import ClassVar, Protocol, TypeGuard, cast
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Stream
 from stridetwin.outputs.feeding import EstimatorClass
@@ -42,6 +42,16 @@ _HOME = Path(__file__).resolve().parents[1]
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason."""
+
+
+class PathEstimator(Protocol):
+    """The class of a user's estimator; it may also have `topics` and `frame`, see this module."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Takes the recording's rig."""
+
+    def update(self, sample: Sample) -> object:
+        """Takes one sample in time order; returns None, a `Pose`, or an object whose `pose` is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +92,7 @@ class PythonClass(OwnEstimator):
 
     place: str
 
-    def load(self) -> type[Any]:
+    def load(self) -> type[PathEstimator]:
         """Imports the class at `place`.
 
         Raises:
@@ -97,7 +107,8 @@ class PythonClass(OwnEstimator):
     @property
     def own_frame(self) -> str:
         """The frame that the class declares, else `frame`."""
-        return str(getattr(self.load(), "frame", None) or self.frame).lstrip("/")
+        declared_frame: str | None = getattr(self.load(), "frame", None)
+        return str(declared_frame or self.frame).lstrip("/")
 
     def path(self, recording: Recording) -> PathEstimate:
         """The path that the class estimates from a recording: built with its rig and fed sample by sample.
@@ -172,7 +183,7 @@ class Program(OwnEstimator):
         return PathEstimate(name=self.name, frame=self.frame, path=path)
 
 
-def load_class(place: str, option: str) -> type[Any]:
+def load_class(place: str, option: str) -> type[PathEstimator]:
     """A class with a method `update`, installed or in the working folder.
 
     Args:
@@ -189,13 +200,17 @@ def load_class(place: str, option: str) -> type[Any]:
     if here not in sys.path:
         sys.path.append(here)  # installed modules take precedence over the working folder
     with _catch_user_errors(f"{option}: {place}: cannot be imported"):
-        loaded: Any = importlib.import_module(module)
+        loaded: object = importlib.import_module(module)
         for part in attribute.split("."):
             loaded = getattr(loaded, part)
-        fits = isinstance(loaded, type) and callable(getattr(loaded, "update", None))
-    if not fits:
-        raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
-    return loaded
+        if _is_estimator_class(loaded):
+            return loaded
+    raise StrideTwinError(f"{option}: {place} is not a class with an update(sample) method")
+
+
+def _is_estimator_class(loaded: object) -> TypeGuard[type[PathEstimator]]:
+    """Whether it is a class with a method `update`."""
+    return isinstance(loaded, type) and callable(getattr(loaded, "update", None))
 
 
 def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
@@ -226,10 +241,10 @@ class _UserPath:
     """
 
     declaration: ClassVar[Declaration]
-    user_class: ClassVar[type[Any]]
+    user_class: ClassVar[type[PathEstimator]]
     place: ClassVar[str]
 
-    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: Any = None) -> None:
+    def __init__(self, rig: Rig, *, options: Options | None = None, parameters: object = None) -> None:
         with _catch_user_errors(self.place):
             self._inner = self.user_class(rig)
 
@@ -255,7 +270,7 @@ class _UserPath:
             return pose_of(self._inner.update(sample), self.user_class.__name__)
 
 
-def estimate_path(estimator: Any, recording: Recording) -> Trajectory:
+def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
     Args:

@@ -15,11 +15,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
+    from stridetwin.gate.own_estimators import PathEstimator
     from stridetwin.outputs.base import Scores
     from stridetwin.scenarios.scenario_file import Scenario
     from stridetwin.sim.config import TwinConfig
@@ -39,7 +40,7 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
     folder = tmp_path_factory.mktemp("stridetwin")
 
     def walk(
-        scenario: str | Path | Mapping[str, Any] | TwinConfig, seed: int = 0, *, cameras: bool = False
+        scenario: str | Path | Mapping[str, object] | TwinConfig, seed: int = 0, *, cameras: bool = False
     ) -> Recording:
         from stridetwin.scenarios.record import make_twin, record, without_cameras
         from stridetwin.streams.recording.reader import Recording
@@ -64,7 +65,12 @@ def stridetwin_score() -> Callable[..., Scores]:
     path of a TUM file.
     """
 
-    def score(recording: Recording, estimator: object, frame: str = "foot_l/imu", align: str = "start") -> Scores:
+    def score(
+        recording: Recording,
+        estimator: PathEstimator | Trajectory | str | Path,
+        frame: str = "foot_l/imu",
+        align: str = "start",
+    ) -> Scores:
         from stridetwin.estimators.base import PathEstimate
         from stridetwin.outputs.path.evaluate import evaluate
 
@@ -74,7 +80,7 @@ def stridetwin_score() -> Callable[..., Scores]:
     return score
 
 
-def _path_of(recording: Recording, estimator: Any) -> Trajectory:
+def _path_of(recording: Recording, estimator: PathEstimator | Trajectory | str | Path) -> Trajectory:
     """The path that an estimator, a `Trajectory` or a TUM file gives for a recording."""
     from stridetwin.gate.own_estimators import estimate_path
     from stridetwin.streams.formats.tum import read_tum
@@ -85,7 +91,7 @@ def _path_of(recording: Recording, estimator: Any) -> Trajectory:
     return read_tum(estimator) if isinstance(estimator, (str, Path)) else estimate_path(estimator, recording)
 
 
-def _load_scenario(source: str | Path | Mapping[str, Any] | TwinConfig) -> Scenario:
+def _load_scenario(source: str | Path | Mapping[str, object] | TwinConfig) -> Scenario:
     """The scenario from a name, a file, the content of a file, or a `TwinConfig`."""
     from stridetwin.scenarios.scenario_file import Scenario, load_scenario, scenario_of
     from stridetwin.sim.config import TwinConfig

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict, TypeGuard
 
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.outputs.base import Scores
@@ -18,6 +18,24 @@ EVERY_ESTIMATOR = "every estimator"
 _MIN_SIZE = 1e-100  # except 0; a value divided by it stays finite
 _MAX_NAME_LENGTH = 400
 _EXPECTED_FORM = "what `stridetwin score --json` prints"
+
+
+class ScoredWalk(TypedDict):
+    """The scores of one recording.
+
+    Attributes:
+        name: Name in the table.
+        sha256: Digest of the recording.
+        metadata: Its scenario, seed and physics, as far as the recording has them.
+        estimators: Scores by output.
+        failed: Reasons by estimator, if one failed.
+    """
+
+    name: str
+    sha256: str
+    metadata: dict[str, str]
+    estimators: dict[str, Scores]
+    failed: NotRequired[dict[str, str]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +66,8 @@ def table_of(document: object, source: str) -> ScoreTable:
     entries = document.get("recordings", [])
     if not isinstance(entries, list):
         raise top.key("recordings").error(entries, f"a list, {_EXPECTED_FORM}")
-    walks, failed = {}, {}
+    walks: dict[str, dict[str, Scores]] = {}
+    failed: dict[str, dict[str, str]] = {}
     for i, entry in enumerate(entries):
         where = top.key("recordings").item(i)
         if not isinstance(entry, dict):
@@ -60,10 +79,12 @@ def table_of(document: object, source: str) -> ScoreTable:
             raise where.key("sha256").error(digest, "text in UTF-8")
         key = digest or f"recording {i}"
         walks[key] = check_scores(entry["estimators"], where.key("estimators"))
-        failed[key] = _check_names(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
-        for name, why in failed[key].items():
+        reasons = _check_names(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
+        failed[key] = {}
+        for name, why in reasons.items():
             if not isinstance(why, str):
                 raise where.key("failed").key(name).error(why, "text")
+            failed[key][name] = why
     return ScoreTable(walks=walks, failed=failed, means=means)
 
 
@@ -88,27 +109,33 @@ def read_table(path: str | Path) -> ScoreTable:
 
 
 def check_scores(node: object, where: FieldLocation) -> dict[str, Scores]:
-    """Checks that a node of a file maps estimators to scores by name, and returns it.
+    """Checks that a node of a file maps estimators to scores by name, and returns these.
 
     Raises:
         ConfigError: It is not one; the message has the path of the field.
     """
-    estimators = _check_names(node, where, f"estimators, each with its scores: {_EXPECTED_FORM}")
-    for name, scores in estimators.items():
+    estimators: dict[str, Scores] = {}
+    for name, scores in _check_names(node, where, f"estimators, each with its scores: {_EXPECTED_FORM}").items():
+        estimators[name] = {}
         for metric, value in _check_names(scores, where.key(name), "scores by name").items():
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (number and (value == 0 or _MIN_SIZE <= abs(value) <= LARGEST_SCORE)):
+            if not (_is_number(value) and (value == 0 or _MIN_SIZE <= abs(value) <= LARGEST_SCORE)):
                 valid = f"a number, 0 or of {_MIN_SIZE:g} to {LARGEST_SCORE:g} in size"
                 raise where.key(name).key(metric).error(value, valid)
+            estimators[name][metric] = value
     return estimators
 
 
-def is_text(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
+    """Whether it is a number of a JSON file, and not true or false."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def is_text(value: object) -> TypeGuard[str]:
     """Whether it is text that can be encoded: without unpaired surrogates."""
     return isinstance(value, str) and value.encode("utf-8", "ignore").decode() == value
 
 
-def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores]) -> dict[str, Any]:
+def document_of(entries: Sequence[ScoredWalk], means: Mapping[str, Scores]) -> dict[str, object]:
     """The scores of some walks as `score --json` prints them.
 
     Args:
@@ -118,7 +145,7 @@ def document_of(entries: Sequence[Mapping[str, Any]], means: Mapping[str, Scores
     return {"recordings": list(entries), "estimators": dict(means)}
 
 
-def _check_names(value: object, where: FieldLocation, valid: str) -> dict[str, Any]:
+def _check_names(value: object, where: FieldLocation, valid: str) -> dict[str, object]:
     """Checks that a value is a mapping whose keys are names, and returns it."""
     if not isinstance(value, dict):
         raise where.error(value, valid)

@@ -18,7 +18,7 @@ from stridetwin.batch.versions import class_version, code_versions
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import PATH
 from stridetwin.gate.own_estimators import OwnEstimator
-from stridetwin.gate.score_table import EVERY_ESTIMATOR
+from stridetwin.gate.score_table import EVERY_ESTIMATOR, ScoredWalk
 from stridetwin.outputs.base import KindEvaluations, Scores, scores_by_output
 from stridetwin.outputs.parameters import ParameterValues
 from stridetwin.outputs.path.evaluate import Result, evaluate
@@ -121,7 +121,7 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
 
 def score_walk(
     job: ScoringJob, progress: Progress | None = None, on_evaluated: OnEvaluated | None = None
-) -> dict[str, Any]:
+) -> ScoredWalk:
     """Scores one recording and returns its row.
 
     Args:
@@ -140,7 +140,7 @@ def score_walk(
     scores: dict[str, Scores] = {}
     failed: dict[str, str] = {}
     of_kinds: list[KindEvaluations] = []
-    row = {
+    row: ScoredWalk = {
         "name": job.name,
         "sha256": job.sha256 or _digest(job.path),
         "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
@@ -166,7 +166,9 @@ def score_walk(
             _record_failure(job, failed, EVERY_ESTIMATOR, error)
     if on_evaluated is not None:
         on_evaluated(recording, of_kinds)
-    return {**row, "failed": failed} if failed else row
+    if failed:
+        row["failed"] = failed
+    return row
 
 
 def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progress | None) -> Iterator[KindEvaluations]:
@@ -207,7 +209,7 @@ def score_walks(
     *,
     is_kept: bool = False,
     on_evaluated: OnEvaluated | None = None,
-) -> list[dict[str, Any]]:
+) -> list[ScoredWalk]:
     """Scores recordings in parallel and returns the row of each, as `score_walk` gives it, in the order of the jobs.
 
     Args:
@@ -233,7 +235,8 @@ def score_walks(
     if is_kept:
         results = run_batch(keyed, work, options, "score", progress)
     else:
-        results = Batch(keyed, None).run_with(options, work, "score", progress, "")
+        batch: Batch[ScoringJob, ScoredWalk] = Batch(keyed, None)
+        results = batch.run_with(options, work, "score", progress, "")
     return [
         _row_of_failure(job, result.reason) if isinstance(result, Failure) else result
         for job, result in zip(jobs, results)
@@ -255,7 +258,7 @@ def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
     return content_key(*content, *([job.parameters] if job.parameters else []))
 
 
-def _row_of_failure(job: ScoringJob, reason: str) -> dict[str, Any]:
+def _row_of_failure(job: ScoringJob, reason: str) -> ScoredWalk:
     """The row of a recording whose worker died."""
     digest = job.sha256 or _digest(job.path)
     return {"name": job.name, "sha256": digest, "metadata": {}, "estimators": {}, "failed": {EVERY_ESTIMATOR: reason}}

@@ -151,4 +151,4 @@ class MovingAlignment:
 def _yaw(q: Array) -> Array:
     """(N,) rotation about the vertical of (N, 4) quaternions (w, x, y, z), rad."""
     w, x, y, z = q.T
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

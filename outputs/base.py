@@ -12,13 +12,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
-from stridetwin.estimators.base import Declaration, Estimator, Progress
+from stridetwin.estimators.base import AnyEstimator, Declaration, Progress
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.feeding import Instance, start
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Sample
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 Scores = dict[str, float]
 """The scores of one output of one walk, by name; an undefined score is left out."""
@@ -58,6 +62,7 @@ class Score:
 
 
 E = TypeVar("E")
+EstimateT = TypeVar("EstimateT")
 V = TypeVar("V", bound="Evaluation")
 
 
@@ -107,7 +112,7 @@ class Collector(ABC, Generic[E]):
     """Collects the outputs of one estimator while the samples of a recording are replayed."""
 
     @abstractmethod
-    def add(self, sample: Sample, estimate: Any) -> None:
+    def add(self, sample: Sample, estimate: object) -> None:
         """Takes a sample and what the estimator's `update` returned for it; called for every sample in time order."""
 
     @abstractmethod
@@ -119,21 +124,22 @@ class Collector(ABC, Generic[E]):
         """
 
 
-class EveryEstimate(Collector[E]):
+class EveryEstimate(Collector[E], Generic[E, EstimateT]):
     """Every estimate of an estimator that gives one output.
 
     Args:
         name: Of the output.
+        estimate_type: What the estimator's `update` returns.
         pack: Turns the list of the estimates, in time order, into what the kind keeps of them.
     """
 
-    def __init__(self, name: str, pack: Callable[[list[Any]], E]) -> None:
-        self._name, self._pack = name, pack
-        self._estimates: list[Any] = []
+    def __init__(self, name: str, estimate_type: type[EstimateT], pack: Callable[[list[EstimateT]], E]) -> None:
+        self._name, self._type, self._pack = name, estimate_type, pack
+        self._estimates: list[EstimateT] = []
 
-    def add(self, sample: Sample, estimate: Any) -> None:
-        """Keeps an estimate that is not None."""
-        if estimate is not None:
+    def add(self, sample: Sample, estimate: object) -> None:
+        """Keeps an estimate; anything else, such as None, is left out."""
+        if isinstance(estimate, self._type):
             self._estimates.append(estimate)
 
     def outputs(self) -> list[Output[E]]:
@@ -145,11 +151,11 @@ class LiveOutput(ABC):
     """The rows of one estimator in `live`, and its file at the end."""
 
     @abstractmethod
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """Takes what `update` returned; returns a row of text, or None without a new estimate."""
 
     @abstractmethod
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
+    def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
         """Writes the files, if any was requested; returns the number of rows of each."""
 
     def abandon(self) -> None:  # noqa: B027 (most have nothing to undo)
@@ -222,7 +228,7 @@ class OutputKind(ABC, Generic[E, V]):
     suffix: ClassVar[str] = ".csv"
 
     @abstractmethod
-    def collector(self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[E]:
+    def collector(self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[E]:
         """Makes a collector for one estimator.
 
         Args:
@@ -287,8 +293,17 @@ class OutputKind(ABC, Generic[E, V]):
         """Views of the Rerun file: entity to its view (`text` or `series`) and title."""
         return {}
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[V], recording: Recording) -> None:
-        """Adds all outputs of this kind, at least one, to a stream of the module `rerun`."""
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[V], recording: Recording
+    ) -> None:
+        """Adds all outputs of this kind, at least one, to a stream of the module `rerun`.
+
+        Args:
+            rerun: The module, which is imported only where a Rerun file is written.
+            stream: The stream.
+            evaluations: The outputs.
+            recording: Their recording.
+        """
 
 
 AnyKind = OutputKind[Any, Any]

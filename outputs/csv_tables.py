@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from stridetwin.estimators.base import Estimator
+from stridetwin.estimators.base import AnyEstimator
 from stridetwin.outputs.base import LiveOutput, Written
 from stridetwin.streams.files import atomic_file
 
@@ -57,7 +57,7 @@ class LiveTable(LiveOutput):
         if self._file is not None:
             self._kept[number] = cells
 
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
+    def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
         """Writes the table, in the order of the numbers."""
         if self._file is None:
             return {}

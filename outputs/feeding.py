@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
-from stridetwin.estimators.base import FOOT_NAMES, POSES, Declaration, Estimator, Options, Stream
+from stridetwin.estimators.base import FOOT_NAMES, POSES, AnyEstimator, Declaration, Options, Stream
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
-EstimatorClass = type[Estimator]
+EstimatorClass = type[AnyEstimator]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,14 +31,14 @@ class Instance:
     estimator_class: EstimatorClass
     options: Options
     streams: tuple[Stream, ...]
-    parameters: Any = None
+    parameters: object = None
 
     @property
     def declaration(self) -> Declaration:
         """The declaration of the class."""
         return self.estimator_class.declaration
 
-    def build(self, rig: Rig) -> Estimator:
+    def build(self, rig: Rig) -> AnyEstimator:
         """The estimator; raises StrideTwinError where the rig lacks a sensor or its calibration."""
         if self.parameters is None:
             return self.estimator_class(rig, options=self.options)
@@ -132,7 +131,7 @@ def check_topics(instance: Instance, recording: Recording) -> None:
         raise RecordingError(f"{recording.path}: no topic {', '.join(missing)}: {name} needs it{hint}")
 
 
-def start(instance: Instance, recording: Recording) -> tuple[Estimator, Iterator[Sample]]:
+def start(instance: Instance, recording: Recording) -> tuple[AnyEstimator, Iterator[Sample]]:
     """Builds an estimator for a recording.
 
     Returns:

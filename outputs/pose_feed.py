@@ -6,12 +6,11 @@ import heapq
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
-from typing import Any
 
 import numpy as np
 
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, Estimator, Options, Progress
+from stridetwin.estimators.base import CAMERA_POSES, PATH, POSES, AnyEstimator, Options, Progress
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import AnyKind, Collector, Output
 from stridetwin.outputs.feeding import EstimatorClass, Instance, rig_of
@@ -89,8 +88,8 @@ class _RunningEstimator:
     """
 
     kind: AnyKind
-    estimator: Estimator
-    collector: Collector[Any]
+    estimator: AnyEstimator
+    collector: Collector[object]
     topics: tuple[str, ...]
 
 
@@ -101,7 +100,7 @@ def replay(
     camera: Trajectory | None = None,
     walk: AlignedWalk | None = None,
     progress: Progress | None = None,
-) -> list[tuple[AnyKind, list[Output[Any]]]]:
+) -> list[tuple[AnyKind, list[Output[object]]]]:
     """Runs estimators that take poses on a recording, all in one pass over its images.
 
     An estimator that runs another one itself (`inner_estimators`) gives that one's output, too; so where a predictor of
@@ -123,7 +122,7 @@ def replay(
     """
     numbered = list(instances)
     running: dict[int, _RunningEstimator] = {}
-    inner: dict[type[Any], Estimator] = {}
+    inner: dict[type, AnyEstimator] = {}
     for i, (kind, instance) in reversed(list(enumerate(numbered))):  # kinds that use others come after these
         shared = inner.get(instance.estimator_class) if instance.parameters is None else None
         estimator = shared or instance.build(rig_of(recording))
@@ -158,7 +157,7 @@ class PoseFeed:
     def __init__(self) -> None:
         self._camera: Pose | None = None
 
-    def samples(self, estimate: Any) -> Iterator[Odometry]:
+    def samples(self, estimate: object) -> Iterator[Odometry]:
         """The samples in an estimate of the odometry: the camera's pose if it is new, and the pose if it is valid."""
         pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
         if camera is not None and camera is not self._camera:
@@ -194,7 +193,7 @@ class OdometryDriven:
         self._feed = PoseFeed()
         self.odometry = odometry_class.declaration.name
         self._odometry = odometry_class(rig, options=odometry_options)
-        self.estimator: Any = estimator_class(rig, options=options)
+        self.estimator: AnyEstimator = estimator_class(rig, options=options)
         self._odometry_takes = {s.topic: s.kind for s in streams}
         self._estimator_takes = {s.topic: s.kind for s in estimator_class.streams(rig, options) if s.topic != POSES}
         self.takes = self._odometry_takes | self._estimator_takes
@@ -220,7 +219,7 @@ class OdometryDriven:
         """Whether the estimator takes a sample."""
         return sample.topic in self._estimator_takes
 
-    def update(self, sample: Sample) -> Any:
+    def update(self, sample: Sample) -> object:
         """Passes a sample to the estimator if it takes it.
 
         Returns:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
 
 from stridetwin.estimators import registry as estimator_registry
 from stridetwin.estimators.base import Declaration
@@ -97,7 +96,7 @@ def _load(point: EntryPoint) -> AnyKind:
     """
     place = f"{OUTPUT_GROUP}: {point.name} = {point.value}"
     try:
-        kind_class: Any = point.load()
+        kind_class: object = point.load()
     except Exception as error:
         raise StrideTwinError(f"{place}: cannot be imported: {type(error).__name__}: {error}") from error
     if not (isinstance(kind_class, type) and issubclass(kind_class, OutputKind)):

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
 CURVES_HZ = 50.0
 
 
 def log_curves(
-    rerun: Any,
-    stream: Any,
+    rerun: ModuleType,
+    stream: RecordingStream,
     entity: str,
     t_ns: NDArray[np.int64],
     values: Array,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Container, Iterable, Sequence
 from functools import cache
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -74,7 +73,7 @@ def multiples(figures: Iterable[str]) -> Markup:
     return Markup('<div class="multiples">{}</div>').format(Markup("").join(map(Markup, figures)))
 
 
-def render_template(template: str, **values: Any) -> Markup:
+def render_template(template: str, **values: object) -> Markup:
     """Renders a template of `pages/templates` with values, which are escaped unless they are `Markup`."""
     return Markup(_environment().get_template(f"{template}.html").render(values))
 

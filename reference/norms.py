@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Literal, TypedDict, overload
 
 import numpy as np
 import yaml
@@ -16,7 +16,81 @@ _LEG_M = 0.9
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 
-def read_reference(name: str) -> Any:
+class MeanAndSd(TypedDict):
+    """A published mean with its standard deviation."""
+
+    mean: float
+    sd: float
+
+
+class EndErrors(TypedDict, total=False):
+    """Published figures of the end of walks by method: left and right; an SD also has two axes."""
+
+    mean_end_error_m: dict[str, list[float]]
+    end_position_sd_m: dict[str, list[float]]
+
+
+class Jao2020(TypedDict):
+    """Figures of Jao, Wang and Shkel 2020 that experiments and reports show; the file has further ones."""
+
+    jao_straight_53m: EndErrors
+    jao_loop_126m: EndErrors
+    jao_simulation: EndErrors
+
+
+class Moments(MeanAndSd):
+    """Mean, standard deviation and range of a quantity."""
+
+    min: float
+    max: float
+
+
+class Generality(TypedDict):
+    """Results of Zhao et al. 2023 over all conditions."""
+
+    accuracy_pct: MeanAndSd
+    camera_pitch_rad: Moments
+    speed_mps: Moments
+
+
+class Zhao2023(TypedDict):
+    """Figures of Zhao et al. 2023 that experiments and reports show; the file has further ones."""
+
+    generality: Generality
+    external_disturbance_pct: MeanAndSd
+    unconventional_camera_view_pct: MeanAndSd
+    multi_direction_outdoor_pct: MeanAndSd
+    accuracy_by_condition_pct: dict[str, list[float]]
+    dvio_bench: dict[str, dict[str, dict[str, float]]]
+    zhao_closed_loop_drift_m: dict[str, list[float] | list[str]]
+    time_ms: dict[str, float]
+
+
+class Huo(TypedDict):
+    """Mean and standard deviation of the errors of Huo et al., as Shim et al. quote them."""
+
+    slope_error_deg: dict[str, list[float]]
+    elevation_error_mm: dict[str, list[float]]
+
+
+class Shim2019(TypedDict):
+    """Figures of Shim et al. 2019 that experiments show; the file has further ones."""
+
+    slope_error_deg: dict[str, list[float]]
+    elevation_error_mm: dict[str, list[float]]
+    classification_accuracy_pct: float
+    huo_et_al: Huo
+
+
+@overload
+def read_reference(name: Literal["jao2020"]) -> Jao2020: ...
+@overload
+def read_reference(name: Literal["zhao2023"]) -> Zhao2023: ...
+@overload
+def read_reference(name: Literal["shim2019"]) -> Shim2019: ...
+@overload
+def read_reference(name: Literal["gait_norms"]) -> dict[str, object]: ...
+def read_reference(name: str) -> object:
     """The content of one YAML file of the reference folder, such as `jao2020`."""
     file = resources.files("stridetwin.reference").joinpath(f"{name}.yaml")
     return yaml.safe_load(file.read_text(encoding="utf-8"))

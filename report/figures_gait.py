@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -124,7 +125,8 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         y_label="force / carried weight",
     )
     if speed_group(float(np.mean([s.speed_mps for s in strides]))) == "Free":
-        norms = read_reference("gait_norms")["level_walking"]["vertical_grf_bw"]
+        level_norms: Any = read_reference("gait_norms")["level_walking"]
+        norms = level_norms["vertical_grf_bw"]
         for name, (begin_pct, end_pct) in _LOAD_PCT.items():
             low, high = norms[name]
             plot.bars(begin_pct, end_pct, low, high, faint(MUTED, 0.2), label="people, range")

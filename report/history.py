@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from markupsafe import Markup
 
-from stridetwin.gate.history_file import WORSE
+from stridetwin.gate.history_file import WORSE, HistoryLine
 from stridetwin.gate.metric_policy import scale_of
 from stridetwin.pages.html import multiples, page, section, table
 from stridetwin.pages.plot import PALETTE, Plot, data_range
@@ -16,7 +15,7 @@ from stridetwin.pages.plot import PALETTE, Plot, data_range
 _NAMES = 6  # version names below a plot
 
 
-def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
+def history_page(lines: Sequence[HistoryLine], title: str) -> str:
     """Renders a history as an HTML page: the verdict of each version, and each estimator's scores over the versions."""
     names = list(dict.fromkeys(name for line in lines for name in line["estimators"]))
     worse = sum(line["verdict"] == WORSE for line in lines)
@@ -27,13 +26,13 @@ def history_page(lines: Sequence[Mapping[str, Any]], title: str) -> str:
     return page(title, "Scores of the estimators, version by version.", chips, sections, "Drawn by stridetwin history.")
 
 
-def _plots(name: str, lines: Sequence[Mapping[str, Any]]) -> str:
+def _plots(name: str, lines: Sequence[HistoryLine]) -> str:
     """One small plot for each score of an estimator that the gate compares."""
     metrics = dict.fromkeys(m for line in lines for m in line["estimators"].get(name, {}) if scale_of(m) is not None)
     return multiples(_plot(name, metric, lines) for metric in metrics)
 
 
-def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
+def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
     """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked."""
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
@@ -58,20 +57,20 @@ def _plot(name: str, metric: str, lines: Sequence[Mapping[str, Any]]) -> str:
     return plot.html()
 
 
-def _labels(lines: Sequence[Mapping[str, Any]]) -> list[str]:
+def _labels(lines: Sequence[HistoryLine]) -> list[str]:
     """Names of evenly spaced versions including the last one."""
     every = -(-len(lines) // _NAMES)
     return [str(x["label"])[:8] if (len(lines) - 1 - i) % every == 0 else "" for i, x in enumerate(lines)]
 
 
-def _verdicts(lines: Sequence[Mapping[str, Any]]) -> str:
+def _verdicts(lines: Sequence[HistoryLine]) -> str:
     """A table of the versions, the latest first, with what became worse or failed."""
     head = ("version", "verdict", "walks", "what became worse, or failed")
     rows = [(x["label"], x["verdict"], x["walks"], Markup("<br>").join(_bad(x))) for x in reversed(lines)]
     return table(head, rows, (2,))
 
 
-def _bad(line: Mapping[str, Any]) -> list[str]:
+def _bad(line: HistoryLine) -> list[str]:
     """Sentences on what became worse or failed in one version."""
     failed = line.get("failed", 0)
     return [*line["regressions"], *([f"an estimator failed on {failed} of {line['walks']} walks"] if failed else [])]

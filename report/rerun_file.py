@@ -7,7 +7,8 @@ import importlib.util
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import final_name
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.terrain_truth import Layout, terrain_layout
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 _GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
 _IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320
@@ -69,7 +73,7 @@ def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluat
     stream.disconnect()
 
 
-def _log_terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
+def _log_terrain(rr: ModuleType, stream: RecordingStream, layout: Layout | None) -> None:
     """Logs every slab of the terrain as a mesh that reaches down to a common floor."""
     if layout is None:
         return
@@ -90,7 +94,7 @@ def _log_terrain(rr: Any, stream: Any, layout: Layout | None) -> None:
         stream.log(f"world/terrain/{i:02d}_{slab.terrain}", mesh, static=True)
 
 
-def _log_true_poses(rr: Any, stream: Any, recording: Recording) -> None:
+def _log_true_poses(rr: ModuleType, stream: RecordingStream, recording: Recording) -> None:
     """Logs the true poses of all frames at 30 Hz."""
     for frame in true_frames(recording.topics):
         block = recording.block(f"/truth/{frame}/odometry")
@@ -104,7 +108,7 @@ def _log_true_poses(rr: Any, stream: Any, recording: Recording) -> None:
         )
 
 
-def _log_streams(rr: Any, stream: Any, recording: Recording) -> None:
+def _log_streams(rr: ModuleType, stream: RecordingStream, recording: Recording) -> None:
     """Logs every curve of the small streams."""
     for topic in scalar_topics(recording):
         block = recording.block(topic)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,19 @@ _BETTER = 1.5  # ratio of costs from which another mount counts
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
 _SHOES = ("foot_l", "foot_r")
+
+
+class ClockRow(TypedDict):
+    """A `CameraClock` as plain values, with the shift that the calibration does not explain."""
+
+    imu: str
+    shift_s: float
+    half_s: float
+    calibrated_s: float
+    correlation: float
+    mount_off_deg: float
+    pairs: int
+    unexplained_s: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,9 +89,18 @@ class CameraClock:
         """Whether its interval lies entirely beyond `CLOCK_OFFSET_S`."""
         return abs(self.unexplained_s) - self.half_s > CLOCK_OFFSET_S
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> ClockRow:
         """The clock as a mapping of plain values, for JSON."""
-        return {**vars(self), "unexplained_s": self.unexplained_s}
+        return {
+            "imu": self.imu,
+            "shift_s": self.shift_s,
+            "half_s": self.half_s,
+            "calibrated_s": self.calibrated_s,
+            "correlation": self.correlation,
+            "mount_off_deg": self.mount_off_deg,
+            "pairs": self.pairs,
+            "unexplained_s": self.unexplained_s,
+        }
 
 
 def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:

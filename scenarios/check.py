@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NotRequired, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.scenarios.camera_clock import CameraClock, camera_clock, moving_board
+from stridetwin.scenarios.camera_clock import CameraClock, ClockRow, camera_clock, moving_board
 from stridetwin.sim.parts.library import full_scales
 from stridetwin.streams.errors import check_type
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import find_implausible_values, force_at_rest
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu
+from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Sample
 
 _G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
 # Data sheets: full scales of parts of public recordings that are not in the library, rad/s and m/s².
@@ -25,11 +25,12 @@ _FURTHER_FULL_SCALES = {
     "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
     "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
 }
+S = TypeVar("S", bound=Sample)
 _SHARE_OF_RANGE = 0.999
 _MIN_PLATEAU = 5
 
 
-def range_hits_pct(block: Block[Any], rig: Rig | None) -> float | None:
+def range_hits_pct(block: Block[S], rig: Rig | None) -> float | None:
     """Share of an IMU's samples with an axis at the end of its range, %; None for streams of other sensors.
 
     Args:
@@ -88,6 +89,68 @@ class Finding:
         return self.what if self.what.startswith(self.topic) else f"{self.topic}: {self.what}"
 
 
+class Timing(TypedDict):
+    """Timing of a stream.
+
+    Attributes:
+        jitter_ms: Scaled median absolute deviation of the steps between samples.
+        gaps: Number of steps beyond `GAP_PERIODS` periods.
+        longest_gap_s: The longest step.
+        longest_gap_at_s: Where it begins.
+    """
+
+    jitter_ms: float
+    gaps: int
+    longest_gap_s: float
+    longest_gap_at_s: float
+
+
+class CheckedTopic(Timing):
+    """Figures of one stream.
+
+    Attributes:
+        kind: Name of the type of its samples.
+        samples: Number of samples.
+        rate_hz: Measured rate.
+        declared_hz: Rate in the calibration; 0 without.
+        calibrated: Whether the calibration has the sensor; None where it need not.
+        range_hits_pct: See `range_hits_pct`.
+        force_m_s2: Median specific force at rest, only of an IMU or accelerometer.
+        rests: Whether it is ever at rest, only of an IMU or accelerometer.
+    """
+
+    kind: str
+    samples: int
+    rate_hz: float
+    declared_hz: float
+    calibrated: bool | None
+    range_hits_pct: float | None
+    force_m_s2: NotRequired[float]
+    rests: NotRequired[bool]
+
+
+class CheckData(TypedDict):
+    """Figures and findings of a check, as `check --json` prints them.
+
+    Attributes:
+        recording: Path of the recording.
+        duration_s: Its duration.
+        schema_version: Version of its format; "" for other formats.
+        topics: Figures of each stream.
+        camera_clocks: Clock of each camera that could be checked.
+        findings: Errors and warnings: topic, text, and whether it is an error.
+        valid: Whether no finding is an error.
+    """
+
+    recording: str
+    duration_s: float
+    schema_version: str
+    topics: dict[str, CheckedTopic]
+    camera_clocks: dict[str, ClockRow]
+    findings: list[dict[str, str | bool]]
+    valid: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class Check:
     """Result of `check_recording`.
@@ -97,13 +160,13 @@ class Check:
         findings: Errors and warnings.
     """
 
-    data: dict[str, Any]
+    data: CheckData
     findings: tuple[Finding, ...]
 
     @property
     def is_valid(self) -> bool:
         """Whether no finding is an error."""
-        return not any(f.is_error for f in self.findings)
+        return self.data["valid"]
 
 
 def check_recording(recording: Recording, progress: Callable[[float], None] = lambda _: None) -> Check:
@@ -124,26 +187,26 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
     if not recording.topics:
         findings.append(Finding(topic="", what="no stream that can be read"))
     inertial = recording.blocks(t for t, i in recording.topics.items() if i.kind in (Imu, Accelerometer))
-    topics: dict[str, dict[str, Any]] = {}
+    topics: dict[str, CheckedTopic] = {}
     for i, topic in enumerate(sorted(recording.topics)):
         progress(_SHARE_OF_CLOCKS * i / len(recording.topics))
         topics[topic], topic_findings = _check_topic(recording, topic, inertial.get(topic))
         findings += topic_findings
-    clocks, about_clocks = _check_clocks(recording, inertial, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
+    gyros = {topic: block.as_kind(Imu) for topic, block in inertial.items() if block.kind is Imu}
+    clocks, about_clocks = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
     findings += about_clocks
     unread = {f: t for f, t in recording.unread.items() if not f.endswith("/camera_info")}
     findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
-    data = {
+    data: CheckData = {
         "recording": str(recording.path),
         "duration_s": recording.duration,
         "schema_version": recording.schema_version,
         "topics": topics,
         "camera_clocks": {topic: clock.row() for topic, clock in clocks.items()},
-        "findings": [vars(f) for f in findings],
+        "findings": [{"topic": f.topic, "what": f.what, "is_error": f.is_error} for f in findings],
+        "valid": not any(f.is_error for f in findings),
     }
-    check = Check(data=data, findings=tuple(findings))
-    data["valid"] = check.is_valid
-    return check
+    return Check(data=data, findings=tuple(findings))
 
 
 def check_table(check: Check) -> list[str]:
@@ -180,7 +243,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>12}" for c in cells[2:])
 
 
-def _remark(row: dict[str, Any]) -> str:
+def _remark(row: CheckedTopic) -> str:
     """Mean specific force of an IMU or accelerometer as text, "" for other streams."""
     return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
 
@@ -193,11 +256,11 @@ def _decode_images(recording: Recording) -> None:
 
 
 def _check_clocks(
-    recording: Recording, inertial: Mapping[str, Block[Any]], progress: Callable[[float], None]
+    recording: Recording, gyros: Mapping[str, Block[Imu]], progress: Callable[[float], None]
 ) -> tuple[dict[str, CameraClock], list[Finding]]:
     """Clock and mount of each camera with an IMU on its body, and the findings about them."""
     rig = recording.rig if recording.has_rig else Rig()
-    cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in inertial]
+    cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in gyros]
     clocks, findings = dict[str, CameraClock](), list[Finding]()
     for i, camera in enumerate(cameras):
         progress(i / len(cameras))
@@ -205,7 +268,7 @@ def _check_clocks(
             what = f"its clock and mount were not checked: its images show the board of {board.mount.body}, which moves"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
             continue
-        clock = camera_clock(recording, camera, inertial[camera.imu_topic])
+        clock = camera_clock(recording, camera, gyros[camera.imu_topic])
         if clock is None:
             what = f"its clock and mount could not be checked with its images and the gyroscope of {camera.imu_topic}"
             findings.append(Finding(topic=camera.topic, what=what, is_error=False))
@@ -230,7 +293,7 @@ def _clock_errors(clock: CameraClock) -> Iterator[str]:
         )
 
 
-def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> tuple[dict[str, Any], list[Finding]]:
+def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tuple[CheckedTopic, list[Finding]]:
     """Figures and findings of one topic.
 
     Args:
@@ -243,17 +306,25 @@ def _check_topic(recording: Recording, topic: str, block: Block[Any] | None) -> 
     """
     info, t_ns = recording.topics[topic], recording.times(topic)
     is_image = info.kind in (Image, Depth)
-    row: dict[str, Any] = {"kind": info.kind.__name__, "samples": info.count, "rate_hz": info.rate_hz}
-    row["declared_hz"], row["calibrated"] = _rate_from_rig(recording, topic)
+    timing, (declared_hz, is_calibrated) = _timing(t_ns), _rate_from_rig(recording, topic)
+    row: CheckedTopic = {
+        "kind": info.kind.__name__,
+        "samples": info.count,
+        "rate_hz": info.rate_hz,
+        "declared_hz": declared_hz,
+        "calibrated": is_calibrated,
+        "range_hits_pct": None,
+        "jitter_ms": timing["jitter_ms"],
+        "gaps": timing["gaps"],
+        "longest_gap_s": timing["longest_gap_s"],
+        "longest_gap_at_s": timing["longest_gap_at_s"],
+    }
     findings: list[Finding] = []
-
-    row |= _timing(t_ns)
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
     if row["gaps"] and (is_image or not topic.startswith("/truth/")):
         findings.append(Finding(topic=topic, what=gaps, is_error=not is_image))
-    row["range_hits_pct"] = None
     if block is not None and not topic.startswith("/truth/"):
         row["range_hits_pct"] = hits = range_hits_pct(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > CLIPPED_PCT:
@@ -272,7 +343,7 @@ def _is_known(recording: Recording, finding: Finding) -> bool:
     return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
 
 
-def _timing(t_ns: NDArray[np.int64]) -> dict[str, Any]:
+def _timing(t_ns: NDArray[np.int64]) -> Timing:
     """Jitter (scaled median absolute deviation of the steps) and gaps (steps beyond five periods)."""
     if len(t_ns) < 3:
         return {"jitter_ms": 0.0, "gaps": 0, "longest_gap_s": 0.0, "longest_gap_at_s": 0.0}

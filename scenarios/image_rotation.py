@@ -7,7 +7,7 @@ With depth the rotation comes from perspective from n points, without it from th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import cv2
 import numpy as np
@@ -16,12 +16,25 @@ from numpy.typing import NDArray
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration
-from stridetwin.streams.samples import Array, Depth
+from stridetwin.streams.samples import Array, Depth, Image
+
+Grey = NDArray[np.uint8]
+"""(H, W) grey image."""
+DepthImage = NDArray[np.float32]
+"""(H, W) depths, m; 0 where the camera measured none."""
+
+
+class _FlowOptions(TypedDict):
+    """Options of the optical flow of Lucas and Kanade: size of a window, and the topmost level of the pyramid."""
+
+    winSize: tuple[int, int]
+    maxLevel: int
+
 
 _WIDTH = 400  # px of the images that are tracked
 _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
-_LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
+_LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
 
 
@@ -72,17 +85,18 @@ def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int,
     return {t: i for i, t in enumerate(recording.image_times(camera.depth_topic).tolist())}
 
 
-def _depth(recording: Recording, camera: CameraCalibration, number: int | None) -> Any:
+def _depth(recording: Recording, camera: CameraCalibration, number: int | None) -> DepthImage | None:
     """(H, W) depth image by its number, m; None without a number."""
     image = None if number is None else recording.images(camera.depth_topic, [number])[0]
     return image.depth if isinstance(image, Depth) else None
 
 
-def _grey(image: Any) -> Any:
+def _grey(image: Image | Depth) -> Grey:
     """A grey image of at most `_WIDTH` pixels across."""
+    assert isinstance(image, Image)
     pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, _WIDTH / pixels.shape[1])
-    return cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 
 class _Features:
@@ -90,9 +104,9 @@ class _Features:
 
     def __init__(self, camera: CameraCalibration) -> None:
         self._camera = camera
-        self._tracked: Any = np.zeros((0, 1, 2), np.float32)
+        self._tracked: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)
 
-    def rotation(self, a: Any, b: Any, depth: Any) -> Array | None:
+    def rotation(self, a: Grey, b: Grey, depth: DepthImage | None) -> Array | None:
         """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
 
         Without motion it is 0; with depth it comes from perspective from n points; otherwise from a rotation alone if
@@ -108,7 +122,7 @@ class _Features:
         """
         if len(self._tracked) < _REPLACED_BELOW:
             corners = cv2.goodFeaturesToTrack(a, _FEATURES, _CORNER_QUALITY, _CORNER_SPACING_PX)
-            self._tracked = np.zeros((0, 1, 2), np.float32) if corners is None else corners
+            self._tracked = np.asarray([] if corners is None else corners, np.float32).reshape(-1, 1, 2)
         if len(self._tracked) < _MIN_TRACKS:
             return None
         tracked, is_found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
@@ -169,14 +183,14 @@ def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | No
     return np.asarray(cv2.Rodrigues(rotation)[0], float) if is_solved and len(inliers) >= _MIN_TRACKS else None
 
 
-def _depth_at(depth: Any, corners: Any, scale: float) -> Array:
+def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> Array:
     """(N,) depths at N features, m; 0 where the camera measured none."""
     at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
     height, width = depth.shape
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
 
 
-def _rays(pixels: Any, camera: CameraCalibration, scale: float) -> Array:
+def _rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) -> Array:
     """(N, 2) normalised image coordinates without distortion."""
     points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
     undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints

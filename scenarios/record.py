@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stridetwin.scenarios import exo_geometry
 from stridetwin.scenarios.metadata import fault_metadata
@@ -98,7 +98,7 @@ def walk_metadata(twin: Twin, rig: Rig) -> dict[str, str]:
     }
 
 
-def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Any] | Sample]:
+def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Sample] | Sample]:
     """Blocks and samples of the twin in the order in which it gives them, with the progress of the walk (0-1)."""
     t_ns = 0
     for blocks in twin.blocks():

@@ -390,7 +390,8 @@ def _part_as_keys(node: object) -> object:
 def _sensor_config(options: BaseModel) -> SensorConfig:
     """Options of a group from its part and the keys that the file sets."""
     values = {name: getattr(options, name) for name in options.model_fields_set}
-    return replace(values.pop("part", SensorConfig()), **values)
+    part: SensorConfig = values.pop("part", SensorConfig())
+    return replace(part, **values)
 
 
 def _sensors_of_names(names: tuple[str, ...]) -> Sensors:

@@ -8,10 +8,11 @@ Zhao et al. 2023.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.locomotion_mode import MODES
 from stridetwin.scenarios.exo_geometry import true_geometry
 from stridetwin.studies.case import ExperimentCase
@@ -23,6 +24,7 @@ from stridetwin.studies.closed_loop.assisted_walk import (
     true_modes_of,
 )
 from stridetwin.studies.closed_loop.recognition import CameraRecognition, LegRecognition
+from stridetwin.studies.result import CaseRow, Collected, LabelledFigures, NoPaper, Result
 from stridetwin.studies.tables import table_lines
 
 WRONG = 0.01
@@ -44,7 +46,30 @@ _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
 """How a variant with exoskeleton knows the modes, and the sensors that this takes."""
 
 
-def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
+class VariantCosts(TypedDict):
+    """One walk in one variant: when it fell, s, and the costs of each mode (`compute_costs`)."""
+
+    fell_at_s: float | None
+    modes: dict[str, dict[str, float]]
+
+
+class AssistanceRow(CaseRow):
+    """The row of a case: what came of each variant, by its key in `VARIANT_NAMES`."""
+
+    ways: dict[str, VariantCosts]
+
+
+class VariantSummary(TypedDict):
+    """Figures of one variant over walks, see `collect`."""
+
+    walks: int
+    fell: int
+    work_j: float | None
+    modes: dict[str, dict[str, float]]
+    gain_share: NotRequired[float | None]
+
+
+def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
     """Simulates one walk in each variant of the assistance.
 
     Args:
@@ -66,7 +91,7 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> dict[str, Any]:
     return case.row(ways=figures)
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary], NoPaper]:
     """Summary over the walks without a fall in any variant.
 
     Returns:
@@ -76,21 +101,23 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
-    summary: dict[str, Any] = {}
+    summary: dict[str, VariantSummary] = {}
+    work_of_way: dict[str, float] = {}
     for way in ways:
         fell = sum(r["ways"][way]["fell_at_s"] is not None for r in results)
         walked_modes = {mode for row in ended for mode in row["ways"][way]["modes"]}
         modes = {mode: _mode_figures(ended, way, mode, "none" in ways) for mode in MODES if mode in walked_modes}
         work = [sum(of["work_j"] for of in r["ways"][way]["modes"].values()) for r in ended]
-        mean = float(np.mean(work)) if work else None
-        summary[way] = {"walks": len(results), "fell": fell, "work_j": mean, "modes": modes}
+        if work:
+            work_of_way[way] = float(np.mean(work))
+        summary[way] = {"walks": len(results), "fell": fell, "work_j": work_of_way.get(way), "modes": modes}
     if ended and {"late", "predicted", "known"} <= set(ways):
-        late, predicted, best = (summary[way]["work_j"] for way in ("late", "predicted", "known"))
+        late, predicted, best = (work_of_way[way] for way in ("late", "predicted", "known"))
         summary["predicted"]["gain_share"] = (late - predicted) / (late - best) if late > best else None
     return {"summary": summary, "paper": {}}
 
 
-def _mode_figures(rows: list[dict[str, Any]], way: str, mode: str, beside_none: bool) -> dict[str, Any]:
+def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: bool) -> dict[str, float]:
     """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %."""
 
     def per_step(way: str, figure: str) -> float:
@@ -99,7 +126,7 @@ def _mode_figures(rows: list[dict[str, Any]], way: str, mode: str, beside_none: 
 
     cuffs = [row["ways"][way]["modes"][mode]["cuff_n"] for row in rows if mode in row["ways"][way]["modes"]]
     work, rest = per_step(way, "work_j"), per_step(way, "rest_j")
-    figures: dict[str, Any] = {"work_j_per_step": work, "rest_j_per_step": rest, "cuff_n": float(np.mean(cuffs))}
+    figures = {"work_j_per_step": work, "rest_j_per_step": rest, "cuff_n": float(np.mean(cuffs))}
     if beside_none:
         bare = per_step("none", "work_j")
         figures["more_than_none_pct"] = 100.0 * (work / bare - 1.0)
@@ -121,15 +148,15 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: Result[dict[str, VariantSummary], NoPaper, AssistanceRow]) -> list[str]:
     """The summary as lines of text: one per variant, with costs and changes by mode."""
     summary = result["summary"]
-    rows = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
+    rows: list[LabelledFigures] = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:
         carried_modes = summary["carried"]["modes"]
         rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in carried_modes.items()}
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
-    share = summary.get("predicted", {}).get("gain_share")
+    share = summary["predicted"].get("gain_share") if "predicted" in summary else None
     return [
         f"{len(result['cases'])} walks of helped_walk; positive work of hips and knees per step, its change against no "
         "exoskeleton, and RMS of the cuffs' forces",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
+from stridetwin.batch.jobs import Row
 from stridetwin.outputs.parameters import ParameterValues
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.faults.faults import Fault
@@ -99,6 +99,6 @@ class ExperimentCase:
         levels = self.setup.design.levels(self.seed) if self.setup else {}
         return {name: int(level.name) if level.name.isdigit() else level.name for name, level in levels.items()}
 
-    def row(self, **figures: Any) -> dict[str, Any]:
+    def row(self, **figures: object) -> Row:
         """Row of the case: `seed`, `physics`, the levels whose turn it is, and the given figures."""
         return {"seed": self.seed, "physics": self.physics, **self.labels, **figures}

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field, StrictInt
 
@@ -38,10 +38,10 @@ _SCENARIO, _FAULTS = "scenario", "faults"
 _RESERVED_COLUMNS = (_SCENARIO, _FAULTS, "seed", "method", "score", "value")
 _MAX_COMBINATIONS = 10_000
 _FAULT = re.compile(r"faults\[(\d+)\]\.?(.*)")
-_Values = dict[str, Any]
+_Values = dict[str, object]
 
 
-def _name_levels(node: Any) -> Any:
+def _name_levels(node: object) -> object:
     """The levels of a factor that a file only names: they set nothing by themselves."""
     return {str(name): {} for name in node} if isinstance(node, list) else node
 
@@ -104,7 +104,7 @@ class FactorLevel:
     name: str
     at: FieldLocation
     variables: tuple[Variable, ...] = ()
-    faults: tuple[Any, ...] = ()
+    faults: tuple[object, ...] = ()
     base: Base | None = None
 
 
@@ -169,7 +169,7 @@ class Design:
         return [combination.with_levels(levels) for combination in self.combinations]
 
 
-def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool = True) -> Design:
+def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cross_faults: bool = True) -> Design:
     """The walks that the keys of a file describe.
 
     Args:
@@ -184,11 +184,14 @@ def read_design(file: DesignFile, data: Any, path: Path, *, cross_faults: bool =
     where = FieldLocation(source=str(path))
     files = NamedFiles(path, "the study's folder")
     named = [NamedBase(scenario=name) for name in file.scenarios]
-    bases = files.bases(named, data.get("scenarios", []), where.key("scenarios"))
+    nodes = data.get("scenarios", [])
+    assert isinstance(nodes, list)  # as validated
+    bases = files.bases(named, nodes, where.key("scenarios"))
     factors = _read_factors(file, files, where)
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
         at, lists = where.key(_FAULTS), data[_FAULTS]
+        assert isinstance(lists, dict)
         factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
     if not bases:
         bases = _first_scenario([*factors.values(), *(levels for _, levels in turns.values())], where)
@@ -290,7 +293,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
         raise errors_in_user_files(error, design.user_files) or _locate(error, base, variables, places) from error
 
 
-def _fill_factors(value: Any, labels: Mapping[str, str], at: FieldLocation) -> Any:
+def _fill_factors(value: object, labels: Mapping[str, str], at: FieldLocation) -> object:
     """A value with `{FACTOR}` in a text replaced by the level of that factor."""
     if not isinstance(value, str) or "{" not in value:
         return value

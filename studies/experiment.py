@@ -6,15 +6,17 @@ hooks name the module that turns one case into a row, and the one that makes the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from types import ModuleType
+from typing import Annotated, Any, cast
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
+from stridetwin.batch.jobs import Row
 from stridetwin.scenarios.built_in import experiments
 from stridetwin.sim.config import TwinConfig
 from stridetwin.streams.errors import StrideTwinError
@@ -23,10 +25,10 @@ from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 from stridetwin.studies.case import ExperimentCase, Setup
 from stridetwin.studies.design import DesignFile, read_design
+from stridetwin.studies.result import AnyResult, Collected
 from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.tables import Column, rows_table
 
-ExperimentResult = dict[str, Any]
 _OF_TABLES = ("study", "tables", "report", "columns", "title", "kind", "estimates")
 """Keys of a file that do not change the rows."""
 
@@ -37,12 +39,12 @@ class Hook(FileModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     module: str
 
-    def load(self) -> Any:
+    def load(self) -> ModuleType:
         """Imports the module."""
         return import_module(f"stridetwin.studies.{self.module}")
 
     @property
-    def arguments(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, object]:
         """The other keys, which are arguments of the module's function."""
         return dict(self.model_extra or {})
 
@@ -108,10 +110,10 @@ class Experiment:
     estimates: int = 1
     adjustable: tuple[str, ...] = ()
     list_configs: Callable[[ExperimentCase], list[TwinConfig]] | None = None
-    run_case: Callable[[ExperimentCase], ExperimentResult]
-    collect: Callable[[list[ExperimentResult]], ExperimentResult]
-    table: Callable[[ExperimentResult], list[str]]
-    report: Callable[[ExperimentResult], str] | None = None
+    run_case: Callable[[ExperimentCase], Row]
+    collect: Callable[[list[Row]], Collected[Mapping[str, object], Mapping[str, object]]]
+    table: Callable[[AnyResult], list[str]]
+    report: Callable[[AnyResult], str] | None = None
 
     def size(self, cases: Sequence[ExperimentCase]) -> Size:
         """What some cases, at least one, take."""
@@ -123,7 +125,7 @@ class Experiment:
                 sampled_configs.append([walk.config for walk in case.walks()] if case.setup is not None else [])
         return size_of(sampled_configs, len(cases), self.estimates + len(cases[0].estimators))
 
-    def result(self, rows: list[ExperimentResult]) -> ExperimentResult:
+    def result(self, rows: list[Row]) -> AnyResult:
         """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
         return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
 
@@ -178,7 +180,7 @@ def read_experiment(path: Path) -> Experiment:
 
 def _read(path: Path) -> dict[str, Any]:
     """Plain data of an experiment's file; the key `like: NAME` adds the keys of another experiment."""
-    data: Any = read_yaml(path)
+    data = cast("dict[str, Any]", read_yaml(path))  # the files are our own
     parent = data.pop("like", None)
     if parent is None:
         return data

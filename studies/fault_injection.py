@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
 
 from stridetwin.sim.faults.faults import Fault, FaultPlan, check_faults
 from stridetwin.streams.rig import Rig
 from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.result import Collected, FaultRow, FiguresT, NoPaper, SummaryT
 
 
 def fault_plans(
@@ -34,8 +34,8 @@ def fault_plans(
 
 
 def summarize_by_fault(
-    results: Sequence[Mapping[str, Any]], figures: Callable[[list[Any]], dict[str, Any]]
-) -> dict[str, Any]:
+    results: Sequence[FaultRow[FiguresT]], figures: Callable[[list[FiguresT]], SummaryT]
+) -> Collected[dict[str, SummaryT], NoPaper]:
     """Summary of a fault study by fault, and an empty `paper`, because no paper has faults.
 
     Args:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.batch.folder import hold_folder
@@ -21,6 +20,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import atomic_file
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.experiment import Experiment, experiment
+from stridetwin.studies.result import AnyResult
 
 _USED = "another process runs an experiment there: expected another folder"
 
@@ -72,7 +72,7 @@ def run_experiment(
     options: ExperimentBatchOptions,
     progress: Progress,
     announce: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+) -> AnyResult:
     """Runs the cases of an experiment.
 
     Args:
@@ -94,7 +94,7 @@ def run_experiment(
     jobs = [_job(study, case) for case in options.cases(study)]
     folder = options.folder
     with hold_folder(folder, lambda: any(folder.glob("seed_*")), _USED) as unfinished:
-        store = RowFiles(folder, unfinished, is_sorted=False)
+        store: RowFiles[Row] = RowFiles(folder, unfinished, is_sorted=False)
         batch = Batch(jobs, store, resume=options.resume)
         stage = f"{name}, {batch.outdated} rows of another version are run again" if batch.outdated else name
         if missing := [job.task.case for job in batch.missing]:

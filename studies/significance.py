@@ -6,9 +6,10 @@ distinct resamples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TypedDict
 
 import numpy as np
 from scipy.special import stdtr, stdtrit
@@ -24,6 +25,18 @@ MIN_SEEDS = 5
 """With fewer walks nothing is called significant."""
 
 
+class IntervalRow(TypedDict):
+    """An `Interval` as a mapping for JSON."""
+
+    mean: float
+    low: float | None
+    high: float | None
+
+
+Sentences = TypedDict("Sentences", {"words": list[str]})  # noqa: UP013  (a key of JSON, not a name in the code)
+"""What a result says in sentences."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Interval:
     """A mean over walks with its 95 % interval.
@@ -37,6 +50,10 @@ class Interval:
     mean: float
     low: float | None = None
     high: float | None = None
+
+    def row(self) -> IntervalRow:
+        """Mean and bounds as a mapping for JSON."""
+        return {"mean": self.mean, "low": self.low, "high": self.high}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,11 +161,13 @@ def missing_test_reason(walks: int) -> str:
     return ""
 
 
-def interval_text(interval: Mapping[str, float | None] | None) -> str:
+def interval_text(interval: IntervalRow | None) -> str:
     """A mean with its interval, where it has one and walks differ; - for None."""
     if interval is None:
         return "-"
-    mean, *ends = (None if interval[key] is None else f"{interval[key]:.4g}" for key in ("mean", "low", "high"))
+    mean, *ends = (
+        None if end is None else f"{end:.4g}" for end in (interval["mean"], interval["low"], interval["high"])
+    )
     return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
 
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from string import Formatter
-from typing import Any
+
+from stridetwin.studies.result import AnyResult, Figures, LabelledFigures
 
 Column = tuple[str, int, str]
 """Header, width, and format string of a row's figures; missing figures print as -, `!m` multiplies by 1000."""
 
 
-def table_lines(
-    columns: Sequence[Column], rows: Iterable[tuple[str, Mapping[str, Any]]], width: int, title: str = ""
-) -> list[str]:
+def table_lines(columns: Sequence[Column], rows: Iterable[LabelledFigures], width: int, title: str = "") -> list[str]:
     """Lines of text: the header, then one line per row.
 
     Args:
@@ -28,8 +27,8 @@ def table_lines(
 def rows_table(
     title: str,
     columns: Sequence[Column],
-    rows: Callable[[Mapping[str, Any]], Iterable[tuple[str, Mapping[str, Any]]]] | None,
-    result: Mapping[str, Any],
+    rows: Callable[[AnyResult], Iterable[LabelledFigures]] | None,
+    result: AnyResult,
 ) -> list[str]:
     """Lines of text: a title, walks that ended by a fall if the cases name them (`fell`), and one line per row.
 
@@ -39,15 +38,23 @@ def rows_table(
         rows: From the result to the label and figures of each row; None takes its `summary`.
         result: Of an experiment.
     """
-    lines = title.format(count=len(result["cases"])).splitlines()
-    if "fell" in result["cases"][0]:
-        fell = [f"{walk} {case['seed']}" for case in result["cases"] for walk in case["fell"]]
+    cases = result["cases"]
+    lines = title.format(count=len(cases)).splitlines()
+    if "fell" in cases[0]:
+        fell = [f"{walk} {case['seed']}" for case in cases for walk in _to_list(case["fell"])]
         lines.append(f"walks that ended by a fall: {', '.join(fell) or 'none'}")
-    figures = list(rows(result) if rows else result["summary"].items())
+    summary = [(label, figures) for label, figures in result["summary"].items() if isinstance(figures, Mapping)]
+    figures = list(rows(result)) if rows else summary
     return [*lines, *table_lines(columns, figures, max(len(label) for label, _ in figures) + 2)]
 
 
-def _line(columns: Sequence[Column], figures: Mapping[str, Any]) -> str:
+def _to_list(value: object) -> list[object]:
+    """A value of a row that is a list."""
+    assert isinstance(value, list)
+    return value
+
+
+def _line(columns: Sequence[Column], figures: Figures) -> str:
     """The cells of one row as text; a row with `error` says how often the estimator refused."""
     if "error" in figures:
         return f"{figures['refused']} of {figures['of']} refused: {figures['error']}"
@@ -57,20 +64,23 @@ def _line(columns: Sequence[Column], figures: Mapping[str, Any]) -> str:
 class _Cell(Formatter):
     """Formats lists value by value, and a missing value as -."""
 
-    def get_field(self, field_name: str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+    def get_field(self, field_name: str, args: Sequence[object], kwargs: Mapping[str, object]) -> object:
         """The value of a field of a row, and its name; None in place of a value that is missing."""
         try:
             return super().get_field(field_name, args, kwargs)
         except (KeyError, TypeError):
             return None, field_name
 
-    def convert_field(self, value: Any, conversion: str | None) -> Any:
+    def convert_field(self, value: object, conversion: str | None) -> object:
         """The value after a conversion; `!m` multiplies it, or each value of a list, by 1000."""
         if conversion != "m":
             return super().convert_field(value, conversion)
-        return None if value is None else [1e3 * v for v in value] if isinstance(value, list) else 1e3 * value
+        if value is None or isinstance(value, list):
+            return None if value is None else [1e3 * v for v in value]
+        assert isinstance(value, (int, float))
+        return 1e3 * value
 
-    def format_field(self, value: Any, format_spec: str) -> str:
+    def format_field(self, value: object, format_spec: str) -> str:
         """The value as text: the values of a list one after the other, and - for a missing one."""
         if isinstance(value, list):
             return " ".join(format(v, format_spec) for v in value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import starmap
-from typing import Any
 
 from stridetwin.estimators.gait_phase import PhaseEstimate
 from stridetwin.outputs.csv_tables import LiveTable, csv_row
@@ -27,7 +26,7 @@ def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool,
 class LivePhases(LiveTable):
     """Gait phases in `live`: one row per sample, and a table of all rows at the end."""
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """The row of an estimate as text; None for anything else."""
         if not isinstance(estimate, PhaseEstimate):
             return None

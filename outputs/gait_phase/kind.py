@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
-from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.base import AnyEstimator, Declaration
+from stridetwin.estimators.gait_phase import PhaseEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
     Collector,
@@ -35,6 +37,9 @@ from stridetwin.outputs.rerun_curves import log_curves
 from stridetwin.outputs.truth import FOOTPRINTS, true_footprints
 from stridetwin.streams.recording.reader import Recording
 
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
 
 class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     """Gait phases of the legs, one table per leg."""
@@ -43,11 +48,11 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     scores: ClassVar[tuple[Score, ...]] = SCORES
 
     def collector(
-        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+        self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PhaseSeries]:
         """Collects every phase of the instance's foot."""
         foot = instance.options.foot
-        return EveryEstimate(f"{instance.declaration.name}_{foot}", partial(to_phase_series, foot=foot))
+        return EveryEstimate(f"{instance.declaration.name}_{foot}", PhaseEstimate, partial(to_phase_series, foot=foot))
 
     def has_truth(self, recording: Recording) -> bool:
         """Whether the recording has true footprints."""
@@ -85,7 +90,9 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
         """A view of the phases over time."""
         return {"phase": ("series", "gait phase")}
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedPhases], recording: Recording) -> None:
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedPhases], recording: Recording
+    ) -> None:
         """Logs the phase of each leg over time as `phase/NAME`."""
         for evaluation in evaluations:
             series = evaluation.estimates

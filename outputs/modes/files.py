@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -142,9 +141,9 @@ class LiveModes(LiveTable):
         super().__init__(MODE_COLUMNS, file)
         self._steps = CompletedSteps()
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """The row of the next step in an estimate, and keeps the last prediction of a step that it completes."""
-        if estimate is None:
+        if not isinstance(estimate, ModeEstimate):
             return None
         if (completed := self._steps.add(estimate)) is not None:
             self.keep(len(self._kept), mode_cells(completed))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
-from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.base import AnyEstimator, Declaration
 from stridetwin.estimators.locomotion_mode import ModeEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
@@ -27,6 +28,9 @@ from stridetwin.outputs.feeding import Instance
 from stridetwin.outputs.modes.files import MODE_COLUMNS, LiveModes, find_completed_steps, mode_cells
 from stridetwin.outputs.modes.scores import SCORES, ModeScores, score_modes, scores_of_walk
 from stridetwin.streams.recording.reader import Recording
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,14 +68,14 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     options: ClassVar[frozenset[str]] = frozenset({"poses"})
 
     def collector(
-        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+        self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[ModeRun]:
         """Collects every prediction, with the walk beside the truth."""
 
         def pack(estimates: list[ModeEstimate]) -> ModeRun:
             return ModeRun(estimates=estimates, walk=walk)
 
-        return EveryEstimate(instance.declaration.name, pack)
+        return EveryEstimate(instance.declaration.name, ModeEstimate, pack)
 
     def evaluate(
         self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
@@ -110,7 +114,9 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
             return {}
         return {"modes/predicted": ("text", "prediction"), "modes/probability": ("series", "next step")}
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedModes], recording: Recording) -> None:
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedModes], recording: Recording
+    ) -> None:
         """Logs the true and the predicted footprints, and the modes, of the first estimator."""
         from stridetwin.outputs.modes.rerun import log_modes
 

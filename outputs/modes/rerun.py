@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from stridetwin.outputs.route_figures import outline
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.streams.samples import Array, Footprint
 
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
 STEPS, MODE = "world/steps", "modes"
 _STEPS_HZ = 5.0
 _TRUE = (240, 244, 248)
@@ -24,14 +28,14 @@ _ABOVE_M = 0.01
 """How far lines lie above the ground, so that they are seen."""
 
 
-def log_modes(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
+def log_modes(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
     """Logs `world/steps/{true,predicted,ellipses}`, `modes/probability/MODE` and `modes/predicted` over time."""
     _log_footprints(rerun, stream, walk.footprints)
     _log_steps(rerun, stream, estimates, walk)
     _log_probabilities(rerun, stream, [e for e in estimates if e.steps])
 
 
-def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> None:
+def _log_footprints(rerun: ModuleType, stream: RecordingStream, footprints: list[Footprint]) -> None:
     """Logs the outlines of the true footprints, each from its touch-down on."""
     outlines = [
         _close_outline(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints
@@ -41,7 +45,7 @@ def _log_footprints(rerun: Any, stream: Any, footprints: list[Footprint]) -> Non
         stream.log(f"{STEPS}/true", rerun.LineStrips3D(outlines[: i + 1], colors=[_TRUE], radii=[0.005]))
 
 
-def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
+def _log_steps(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
     """Logs the predicted steps and their 95 % ellipses in the true world, at `_STEPS_HZ`."""
     for estimate in _thin_out(estimates):
         alignment = walk.alignment.at(estimate.t_ns)
@@ -59,7 +63,7 @@ def _log_steps(rerun: Any, stream: Any, estimates: list[ModeEstimate], walk: Ali
         stream.log(f"{STEPS}/ellipses", lines)
 
 
-def _log_probabilities(rerun: Any, stream: Any, estimates: list[ModeEstimate]) -> None:
+def _log_probabilities(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate]) -> None:
     """Logs the probability of each mode of the next step, and the prediction as text where it changes."""
     if not estimates:
         return

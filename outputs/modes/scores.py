@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -153,6 +153,13 @@ class ScoredMode:
         return len(self.allowed) > 1
 
 
+class ModeRows(TypedDict):
+    """The scores of one walk for JSON: the fields of each `ScoredMode` and each `ScoredChange`; NaN is null."""
+
+    steps: list[dict[str, object]]
+    approaches: list[dict[str, object]]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeScores:
     """Scores of one walk: its steps and the terrain changes that were approached, in order."""
@@ -161,7 +168,7 @@ class ModeScores:
     approaches: list[ScoredChange] = field(default_factory=list)
 
     @classmethod
-    def of(cls, rows: Mapping[str, Any]) -> ModeScores:
+    def of(cls, rows: ModeRows) -> ModeScores:
         """Restores the scores from the result of `rows`, which JSON may have stored."""
         steps = [_from_json(row) for row in rows["steps"]]
         for row in steps:
@@ -171,17 +178,17 @@ class ModeScores:
             approaches=[ScoredChange(**_from_json(row)) for row in rows["approaches"]],
         )
 
-    def rows(self) -> dict[str, list[dict[str, Any]]]:
+    def rows(self) -> ModeRows:
         """The scores as rows of `steps` and `approaches` for JSON; NaN becomes null."""
         return {"steps": [_to_json(s) for s in self.steps], "approaches": [_to_json(a) for a in self.approaches]}
 
 
-def _to_json(scored: ScoredMode | ScoredChange) -> dict[str, Any]:
+def _to_json(scored: ScoredMode | ScoredChange) -> dict[str, object]:
     """A scored step or change as plain values; NaN becomes None."""
     return {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(scored).items()}
 
 
-def _from_json(row: Mapping[str, Any]) -> dict[str, Any]:
+def _from_json(row: Mapping[str, object]) -> dict[str, Any]:
     """The values of a row; None becomes NaN."""
     return {k: math.nan if v is None else v for k, v in row.items()}
 
@@ -278,7 +285,62 @@ _MAX_OBSERVED_SD = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(
 """A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
 
-def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
+class LeadTimes(TypedDict):
+    """Median and 5th percentile of lead times, s; None without steps."""
+
+    median: float | None
+    p5: float | None
+
+
+class FootprintErrors(TypedDict):
+    """RMS errors of predicted footprints along the route and across it, m; None without any."""
+
+    forward: float | None
+    left: float | None
+
+
+class SizeFigures(TypedDict):
+    """Share of the changes where a size was observed, not guessed, and RMS errors of those and of all."""
+
+    seen_pct: float | None
+    rmse: float | None
+    all_rmse: float | None
+
+
+class ChangeFigures(TypedDict):
+    """Figures of predicted terrain changes over walks, see `mode_figures`."""
+
+    changes: int
+    changes_found_pct: float | None
+    begins_found_pct: float | None
+    distance_median_mm: dict[str, float | None]
+    riser_rmse_mm: float | None
+    tread_rmse_mm: float | None
+    slope_rmse_deg: float | None
+    sizes: dict[str, dict[str, SizeFigures]]
+    inside_95_pct: float | None
+    distance_inside_95_pct: float | None
+
+
+class ModeFigures(ChangeFigures):
+    """Figures of predicted modes over walks, see `mode_figures`."""
+
+    accuracy_pct: float | None
+    strict_accuracy_pct: float | None
+    straddling_pct: float | None
+    transition_accuracy_pct: float | None
+    accuracy_by_mode_pct: dict[str, float | None]
+    confusion: dict[str, dict[str, int]]
+    lead_time_s: LeadTimes
+    transition_lead_time_s: LeadTimes
+    footprint_rmse_m: FootprintErrors
+    footprint_steady_rmse_m: FootprintErrors
+    calibration_error: float | None
+    steps: int
+    transitions: int
+
+
+def mode_figures(walks: Iterable[ModeScores]) -> ModeFigures:
     """Figures over walks, ready for JSON; None for undefined ones.
 
     Returns:
@@ -315,13 +377,13 @@ def mode_figures(walks: Iterable[ModeScores]) -> dict[str, Any]:
     }
 
 
-def _lead_times(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+def _lead_times(steps: Sequence[ScoredMode]) -> LeadTimes:
     """Median and 5th percentile of the lead times, s."""
     lead_s = [step.lead_s for step in steps]
     return {"median": _quantile(lead_s, 50), "p5": _quantile(lead_s, 5)}
 
 
-def _footprint_rmse(steps: Sequence[ScoredMode]) -> dict[str, float | None]:
+def _footprint_rmse(steps: Sequence[ScoredMode]) -> FootprintErrors:
     """RMS errors of the footprints, forward and sideways, m."""
     return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
@@ -340,7 +402,7 @@ def _steady_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
     return steady
 
 
-def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
+def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
     """Figures of the predicted terrain changes, see `mode_figures`."""
     kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
     median = {
@@ -372,7 +434,7 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> dict[str, float | None]:
+def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> SizeFigures:
     """Figures of one size over some changes.
 
     Args:
@@ -457,21 +519,17 @@ def scores_of_walk(modes: ModeScores) -> Scores:
     """
     figures = mode_figures([modes])
     flat = {
-        name: figures[name]
-        for name in (
-            "accuracy_pct",
-            "strict_accuracy_pct",
-            "straddling_pct",
-            "transition_accuracy_pct",
-            "changes_found_pct",
-            "riser_rmse_mm",
-            "tread_rmse_mm",
-            "slope_rmse_deg",
-            "calibration_error",
-            "steps",
-            "transitions",
-        )
-    } | {
+        "accuracy_pct": figures["accuracy_pct"],
+        "strict_accuracy_pct": figures["strict_accuracy_pct"],
+        "straddling_pct": figures["straddling_pct"],
+        "transition_accuracy_pct": figures["transition_accuracy_pct"],
+        "changes_found_pct": figures["changes_found_pct"],
+        "riser_rmse_mm": figures["riser_rmse_mm"],
+        "tread_rmse_mm": figures["tread_rmse_mm"],
+        "slope_rmse_deg": figures["slope_rmse_deg"],
+        "calibration_error": figures["calibration_error"],
+        "steps": figures["steps"],
+        "transitions": figures["transitions"],
         "lead_median_s": figures["lead_time_s"]["median"],
         "lead_p5_s": figures["lead_time_s"]["p5"],
         "transition_lead_median_s": figures["transition_lead_time_s"]["median"],

@@ -10,12 +10,11 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stridetwin.estimators.base import TRACKING, Declaration, Estimator, PathEstimate
+from stridetwin.estimators.base import TRACKING, AnyEstimator, Declaration, PathEstimate
 from stridetwin.outputs.base import LiveOutput, part_file
 from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.path.run import pose_of
@@ -113,7 +112,7 @@ class LivePaths(LiveOutput):
         self._out = {part: partial_path(path).open("w", encoding="ascii") for part, path in self._files.items()}
         self._rows: Counter[str] = Counter()
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """The row of a pose, prefixed with its part if there are several."""
         if (pose := pose_of(estimate, self._name)) is None:
             return None
@@ -127,7 +126,7 @@ class LivePaths(LiveOutput):
             self._rows[part] += 1
         return f"{part} {row}".lstrip()
 
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
+    def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
         """Moves the written files to their places; returns the number of poses in each."""
         for part, file in self._files.items():
             self._out[part].close()

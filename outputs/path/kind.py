@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar
 
-from stridetwin.estimators.base import Declaration, Estimator, PathEstimate, Progress
+from stridetwin.estimators.base import AnyEstimator, Declaration, PathEstimate, Progress
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import Collector, FileOptions, LiveOutput, Output, OutputKind, ReportParts, Score, Written
 from stridetwin.outputs.feeding import Instance
@@ -15,6 +16,9 @@ from stridetwin.outputs.path.files import LivePaths, write_path
 from stridetwin.outputs.path.run import PathCollector, run_paths
 from stridetwin.outputs.path.scores import SCORES
 from stridetwin.streams.recording.reader import Recording
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 
 class Paths(OutputKind[PathEstimate, Result]):
@@ -26,7 +30,7 @@ class Paths(OutputKind[PathEstimate, Result]):
     suffix: ClassVar[str] = ".txt"
 
     def collector(
-        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+        self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PathEstimate]:
         """Collects the poses, one path per frame."""
         return PathCollector(instance, instance.options.source)
@@ -68,7 +72,9 @@ class Paths(OutputKind[PathEstimate, Result]):
         """A view of the position errors over time."""
         return {"error_mm": ("series", "position error, mm")}
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[Result], recording: Recording) -> None:
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[Result], recording: Recording
+    ) -> None:
         """Logs the true and the estimated paths as lines, and the errors over time."""
         from stridetwin.outputs.path.rerun import log_paths
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 from markupsafe import Markup
 
@@ -44,7 +45,7 @@ _CARDS = (
         "mostly near 100, and sometimes far lower",
     ),
 )
-_PUBLISHED_WALKS = (
+_PUBLISHED_WALKS: tuple[tuple[Literal["jao_straight_53m", "jao_loop_126m"], str, float], ...] = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
     ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
 )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,10 +12,13 @@ from stridetwin.outputs.path.evaluate import Result
 from stridetwin.outputs.path.figures import part_of
 from stridetwin.outputs.rerun_curves import log_curves
 
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
 _COLORS = {"l": (11, 107, 203), "r": (217, 72, 15), "camera": (95, 61, 196), "truth": (70, 84, 104)}
 
 
-def log_paths(rerun: Any, stream: Any, results: Sequence[Result]) -> None:
+def log_paths(rerun: ModuleType, stream: RecordingStream, results: Sequence[Result]) -> None:
     """Logs each path as lines, `world/NAME/{truth,estimate}`, and its error over time, `error_mm/NAME`."""
     for result in results:
         for entity, path, color in (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Container
 from inspect import signature
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from stridetwin.streams.samples import Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 
 
-def pose_of(estimate: Any, source: str = "estimator") -> Pose | None:
+def pose_of(estimate: object, source: str = "estimator") -> Pose | None:
     """The pose in what the `update` of an estimator of paths returned; None without a pose.
 
     Args:
@@ -49,7 +48,7 @@ class PathCollector(Collector[PathEstimate]):
         self._instance, self._source = instance, source
         self._poses: dict[str, list[Pose]] = {}
 
-    def add(self, sample: Sample, estimate: Any) -> None:
+    def add(self, sample: Sample, estimate: object) -> None:
         """Keeps the pose of an estimate, if it has one."""
         if (pose := pose_of(estimate, self._instance.estimator_class.__name__)) is not None:
             self._poses.setdefault(pose.frame, []).append(pose)

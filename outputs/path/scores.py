@@ -10,7 +10,7 @@ about the vertical. A closed loop hides a wrong scale and wrong extrinsics; the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,7 +245,29 @@ class OdometryPath:
     healthy: NDArray[np.bool_]
 
 
-def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
+class ConsistencyFigures(TypedDict, total=False):
+    """NEES of a position, which only a path with covariance has."""
+
+    nees_mean: float
+    nees_within_95_pct: float
+
+
+class DriftFigures(ConsistencyFigures):
+    """Drift and failure of an odometry on one walk, see `drift_figures`."""
+
+    failure: str
+    unhealthy_s: float
+    recovered: bool
+    loop_drift_m: NotRequired[float]
+    loop_drift_xyz_m: NotRequired[list[float]]
+    ape_rmse_m: NotRequired[float]
+    rpe_5m_pct: NotRequired[float | None]
+    height_rmse_m: NotRequired[float]
+    climb_error_m: NotRequired[float | None]
+    coverage_pct: NotRequired[float]
+
+
+def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
     """Drift and failure of an odometry on one walk, from its first healthy pose on, ready for JSON.
 
     Args:
@@ -267,9 +289,9 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
     if inside.sum() < 2:
         return {"failure": "silent", "unhealthy_s": 0.0, "recovered": False}
     steps = np.diff(path.t_ns, append=path.t_ns[-1]) * 1e-9
-    states: dict[str, Any] = {"unhealthy_s": float(steps[~healthy].sum()), "recovered": bool(healthy[-1])}
+    unhealthy_s = float(steps[~healthy].sum())
     if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
-        return {"failure": "not finite", **states, "recovered": False}
+        return {"failure": "not finite", "unhealthy_s": unhealthy_s, "recovered": False}
     from_start, from_fit = compare(path, truth, "start"), compare(path, truth, "yaw")
     error = from_start.error_m
     distances = np.linalg.norm(from_fit.error_m, axis=1)
@@ -277,7 +299,8 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> dict[str, Any]:
     is_off = max(float(distances.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M
     return {
         "failure": "lost" if not healthy.all() else "off" if is_off else "",
-        **states,
+        "unhealthy_s": unhealthy_s,
+        "recovered": bool(healthy[-1]),
         "loop_drift_m": float(np.linalg.norm(error[-1])),
         "loop_drift_xyz_m": error[-1].tolist(),
         "ape_rmse_m": float(np.sqrt(np.mean(distances**2))),
@@ -302,7 +325,7 @@ def climb_errors_m(comparison: PathComparison) -> Array:
     return error[np.abs(true_gain) > CLIMB_M]
 
 
-def _consistency(comparison: PathComparison) -> dict[str, float]:
+def _consistency(comparison: PathComparison) -> ConsistencyFigures:
     """Mean NEES of the position, 3 if consistent, and share within the 95 % bound, %; empty without a covariance."""
     if comparison.estimate.covariance is None:
         return {}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.outputs.csv_tables import LiveTable, csv_row
 
@@ -43,9 +41,9 @@ def step_cells(estimate: StepEstimate) -> tuple[str, ...]:
 class LiveSteps(LiveTable):
     """Formats step estimates in `live`: a row for each, and in the end a table of the last estimate of each step."""
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """The row of an estimate as text; None for step 0, at which the person stands."""
-        if estimate is None or estimate.step <= 0:
+        if not isinstance(estimate, StepEstimate) or estimate.step <= 0:
             return None
         row = step_cells(estimate)
         self.keep(estimate.step, row)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.base import AnyEstimator, Declaration
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
@@ -37,9 +37,9 @@ class StepCollector(Collector[list[StepEstimate]]):
         self._name = name
         self._last: dict[int, StepEstimate] = {}
 
-    def add(self, sample: Sample, estimate: Any) -> None:
+    def add(self, sample: Sample, estimate: object) -> None:
         """Keeps the estimate of a step in the place of an earlier one."""
-        if estimate is not None and estimate.step > 0:
+        if isinstance(estimate, StepEstimate) and estimate.step > 0:
             self._last[estimate.step] = estimate
 
     def outputs(self) -> list[Output[list[StepEstimate]]]:
@@ -59,7 +59,7 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
     options: ClassVar[frozenset[str]] = frozenset({"exoskeleton"})
 
     def collector(
-        self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None
+        self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[list[StepEstimate]]:
         """Collects the last estimate of each step."""
         return StepCollector(instance.declaration.name)

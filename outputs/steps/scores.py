@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 
 from stridetwin.estimators.contact_terrain import UNKNOWN, StepEstimate
 from stridetwin.outputs.alignment import vertical_rotation
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
-from stridetwin.streams.samples import Footprint
+from stridetwin.streams.samples import Array, Footprint
 
 _EARLY_NS = 100_000_000
 _STANDING = 2  # the first footprints are the initial ones of both feet
@@ -32,6 +32,22 @@ SCORES = (
     Score(name="steps", scale=DESCRIPTIVE),
 )
 """The scores of estimated steps; see `step_scores`."""
+
+
+class StepRow(TypedDict):
+    """A `ScoredStep` as a mapping for JSON, which turns its tuples into lists."""
+
+    mode: str
+    slope: float
+    elevation: float
+    place: tuple[float, ...]
+    estimated_mode: str
+    estimated_slope: float
+    estimated_elevation: float
+    estimated_place: tuple[float, ...]
+    slope_sd: float | None
+    elevation_sd: float | None
+    probability: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +95,21 @@ class ScoredStep:
         """Estimated minus true elevation, m."""
         return self.estimated_elevation - self.elevation
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> StepRow:
         """The step as a mapping for JSON; `ScoredStep(**row)` restores it."""
-        return asdict(self)
+        return {
+            "mode": self.mode,
+            "slope": self.slope,
+            "elevation": self.elevation,
+            "place": self.place,
+            "estimated_mode": self.estimated_mode,
+            "estimated_slope": self.estimated_slope,
+            "estimated_elevation": self.estimated_elevation,
+            "estimated_place": self.estimated_place,
+            "slope_sd": self.slope_sd,
+            "elevation_sd": self.elevation_sd,
+            "probability": self.probability,
+        }
 
 
 def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> list[ScoredStep]:
@@ -142,16 +170,16 @@ def _score_step(print_: Footprint, before: Footprint, estimate: StepEstimate | N
         estimate: The step's estimate; None for a missed step.
     """
     w, x, y, z = print_.q_world_foot
-    true: dict[str, Any] = {
-        "mode": print_.mode,
-        "slope": float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis above the horizontal
-        "elevation": float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
-        "place": tuple(print_.p_foot_in_world.tolist()),
-    }
+    missed_step = ScoredStep(
+        mode=print_.mode,
+        slope=float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis above the horizontal
+        elevation=float(print_.p_foot_in_world[2] - before.p_foot_in_world[2]),
+        place=tuple(print_.p_foot_in_world.tolist()),
+    )
     if estimate is None:
-        return ScoredStep(**true)
-    return ScoredStep(
-        **true,
+        return missed_step
+    return replace(
+        missed_step,
         estimated_mode=estimate.mode,
         estimated_slope=float(estimate.slope),
         estimated_elevation=float(estimate.elevation),
@@ -275,12 +303,12 @@ def _inside_95(matched: Sequence[ScoredStep]) -> dict[str, float]:
     return {"slope_in_95_pct": percent(slope), "elevation_in_95_pct": percent(elevation)}
 
 
-def _rms(values: Any) -> float:
+def _rms(values: Sequence[float] | Array) -> float:
     """Root mean square; 0 without values."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
-def percent(values: Iterable[Any]) -> float:
+def percent(values: Iterable[object]) -> float:
     """Share of true values, %; 0 for an empty input."""
     answers = list(values)
     return 100.0 * sum(map(bool, answers)) / len(answers) if answers else 0.0

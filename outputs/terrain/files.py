@@ -4,24 +4,39 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stridetwin.estimators.base import Estimator
+from stridetwin.estimators.base import AnyEstimator
 from stridetwin.estimators.terrain_map import Plane, Ramp, Stairs, Terrain, TerrainEstimate, TerrainMap
 from stridetwin.outputs.base import LiveOutput
 from stridetwin.outputs.terrain.grid import GroundGrid
 from stridetwin.streams.errors import RecordingError, explain_import_error
 from stridetwin.streams.files import atomic_file, to_json
+from stridetwin.streams.samples import Array
+
+if TYPE_CHECKING:
+    import trimesh
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
-def terrain_document(estimate: TerrainEstimate) -> dict[str, Any]:
+class TerrainDocument(TypedDict):
+    """Planes and terrains of a map for a JSON file: m, degrees, world axes; unknown values are null."""
+
+    t_s: float
+    p_camera_in_world_m: list[float | None]
+    planes: list[dict[str, object]]
+    terrains: list[dict[str, object]]
+
+
+def terrain_document(estimate: TerrainEstimate) -> TerrainDocument:
     """Planes and terrains for a JSON file: m, degrees, world axes; unknown values are null."""
     return {
         "t_s": estimate.t_ns * 1e-9,
@@ -71,12 +86,14 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     scene.add_geometry(_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
     if (surfaces := terrain_map.mesh()) is not None:
-        mesh: Any = trimesh.Trimesh(*surfaces, process=False)
-        files[file.with_name(f"{file.stem}_mesh.ply")] = bytes(mesh.export(file_type="ply"))
+        mesh = trimesh.Trimesh(*surfaces, process=False)
+        content = mesh.export(file_type="ply")
+        assert isinstance(content, bytes)
+        files[file.with_name(f"{file.stem}_mesh.ply")] = content
     return files
 
 
-def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> Any:
+def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.Trimesh:
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
@@ -104,7 +121,7 @@ def _terrain_name(terrain: Terrain | None) -> str:
     return "none" if terrain is None else type(terrain).__name__.lower()
 
 
-def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
+def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
     """A plane as plain values for the JSON file."""
     return {
         "id": plane.id,
@@ -119,7 +136,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, Any]:
     }
 
 
-def _terrain(terrain: Terrain) -> dict[str, Any]:
+def _terrain(terrain: Terrain) -> dict[str, object]:
     """Stairs, a ramp or level ground as plain values for the JSON file."""
     if isinstance(terrain, Stairs):
         sd = np.sqrt(np.diag(terrain.covariance))
@@ -140,7 +157,7 @@ def _terrain(terrain: Terrain) -> dict[str, Any]:
             "risers_m": _to_list(terrain.risers),
             "across_m": _to_list(terrain.across),
         }
-    fields: dict[str, Any] = {"type": _terrain_name(terrain), "id": terrain.id, "planes": [terrain.plane]}
+    fields: dict[str, object] = {"type": _terrain_name(terrain), "id": terrain.id, "planes": [terrain.plane]}
     if isinstance(terrain, Ramp):
         fields |= {
             "slope_deg": math.degrees(terrain.slope),
@@ -155,12 +172,12 @@ def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _to_list(values: Any) -> list[float | None]:
+def _to_list(values: Iterable[float]) -> list[float | None]:
     """Numbers as a list for JSON, with None in place of those that are not finite."""
     return [_finite_or_none(v) for v in values]
 
 
-def _write_ply(points: Any, kinds: list[str], plane: Any, file: Path) -> None:
+def _write_ply(points: Array, kinds: list[str], plane: NDArray[np.int64], file: Path) -> None:
     """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id."""
     columns = [
         ("x", "<f4"),
@@ -191,11 +208,13 @@ class LiveTerrain(LiveOutput):
     def __init__(self, file: Path | None) -> None:
         self._file = file
 
-    def add(self, estimate: Any) -> str | None:
+    def add(self, estimate: object) -> str | None:
         """A new map as one line of JSON; None without one."""
-        return None if estimate is None else json.dumps(terrain_document(estimate), allow_nan=False)
+        if not isinstance(estimate, TerrainEstimate):
+            return None
+        return json.dumps(terrain_document(estimate), allow_nan=False)
 
-    def finish(self, estimator: Estimator) -> dict[Path, int]:
+    def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
         """Writes the files of the last map; returns the number of planes for each."""
         if self._file is None:
             return {}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from types import ModuleType
+from typing import TYPE_CHECKING, ClassVar, cast
 
-from stridetwin.estimators.base import Declaration, Estimator
+from stridetwin.estimators.base import AnyEstimator, Declaration
 from stridetwin.estimators.terrain_map import TerrainMap
 from stridetwin.outputs.aligned_walk import AlignedWalk
 from stridetwin.outputs.base import (
@@ -26,6 +27,9 @@ from stridetwin.outputs.terrain.run import MapCollector, MapRun, SampledMap
 from stridetwin.outputs.terrain.scores import SCORES, map_figures
 from stridetwin.streams.recording.reader import Recording
 
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
 EvaluatedMap = Evaluated[SampledMap]
 """What was sampled of a map during the walk."""
 
@@ -39,7 +43,9 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     options: ClassVar[frozenset[str]] = frozenset({"poses", "mesh"})
     suffix: ClassVar[str] = ".json"
 
-    def collector(self, estimator: Estimator, instance: Instance, walk: AlignedWalk | None = None) -> Collector[MapRun]:
+    def collector(
+        self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
+    ) -> Collector[MapRun]:
         """Collects the map at the end, and samples of it where the truth is known."""
         return MapCollector(instance.declaration.name, cast("TerrainMap", estimator), walk)
 
@@ -57,10 +63,10 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
         """Writes planes and terrains as JSON, the ground as PLY, and meshes on request."""
         terrain_map = output.estimates.terrain_map
         files = write_terrain(terrain_map, file, mesh=options.mesh)
-        content = terrain_document(terrain_map.estimate) if terrain_map.estimate else {"planes": [], "terrains": []}
-        types = [terrain["type"] for terrain in content["terrains"]]
+        estimate = terrain_map.estimate
+        types = [terrain["type"] for terrain in terrain_document(estimate)["terrains"]] if estimate else []
         counts = ", ".join(f"{types.count(name)} {name}" for name in ("level", "ramp", "stairs"))
-        planes = len(content["planes"])
+        planes = len(estimate.planes) if estimate else 0
         return Written(files=files, rows=planes, lines=[f"{files[0]}: {planes} planes; {counts}"])
 
     def is_empty(self, output: Output[MapRun]) -> bool:
@@ -77,7 +83,9 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
 
         return ReportParts(figures=terrain_section(evaluations[0].estimates, evaluations[0].scores))
 
-    def log_rerun(self, rerun: Any, stream: Any, evaluations: Sequence[EvaluatedMap], recording: Recording) -> None:
+    def log_rerun(
+        self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedMap], recording: Recording
+    ) -> None:
         """Logs the ground of the first map, its planes and edges, over time."""
         from stridetwin.outputs.terrain.rerun import log_ground
 

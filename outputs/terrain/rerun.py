@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from stridetwin.outputs.terrain.grid import CLASS_COLORS, CLASS_NAMES, GROUND_CLASSES
 from stridetwin.outputs.terrain.snapshots import Snapshot
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
 
 GROUND = "world/ahead"
 _INK = (15, 28, 46)
@@ -14,7 +18,7 @@ _ABOVE_M = 0.01
 """How far lines lie above the ground, so that they are seen."""
 
 
-def log_ground(rerun: Any, stream: Any, snapshots: Sequence[Snapshot]) -> None:
+def log_ground(rerun: ModuleType, stream: RecordingStream, snapshots: Sequence[Snapshot]) -> None:
     """Logs the ground over time, `world/ahead/{ground,planes,edges}`, with a colour per class."""
     classes = [
         rerun.AnnotationInfo(id=i, label=CLASS_NAMES.get(name, name), color=CLASS_COLORS[i])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -60,7 +59,7 @@ class MapCollector(Collector[MapRun]):
         self._name, self._map = name, terrain_map
         self._sampler = None if walk is None else _MapSampler(terrain_map, walk)
 
-    def add(self, sample: Sample, estimate: Any) -> None:
+    def add(self, sample: Sample, estimate: object) -> None:
         """Samples the map after a depth image."""
         if self._sampler is not None and isinstance(sample, Depth):
             self._sampler.sample(sample.t_ns)

@@ -132,7 +132,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
         over &= offset @ np.cross(normal, along) >= 0.0
         share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
         sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))
-    return np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0))
+    return np.asarray(np.where(over, np.abs((points - a) @ normal), np.min(sides, axis=0)))
 
 
 def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:

@@ -6,9 +6,10 @@ Files that a campaign names must be in its folder or below it. The output folder
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, Discriminator, Field, StrictInt, Tag
 
@@ -92,7 +93,7 @@ class Group:
     names: tuple[str, ...] = ()
     at: FieldLocation = _NOWHERE
 
-    def with_position(self, node: dict[str, Any], at: FieldLocation) -> Group:
+    def with_position(self, node: Iterable[str], at: FieldLocation) -> Group:
         """The group with its position, and its keys in the order of the file, which is that of the draws."""
         return replace(self, body={key: self.body[key] for key in node if key in self.body}, at=at)
 
@@ -101,7 +102,7 @@ class Group:
         """Keys of a person that vary between the members."""
         return tuple(key for key, distribution in self.body.items() if not isinstance(distribution, Fixed))
 
-    def person(self, quantiles: dict[str, float]) -> dict[str, Any]:
+    def person(self, quantiles: Mapping[str, float]) -> dict[str, object]:
         """A member of the group, in the form of a scenario file's person.
 
         Args:
@@ -109,7 +110,10 @@ class Group:
         """
         body = {key: distribution.at(quantiles.get(key, 0.0)) for key, distribution in self.body.items()}
         if "bmi" in body:
-            mass = float(f"{body.pop('bmi') * body.get('height_m', Person.height_m) ** 2:.6g}")
+            bmi, height_m = body.pop("bmi"), body.get("height_m", Person.height_m)
+            assert isinstance(bmi, (int, float))
+            assert isinstance(height_m, (int, float))
+            mass = float(f"{bmi * height_m**2:.6g}")
             body["mass_kg"] = min(max(mass, _MASS_KG[0]), _MASS_KG[1])
         return body
 
@@ -172,7 +176,7 @@ GroupInFile = Annotated[Group, ReadAs(_GroupInFile)]
 """Type of an item of the list `people`; it becomes a `Group`."""
 
 
-def plain_person(person: Person) -> dict[str, Any]:
+def plain_person(person: Person) -> dict[str, object]:
     """A person in the form of scenario file and manifest, with all defaults filled in."""
     body = asdict(person)
     shoe = body.pop("shoe_m")

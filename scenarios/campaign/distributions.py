@@ -35,13 +35,13 @@ class Distribution(FileModel, ABC):
     """A distribution of a value; its fields are the keys of a file."""
 
     @abstractmethod
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The value whose cumulative probability is `u`, 0 <= u < 1 (inverse transform sampling)."""
 
     @property
-    def ends(self) -> tuple[Any, ...]:
+    def ends(self) -> tuple[object, ...]:
         """Lowest and highest value, or all values where they have no order: those of its own key, the first one."""
-        ends: tuple[Any, ...] = getattr(self, next(iter(type(self).model_fields)))
+        ends: tuple[object, ...] = getattr(self, next(iter(type(self).model_fields)))
         return ends
 
     @property
@@ -57,14 +57,14 @@ class Fixed(Distribution):
         fixed: The value, which may have keys.
     """
 
-    fixed: Any
+    fixed: object
 
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The fixed value, whatever the quantile."""
         return self.fixed
 
     @property
-    def ends(self) -> tuple[Any, ...]:
+    def ends(self) -> tuple[object, ...]:
         """The fixed value alone."""
         return (self.fixed,)
 
@@ -187,7 +187,7 @@ class Choice(Distribution):
         weights: Relative probability of each; equal by default.
     """
 
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)]
+    choice: Annotated[tuple[object, ...], Field(min_length=1)]
     weights: Annotated[tuple[_Above0, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
@@ -197,7 +197,7 @@ class Choice(Distribution):
             raise field_error(list(self.weights), f"{len(self.choice)} numbers, one for each value", "weights")
         return self
 
-    def at(self, u: float) -> Any:
+    def at(self, u: float) -> object:
         """The value at a quantile, with probabilities proportional to the weights."""
         return self.choice[index_at_quantile(self._weights, u)]
 

@@ -7,10 +7,9 @@ Each variable is set to its ends on each scenario, while the others are at their
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign, Group
 from stridetwin.scenarios.campaign.named_files import (
@@ -22,7 +21,7 @@ from stridetwin.scenarios.campaign.named_files import (
     errors_in_user_files,
     parse_scenario,
 )
-from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, draw_people, effective_variables, scenario_of
+from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, Walker, draw_people, effective_variables, scenario_of
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
@@ -98,7 +97,9 @@ def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
         raise user_error or base.at.error(base.written, f"a valid scenario ({_error_text(error)})") from error
 
 
-def _try_base(folder: Path, campaign: Campaign, base: Base, person: Any, middle: dict[str, Any], extra: Extra) -> None:
+def _try_base(
+    folder: Path, campaign: Campaign, base: Base, person: Walker | None, middle: Mapping[str, object], extra: Extra
+) -> None:
     """Checks a scenario as it is, then with the values that are set in all of its walks."""
     _parse_unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
@@ -127,7 +128,7 @@ def _try_people(folder: Path, group: Group) -> None:
                 raise group.at.key(key).error(error.value, error.valid) from error
 
 
-def _campaign_error(variable: Variable, base: Base, value: Any, error: StrideTwinError) -> ConfigError:
+def _campaign_error(variable: Variable, base: Base, value: object, error: StrideTwinError) -> ConfigError:
     """A scenario's error as an error of the campaign's file."""
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +15,8 @@ from stridetwin.streams.errors import FieldLocation
 from stridetwin.streams.fields import DEG, MM
 
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
+PlainScenario = dict[str, object]
+"""Content of a scenario file: its keys, with texts, numbers, lists and mappings as the file has them."""
 _FORM = "keys with dots between and numbers of items in brackets, such as terrain[1].stairs.riser_mm"
 
 
@@ -41,7 +43,7 @@ def field_path(text: str, where: FieldLocation) -> FieldPath:
     return FieldPath(text=text, keys=tuple(keys))
 
 
-def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: FieldLocation) -> None:
+def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: FieldLocation) -> None:
     """Sets a value in a scenario's plain data and creates missing keys on the way.
 
     A list of sensor groups, and the short forms of a group, become mappings first. A mount of which the value is only a
@@ -50,7 +52,7 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Fiel
     Raises:
         ConfigError: A node on the way has no such place.
     """
-    node: Any = scenario
+    node: Any = scenario  # a mapping or a list, as the key says
     for depth, key in enumerate(path.keys[:-1]):
         _check_place(node, path, depth, where)
         if isinstance(key, str) and key not in node:
@@ -62,7 +64,7 @@ def set_value(scenario: dict[str, Any], path: FieldPath, value: Any, where: Fiel
     node[path.keys[-1]] = value
 
 
-def _standard_mount(scenario: Mapping[str, Any], keys: tuple[str | int, ...]) -> Any:
+def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any:
     """The standard mount at a path in plain data of a file, such as that of `sensors.foot_imu.position_mm`.
 
     Args:
@@ -84,8 +86,9 @@ def _standard_mount(scenario: Mapping[str, Any], keys: tuple[str | int, ...]) ->
         case ("sensors", "sonar", "mount"):
             return _mount_in_file(SONAR)
         case ("sensors", "head_camera", "mount"):
-            pitch_deg = scenario["sensors"]["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
-            position_m = RGBD_MOUNT[scenario.get("camera_mount", "head")][1]
+            sensors: Any = scenario["sensors"]
+            pitch_deg = sensors["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
+            position_m = RGBD_MOUNT[str(scenario.get("camera_mount", "head"))][1]
             return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
         case _:
             return {}
@@ -101,7 +104,7 @@ def _in_units(values: Iterable[float], unit: float) -> list[float]:
     return [round(value / unit, 6) for value in values]
 
 
-def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any, where: FieldLocation) -> None:
+def set_values(scenario: PlainScenario, paths: Iterable[FieldPath], value: object, where: FieldLocation) -> None:
     """Sets a value at several fields of a scenario, each with a copy of its own.
 
     Args:
@@ -117,16 +120,18 @@ def set_values(scenario: dict[str, Any], paths: Iterable[FieldPath], value: Any,
         set_value(scenario, path, deepcopy(value), where)
 
 
-def _check_place(node: Any, path: FieldPath, depth: int, where: FieldLocation) -> None:
+def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation) -> None:
     """Raises ConfigError if a node has no place for the key of a path at this depth."""
     key, node_text = path.keys[depth], _text(path.keys[:depth])
-    if not isinstance(node, list if isinstance(key, int) else dict):
+    if isinstance(key, str) and isinstance(node, dict):
+        return
+    if not (isinstance(key, int) and isinstance(node, list)):
         raise where.error(path.text, f"a field of the scenario, where {node_text} is {_short(node)}")
-    if isinstance(key, int) and key >= len(node):
+    if key >= len(node):
         raise where.error(path.text, f"{node_text}[0] to {node_text}[{len(node) - 1}]")
 
 
-def _expand_short_form(node: Any, *, of_group: bool) -> Any:
+def _expand_short_form(node: object, *, of_group: bool) -> object:
     """The list of sensor groups as a mapping from groups, or a group's part name as a mapping of options."""
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
@@ -140,7 +145,7 @@ def _text(keys: tuple[str | int, ...]) -> str:
     return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).removeprefix(".") or "the scenario"
 
 
-def _short(node: Any) -> str:
+def _short(node: object) -> str:
     """A value as text for a message, cut off where it is long."""
     text = repr(node)
     return text if len(text) < 60 else f"{text[:56]} ..."

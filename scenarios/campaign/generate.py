@@ -12,23 +12,23 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.batch.folder import differing_keys, hold_folder, read_request, write_request
-from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
+from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowFiles
 from stridetwin.batch.run import Batch, Progress
 from stridetwin.scenarios.campaign import manifest as manifests
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.extremes import check_extremes
-from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files
+from stridetwin.scenarios.campaign.named_files import SCENARIOS, Variable, copy_files
 from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, plan_walks
 from stridetwin.scenarios.campaign.walk import (
     ACCEPTED,
     RECORDINGS,
     REJECTED,
     ROWS,
+    WalkRow,
     WalkTask,
     generate_walk,
     row_of_failure,
@@ -64,7 +64,7 @@ class CampaignOptions(BatchOptions):
 class CampaignResult:
     """Result of a campaign: its manifest, and the number of walks generated now; the others were reused."""
 
-    manifest: dict[str, Any]
+    manifest: manifests.Manifest
     generated: int
 
     @property
@@ -125,7 +125,7 @@ def generate(
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)
         bind_folder(folder, campaign_request(campaign, options.extra, file_digests), (job.name for job in jobs))
-        store = RowFiles(folder / ROWS, unfinished, is_sorted=True)
+        store: RowFiles[WalkRow] = RowFiles(folder / ROWS, unfinished, is_sorted=True)
         # walks beyond a subset that are there already stay in the manifest
         requested_count = len(jobs) if options.subset is None else options.subset
         jobs = [job for i, job in enumerate(jobs) if i < requested_count or store.has_any(job)]
@@ -153,7 +153,7 @@ def generate(
     return CampaignResult(manifest=content, generated=generated)
 
 
-def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
+def _current_row(job: Job[WalkTask], row: WalkRow, store: RowFiles[WalkRow]) -> WalkRow | None:
     """A stored row with its verdict by the current quality limits.
 
     The recording is moved to the folder of that verdict.
@@ -174,7 +174,7 @@ def _current_row(job: Job[WalkTask], row: Row, store: RowFiles) -> Row | None:
     return current
 
 
-def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str, str]) -> dict[str, Any]:
+def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str, str]) -> dict[str, object]:
     """What decides which walks a campaign has, apart from their number: its name, seed and options, and a digest.
 
     Limits of quality, splits and the description may change, as they do not change a walk. The number of walks counts
@@ -186,7 +186,7 @@ def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str
         file_digests: Digests of the user's files.
     """
 
-    def plain(variables: Iterable[Any]) -> list[Any]:
+    def plain(variables: Iterable[Variable]) -> list[tuple[str, str]]:
         return [(v.name, repr(v.distribution)) for v in variables]
 
     content = [
@@ -201,7 +201,7 @@ def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str
     return {"campaign": campaign.path.stem, "digest": digest, "seed": campaign.seed, **asdict(extra)}
 
 
-def bind_folder(folder: Path, request: Mapping[str, Any], walk_names: Iterable[str]) -> None:
+def bind_folder(folder: Path, request: Mapping[str, object], walk_names: Iterable[str]) -> None:
     """Binds a folder to a request, or confirms that it belongs to it.
 
     Args:
@@ -214,9 +214,9 @@ def bind_folder(folder: Path, request: Mapping[str, Any], walk_names: Iterable[s
     """
     existing = {row.stem for row in (folder / ROWS).glob("*.json")}
     previous = read_request(folder)
-    if existing and previous is None:
+    if existing and not isinstance(previous, dict):
         raise StrideTwinError(f"{folder}: has walks without their request (earlier version): expected another folder")
-    if existing and (differing := _differences(request, previous)):
+    if existing and isinstance(previous, dict) and (differing := _differences(request, previous)):
         raise StrideTwinError(f"{folder}: has walks of another request ({differing}): {_ANOTHER}")
     if extra := existing - set(walk_names):
         raise StrideTwinError(
@@ -225,7 +225,7 @@ def bind_folder(folder: Path, request: Mapping[str, Any], walk_names: Iterable[s
     write_request(folder, request)
 
 
-def _differences(request: Mapping[str, Any], previous: Mapping[str, Any]) -> str:
+def _differences(request: Mapping[str, object], previous: Mapping[str, object]) -> str:
     """What differs between two requests, as text; "" for equal ones."""
     keys = differing_keys(request, previous)
     if keys == ["digest"]:
@@ -237,7 +237,7 @@ def _differences(request: Mapping[str, Any], previous: Mapping[str, Any]) -> str
     )
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """A setting as text for a message."""
     if isinstance(value, (list, tuple)):
         return ", ".join(value) or "none"

@@ -11,12 +11,12 @@ from __future__ import annotations
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign, Splits
-from stridetwin.scenarios.campaign.walk import ACCEPTED
+from stridetwin.scenarios.campaign.walk import ACCEPTED, WalkRow
 
 _GOLDEN = (5**0.5 - 1) / 2
 _KEYS = {"person": 2, "terrain": 3}
@@ -46,7 +46,53 @@ for walk in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["
 ```"""
 
 
-def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
+class QualityLimits(TypedDict):
+    """The criteria of a campaign by which walks are rejected; see `campaign_file.Quality`."""
+
+    falls: str
+    sensors: str
+    help_pct: float
+
+
+class Manifest(TypedDict):
+    """The manifest of a campaign.
+
+    Attributes:
+        format: `FORMAT`.
+        campaign: Name of its file.
+        description: Its purpose.
+        seed: Seed of all random numbers.
+        sampling: Method that spreads the draws.
+        scenarios: Names of the scenarios.
+        ranges: Varying values with their distributions as text.
+        quality: Criteria by which walks are rejected.
+        shares: Requested share of each part of a split.
+        terrain_by: Property in which two terrains differ.
+        versions: Versions of the code that generated the walks.
+        files: Digests of the user's files by name.
+        people: Body measures by person.
+        splits: Part by name, of each person (`person`) and terrain (`terrain`).
+        walks: Rows of all walks.
+    """
+
+    format: str
+    campaign: str
+    description: str
+    seed: int
+    sampling: str
+    scenarios: list[str]
+    ranges: dict[str, str]
+    quality: QualityLimits
+    shares: dict[str, float]
+    terrain_by: str
+    versions: dict[str, str]
+    files: dict[str, str]
+    people: dict[str, dict[str, object]]
+    splits: dict[str, dict[str, str]]
+    walks: list[WalkRow]
+
+
+def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
     """Assigns each person and each terrain of all walks to a part of its split.
 
     Returns:
@@ -60,10 +106,13 @@ def assign_splits(rows: Sequence[Mapping[str, Any]], splits: Splits, seed: int) 
     }
 
 
-def group_of(row: Mapping[str, Any], by: str, splits: Splits) -> str | None:
+def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
     """Name of the person or the terrain (`by`) of a walk; None where its scenario is invalid."""
-    key = "scenario" if (by, splits.terrain_by) == ("terrain", "scenario") else by
-    return row.get(key) if "person" in row else None
+    if "person" not in row:
+        return None
+    if by == "person":
+        return row["person"]
+    return row["scenario"] if splits.terrain_by == "scenario" else row.get("terrain")
 
 
 def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
@@ -82,8 +131,8 @@ NAME, CARD_NAME = "manifest.json", "dataset_card.md"
 
 
 def manifest(
-    campaign: Campaign, rows: Sequence[Mapping[str, Any]], versions: Mapping[str, str], file_digests: Mapping[str, str]
-) -> dict[str, Any]:
+    campaign: Campaign, rows: Sequence[WalkRow], versions: Mapping[str, str], file_digests: Mapping[str, str]
+) -> Manifest:
     """The manifest of a campaign as JSON: its request, versions, people, splits and the rows of its walks, in order.
 
     Args:
@@ -93,9 +142,10 @@ def manifest(
         file_digests: Checksums of the user's files.
     """
     parts = assign_splits(rows, campaign.splits, campaign.seed)
-    walks, bodies = [], {}
+    walks, bodies = list[WalkRow](), dict[str, dict[str, object]]()
     for row in rows:
-        entry = {key: value for key, value in row.items() if key not in ("key", "body")}
+        entry = row.copy()
+        entry.pop("body", None)
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
@@ -109,7 +159,11 @@ def manifest(
         "sampling": campaign.sampling,
         "scenarios": sorted({base.name for base in campaign.bases}),
         "ranges": varying_values(campaign),
-        "quality": vars(campaign.quality),
+        "quality": {
+            "falls": campaign.quality.falls,
+            "sensors": campaign.quality.sensors,
+            "help_pct": campaign.quality.help_pct,
+        },
         "shares": campaign.splits.shares,
         "terrain_by": campaign.splits.terrain_by,
         "versions": dict(versions),
@@ -133,7 +187,7 @@ def varying_values(campaign: Campaign) -> dict[str, str]:
     return texts
 
 
-def card_text(manifest: Mapping[str, Any]) -> str:
+def card_text(manifest: Manifest) -> str:
     """The card of a data set as Markdown, from the campaign's manifest alone."""
     walks = manifest["walks"]
     accepted = [w for w in walks if w["status"] == ACCEPTED]
@@ -171,7 +225,7 @@ def card_text(manifest: Mapping[str, Any]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _file_lines(manifest: Mapping[str, Any]) -> Iterator[str]:
+def _file_lines(manifest: Manifest) -> Iterator[str]:
     """Yields the lines of the card's table of files."""
     yield "| | |\n|---|---|"
     for name, what in _FILES.items():
@@ -179,7 +233,7 @@ def _file_lines(manifest: Mapping[str, Any]) -> Iterator[str]:
             yield f"| `{name}` | {what} |"
 
 
-def _value_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[str]:
     """Lines of the table of distributions: each varying value with the values of the accepted walks."""
     yield "| value | distribution | walks | drawn |\n|---|---|---|---|"
     yield _row("scenario", ", ".join(manifest["scenarios"]), [w["scenario"] for w in accepted])
@@ -203,18 +257,19 @@ def _value_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, An
     yield _row("duration_s", "", [w["duration_s"] for w in accepted])
 
 
-def _row(name: str, text: str, values: Sequence[Any]) -> str:
+def _row(name: str, text: str, values: Sequence[object]) -> str:
     """A row of the card's table of varying values: name, distribution, and the values of the walks."""
     return f"| {_cell(name)} | {_cell(text)} | {len(values) or ''} | {_cell(_distribution_text(values))} |"
 
 
-def _distribution_text(values: Sequence[Any]) -> str:
+def _distribution_text(values: Sequence[object]) -> str:
     """Lowest, mean and highest of numbers with a histogram, or the counts of other values."""
     if not values:
         return ""
-    if all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values):
-        low, high = min(values), max(values)
-        return f"{low:g}, {statistics.fmean(values):.4g}, {high:g} {_histogram(values, low, high)}".strip()
+    numbers = [v for v in values if isinstance(v, (int, float)) and not isinstance(v, bool)]
+    if len(numbers) == len(values):
+        low, high = min(numbers), max(numbers)
+        return f"{low:g}, {statistics.fmean(numbers):.4g}, {high:g} {_histogram(numbers, low, high)}".strip()
     counts = Counter(str(v) for v in values)
     return ", ".join(f"{name}: {count}" for name, count in sorted(counts.items()))
 
@@ -228,7 +283,7 @@ def _histogram(values: Sequence[float], low: float, high: float) -> str:
     return "".join(_BARS[round(counts[i] / max_count * (len(_BARS) - 1))] if counts[i] else " " for i in range(_BINS))
 
 
-def _split_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+def _split_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[str]:
     """Lines of the table of splits: people, terrains and accepted walks in each part."""
     parts = list(manifest["shares"])
     yield f"| split | | {' | '.join(parts)} |\n|---|---|{'---|' * len(parts)}"
@@ -242,7 +297,7 @@ def _split_lines(manifest: Mapping[str, Any], accepted: Sequence[Mapping[str, An
     yield f"| in the same part of both | walks | {_cells(both[p] for p in parts)} |"
 
 
-def _reject_lines(manifest: Mapping[str, Any], walks: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+def _reject_lines(manifest: Manifest, walks: Iterable[WalkRow]) -> Iterator[str]:
     """The criteria, and the table of the walks that were not accepted with the reasons."""
     quality = manifest["quality"]
     yield (

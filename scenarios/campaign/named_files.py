@@ -9,13 +9,13 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stridetwin.scenarios.campaign.distributions import Choice, Distribution, DistributionInFile, Fixed
-from stridetwin.scenarios.campaign.field_paths import FieldPath, field_path
+from stridetwin.scenarios.campaign.field_paths import FieldPath, PlainScenario, field_path
 from stridetwin.scenarios.scenario_file import Scenario, catalogue, read_scenario
 from stridetwin.streams.errors import ConfigError, ConfigFileError, FieldLocation, StrideTwinError
 from stridetwin.streams.fields import FileModel, Number, Text
@@ -70,7 +70,7 @@ class Base:
     """
 
     name: str
-    scenario: dict[str, Any]
+    scenario: PlainScenario
     weight: float
     variables: tuple[Variable, ...]
     at: FieldLocation
@@ -126,7 +126,7 @@ class NamedFiles:
         self._bases: set[str] = set()
         self.user_files: dict[str, Path] = {}
 
-    def bases(self, items: Sequence[NamedBase], nodes: list[Any], where: FieldLocation) -> tuple[Base, ...]:
+    def bases(self, items: Sequence[NamedBase], nodes: Iterable[object], where: FieldLocation) -> tuple[Base, ...]:
         """The scenarios of a list, each with its own variables.
 
         Args:
@@ -206,10 +206,12 @@ class NamedFiles:
         if isinstance(values, Fixed):
             return Fixed(fixed=self.with_output_names(values.fixed, at))
         if isinstance(values, Choice):
-            return Choice(choice=tuple(self.with_output_names(list(values.choice), at)), weights=values.weights)
+            return Choice(
+                choice=tuple(self.with_output_names(value, at) for value in values.choice), weights=values.weights
+            )
         return values
 
-    def with_output_names(self, node: Any, where: FieldLocation, home: Path | None = None) -> Any:
+    def with_output_names(self, node: object, where: FieldLocation, home: Path | None = None) -> object:
         """Plain data of sensors, exoskeleton or terrain, with file names replaced by those in the output folder.
 
         The files, and those that they name in turn, are added to `user_files`.
@@ -271,7 +273,7 @@ def _find_named_files(path: Path) -> Iterable[str]:
     return ()
 
 
-def _find_part_files(node: Any) -> Iterator[str]:
+def _find_part_files(node: object) -> Iterator[str]:
     """Names of the sensor parts in the plain data of a rig file."""
     for key, value in node.items() if isinstance(node, dict) else ():
         if key == "part" and isinstance(value, str) and value.lower().endswith(_SUFFIXES):
@@ -280,7 +282,7 @@ def _find_part_files(node: Any) -> Iterator[str]:
             yield from _find_part_files(value)
 
 
-def scenario_text(scenario: dict[str, Any]) -> str:
+def scenario_text(scenario: PlainScenario) -> str:
     """A scenario's plain data as YAML."""
     return yaml.dump(scenario, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
@@ -317,7 +319,7 @@ def errors_in_user_files(
     return (located[0] if len(located) == 1 else ConfigFileError(located)) if located else None
 
 
-def parse_scenario(folder: Path, scenario: dict[str, Any]) -> Scenario:
+def parse_scenario(folder: Path, scenario: PlainScenario) -> Scenario:
     """Parses and validates a scenario's plain data, through a file in the folder that has `SCENARIOS` and user files.
 
     Raises:

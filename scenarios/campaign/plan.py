@@ -6,16 +6,15 @@ Low-discrepancy points of the unit cube: one point per walk, one dimension per v
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from stridetwin.scenarios.campaign.campaign_file import Campaign
 from stridetwin.scenarios.campaign.distributions import index_at_quantile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_value, set_values
+from stridetwin.scenarios.campaign.field_paths import PlainScenario, field_path, set_value, set_values
 from stridetwin.scenarios.campaign.named_files import Base, Variable
 from stridetwin.streams.samples import Array
 
@@ -50,6 +49,8 @@ def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, k
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i
 _WALKS, _PEOPLE = 0, 1
+Walker = str | dict[str, object]
+"""A walker in a scenario file: the name of a predefined person, or body measures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +68,8 @@ class PlannedWalk:
     name: str
     seed: int
     base: str
-    values: dict[str, Any]
-    scenario: dict[str, Any]
+    values: dict[str, object]
+    scenario: PlainScenario
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,13 +92,13 @@ class Extra:
         yield from (("sensors", group) for group in self.off)
 
 
-def draw_people(campaign: Campaign) -> list[Any]:
+def draw_people(campaign: Campaign) -> list[Walker]:
     """The people of a campaign, in the form of scenario files; empty where the scenarios name the walker.
 
     The members of a group are sorted by their first varying value, so that walks that cover the people evenly cover
     that value evenly, too.
     """
-    members: list[Any] = []
+    members: list[Walker] = []
     for i, group in enumerate(campaign.people):
         points = quasi_random_points(
             campaign.sampling, group.count, len(group.varying_keys), campaign.seed, (_PEOPLE, i)
@@ -156,7 +157,9 @@ def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Va
     return variables
 
 
-def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, Any], extra: Extra) -> dict[str, Any]:
+def scenario_of(
+    campaign: Campaign, base: Base, person: Walker | None, drawn: Mapping[str, object], extra: Extra
+) -> PlainScenario:
     """Plain data of one walk's scenario.
 
     The campaign's variables are set first, then those of the base, then person and overrides.
@@ -171,7 +174,7 @@ def scenario_of(campaign: Campaign, base: Base, person: Any, drawn: dict[str, An
     Raises:
         ConfigError: This scenario lacks the field of a variable.
     """
-    scenario: dict[str, Any] = deepcopy(base.scenario)
+    scenario = deepcopy(base.scenario)
     for variable in effective_variables(campaign, base, extra):
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         set_values(scenario, variable.paths, value, variable.at)

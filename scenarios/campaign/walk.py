@@ -6,15 +6,14 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
 from stridetwin.batch.folder import UNFINISHED
-from stridetwin.batch.jobs import Failure, Row
+from stridetwin.batch.jobs import Failure
 from stridetwin.batch.versions import code_versions
 from stridetwin.scenarios.campaign.campaign_file import Quality, plain_person
 from stridetwin.scenarios.campaign.named_files import SCENARIOS, scenario_text
@@ -32,6 +31,78 @@ from stridetwin.streams.recording.reader import Recording
 RECORDINGS, REJECTED, ROWS = "recordings", "rejected", "rows"
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
 _RESIDUAL = "/truth/root_residual"
+
+
+class QualityFigures(TypedDict):
+    """Figures of the quality check of a recorded walk.
+
+    Attributes:
+        duration_s: Duration of the recording.
+        fell_at_s: When the walker fell; None without a fall.
+        help_mean_pct: Mean external force at the root besides the ground's, % of the body weight.
+        findings: Errors that `check` finds.
+        expected_findings: Errors about streams with an injected fault.
+    """
+
+    duration_s: float
+    fell_at_s: float | None
+    help_mean_pct: float
+    findings: list[str]
+    expected_findings: list[str]
+
+
+class _WalkerAndTerrain(TypedDict):
+    """Person, body, terrain and physics of a walk."""
+
+    person: str
+    body: dict[str, object]
+    terrain: str
+    physics: str
+
+
+class WalkRow(TypedDict):
+    """Entry of a walk in the manifest.
+
+    Attributes:
+        walk: Its name.
+        seed: Its seed.
+        scenario: The scenario that it comes from.
+        scenario_file: Its own scenario file, relative to the campaign's folder.
+        values: Drawn values by name.
+        status: `accepted`, `rejected` or `failed`.
+        reasons: Why it was not accepted.
+        person: Name of the person; it is missing, like body, terrain and physics, where the scenario is invalid.
+        body: Body measures of the person; the manifest has them by person instead.
+        terrain: Name of the terrain; equal routes have equal names.
+        physics: How the body moves.
+        recording: The recording, relative to the campaign's folder; an infeasible walk has none, and none of the
+            following keys.
+        bytes: Size of the recording.
+        sha256: Digest of the recording.
+        duration_s: See `QualityFigures`, as for the other figures.
+        split: Parts of the splits of an accepted walk, by `person` and `terrain`.
+    """
+
+    walk: str
+    seed: int
+    scenario: str
+    scenario_file: str
+    values: dict[str, object]
+    status: str
+    reasons: list[str]
+    person: NotRequired[str]
+    body: NotRequired[dict[str, object]]
+    terrain: NotRequired[str]
+    physics: NotRequired[str]
+    recording: NotRequired[str]
+    bytes: NotRequired[int]
+    sha256: NotRequired[str]
+    duration_s: NotRequired[float]
+    fell_at_s: NotRequired[float | None]
+    help_mean_pct: NotRequired[float]
+    findings: NotRequired[list[str]]
+    expected_findings: NotRequired[list[str]]
+    split: NotRequired[dict[str, str]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +123,7 @@ def walk_versions() -> dict[str, str]:
     return code_versions(__name__, estimators=False)
 
 
-def generate_walk(task: WalkTask) -> Row | Failure:
+def generate_walk(task: WalkTask) -> WalkRow | Failure:
     """Simulates, records and checks one walk; returns its row, or a `Failure` after an unexpected error.
 
     An infeasible walk is rejected and has no recording.
@@ -73,7 +144,7 @@ def generate_walk(task: WalkTask) -> Row | Failure:
         return Failure(f"{type(error).__name__}: {error}")
 
 
-def row_of_failure(task: WalkTask, reason: str) -> Row:
+def row_of_failure(task: WalkTask, reason: str) -> WalkRow:
     """The row of a walk with an unexpected error; it is not stored, so that the next run tries the walk again.
 
     It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
@@ -85,7 +156,7 @@ def row_of_failure(task: WalkTask, reason: str) -> Row:
     return _row(task, FAILED, [f"error: {_one_line(task, reason)}"], scenario)
 
 
-def _simulate(task: WalkTask, unfinished: Path) -> Row:
+def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
     """The row of a walk, whose scenario and recording are written to `unfinished` and then moved to their places."""
     make_twin = twin_class()
     scenario: Scenario | None = None
@@ -115,14 +186,14 @@ def _simulate(task: WalkTask, unfinished: Path) -> Row:
     return row
 
 
-def with_verdict(row: Row, quality: Quality) -> Row:
+def with_verdict(row: WalkRow, quality: Quality) -> WalkRow:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
     why = rejection_reasons(row, quality)
     status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)
     return {**row, "status": status, "reasons": why, "recording": f"{place}/{row['walk']}.mcap"}
 
 
-def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> Row:
+def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> WalkRow:
     """Removes recordings of other versions and returns the row of a walk that cannot be simulated."""
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
@@ -137,9 +208,9 @@ def _one_line(task: WalkTask, text: str) -> str:
     return " ".join(text.split())
 
 
-def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> Row:
+def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> WalkRow:
     """Entry of a walk in the manifest, without figures of its recording."""
-    return {
+    row: WalkRow = {
         "walk": task.walk.name,
         "seed": task.walk.seed,
         "scenario": task.walk.base,
@@ -147,11 +218,11 @@ def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None 
         "values": task.walk.values,
         "status": status,
         "reasons": why,
-        **({} if scenario is None else _person_and_terrain(scenario.config)),
     }
+    return row if scenario is None else {**row, **_person_and_terrain(scenario.config)}
 
 
-def _person_and_terrain(config: TwinConfig) -> Row:
+def _person_and_terrain(config: TwinConfig) -> _WalkerAndTerrain:
     """Person, body, terrain and physics of a walk; equal bodies and equal routes have equal names."""
     body = plain_person(config.person)
     return {
@@ -167,7 +238,7 @@ def _short_digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def quality_figures(recording: Recording, person: Person, fell_at_s: float | None) -> Row:
+def quality_figures(recording: Recording, person: Person, fell_at_s: float | None) -> QualityFigures:
     """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
 
     Returns:
@@ -185,7 +256,7 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
     }
 
 
-def rejection_reasons(figures: Mapping[str, Any], quality: Quality) -> list[str]:
+def rejection_reasons(figures: QualityFigures | WalkRow, quality: Quality) -> list[str]:
     """Reasons to reject a walk by the figures of `quality_figures`; empty if it is accepted."""
     why = []
     if figures["fell_at_s"] is not None and quality.falls == "reject":

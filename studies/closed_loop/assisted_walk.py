@@ -127,7 +127,7 @@ def _cuff_force_squared(result: WalkResult) -> Array:
         return np.zeros(len(t))
     t_ns = np.round(t * 1e9).astype(np.int64)
     motion = Replay(result.twin.model, result.walk).motion(t_ns)
-    return np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0)
+    return np.asarray(np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0))
 
 
 def _select_landed(steps: list[Footstep]) -> list[Footstep]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from itertools import chain, repeat
-from typing import Any, Protocol
+from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
 from dm_control.rl import control
@@ -79,7 +79,7 @@ class WalkPhysics(control.Physics):
         self._live: LiveTwin | None = None
         self._walking = ExitStack()
         self._torque = np.zeros(len(self.joints))
-        self.samples: list[Any] = []
+        self.samples: list[Sample] = []
 
     @property
     def live(self) -> LiveTwin:
@@ -185,10 +185,10 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
     return map(_check_seed, chain(seeds, repeat("used up")))
 
 
-def _check_seed(value: Any) -> int:
+def _check_seed(value: object) -> int:
     """The seed as a whole number from 0 on; raises ConfigError for anything else."""
     with suppress(TypeError):
-        if (seed := operator.index(value)) >= 0:
+        if isinstance(value, SupportsIndex) and (seed := operator.index(value)) >= 0:
             return seed
     valid = "a whole number from 0 on, or an iterable of them with one per walk"
     raise ConfigError("environment", "seed", value, valid)

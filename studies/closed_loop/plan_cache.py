@@ -6,24 +6,25 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from joblib import Memory
 from platformdirs import user_cache_path
 
 from stridetwin.batch.versions import digest
 from stridetwin.sim.config import Exo, TwinConfig
-from stridetwin.sim.dynamics.plan import plan_control
+from stridetwin.sim.dynamics.plan import Plan, plan_control
 from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.gait.reference import Reference, plan_reference
 from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.dimensions import Wearer
 
+PlanT = TypeVar("PlanT")
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
 
-def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Reference], Callable[..., Plan]]:
     """Functions that plan motion and control of a walk, but look the plan up on disk first.
 
     They take the arguments of the twin's own planners. A plan is found if every argument (model, configuration, state
@@ -42,7 +43,7 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Any], Callabl
     )
 
 
-def _cache_function(memory: Memory, version: str, function: Callable[..., Any], what: str) -> Callable[..., Any]:
+def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT], what: str) -> Callable[..., PlanT]:
     """A function with a cache on disk, whose key are the arguments and the version of the code.
 
     Args:
@@ -52,23 +53,26 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., Any], 
         what: What it plans, for the note.
     """
 
-    def plan(key: tuple[Any, ...], version: str, arguments: tuple[Any, ...]) -> Any:
+    def plan(key: tuple[object, ...], version: str, arguments: tuple[object, ...]) -> PlanT:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
     plan.__qualname__ = function.__name__  # the name of its folder
-    cached_plan = memory.cache(plan, ignore=["arguments"])
+    cached_plan: Callable[[tuple[object, ...], str, tuple[object, ...]], PlanT] = memory.cache(
+        plan, ignore=["arguments"]
+    )
     return lambda *arguments: cached_plan(tuple(map(without_paths, arguments)), version, arguments)
 
 
-def without_paths(argument: Any) -> Any:
+def without_paths(argument: object) -> object:
     """An argument of a planner without the paths of the user's files, of which only the content matters."""
     match argument:
         case OwnExo():
             return replace(argument, source="", rig="")
-        case Exo() | Wearer():
-            field = "own" if isinstance(argument, Exo) else "exo"
-            return replace(argument, **{field: without_paths(getattr(argument, field))})
+        case Exo():
+            return replace(argument, user_exo=without_paths(argument.user_exo))
+        case Wearer():
+            return replace(argument, exo=without_paths(argument.exo))
         case TwinConfig():
             return replace(argument, exo=without_paths(argument.exo))
         case Reference():

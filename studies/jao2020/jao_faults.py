@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Literal, NotRequired
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_to_foot import Aiding, FootToFoot, FootToFootEstimate, follow
 from stridetwin.outputs.truth import TruePath
@@ -17,10 +18,21 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Imu
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
-from stridetwin.studies.jao2020.two_feet import FEET, score_paths, true_start
+from stridetwin.studies.jao2020.two_feet import FEET, FootScores, score_paths, true_start
+from stridetwin.studies.result import Collected, FaultRow, Figures, NoPaper
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
-_OF_FEET = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
+_FigureOfFeet = Literal["end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct"]
+_OF_FEET: tuple[_FigureOfFeet, ...] = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
+
+
+class FaultFigures(FootScores):
+    """Scores of both feet under one fault, with the reported uncertainty; only `error` where the filter refuses."""
+
+    sd_max_m: float
+    apart_sd_mean_m: float
+    apart_sd_max_m: float
+    error: NotRequired[str]
 
 
 class _UncertaintyLog(FootToFoot):
@@ -47,7 +59,7 @@ class _UncertaintyLog(FootToFoot):
         return estimate
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> Row:
     """Runs the filter on one recorded walk with each fault.
 
     Returns:
@@ -58,7 +70,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
         return case.row(faults={label: _run_with_fault(plan, walk, walk.truth()) for label, plan in plans.items()})
 
 
-def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> Figures:
     """Runs the filter on one walk with one fault.
 
     Returns:
@@ -71,19 +83,20 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
     except StrideTwinError as error:
         return {"error": str(error)}
     ground = [paths[f].trajectory.covariance for f in FEET]
-    return score_paths(paths, truth) | {
+    return {
+        **score_paths(paths, truth),
         "sd_max_m": max(math.sqrt(float((P[:, 0, 0] + P[:, 1, 1]).max())) for P in ground if P is not None),
         "apart_sd_mean_m": float(np.mean(estimator.apart_sd)),
         "apart_sd_max_m": max(estimator.apart_sd),
     }
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[FaultRow[FaultFigures]]) -> Collected[dict[str, Figures], NoPaper]:
     """Means by fault over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
     return summarize_by_fault(results, _mean_figures)
 
 
-def _mean_figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _mean_figures(rows: list[FaultFigures]) -> Figures:
     """Means of a fault's figures over walks, largest standard deviations.
 
     Or the first error and the number of refusals.
@@ -96,6 +109,8 @@ def _mean_figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),
         "end_height_error_m": np.abs(ends[:, :, 2]).mean(axis=0).tolist(),
         **{k: np.mean([f[k] for f in rows], axis=0).tolist() for k in _OF_FEET},
-        **{k: float(np.mean([f[k] for f in rows])) for k in ("feet_disagree_rms_m", "apart_sd_mean_m")},
-        **{k: max(f[k] for f in rows) for k in ("sd_max_m", "apart_sd_max_m")},
+        "feet_disagree_rms_m": float(np.mean([f["feet_disagree_rms_m"] for f in rows])),
+        "apart_sd_mean_m": float(np.mean([f["apart_sd_mean_m"] for f in rows])),
+        "sd_max_m": max(f["sd_max_m"] for f in rows),
+        "apart_sd_max_m": max(f["apart_sd_max_m"] for f in rows),
     }

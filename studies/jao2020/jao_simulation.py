@@ -18,18 +18,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.foot_ins import StartPose
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters
 from stridetwin.estimators.foot_to_foot import BoardObservation, FootToFoot, RelativePosition
 from stridetwin.outputs.parameters import parameter_keywords
-from stridetwin.reference.norms import read_reference
+from stridetwin.reference.norms import EndErrors, read_reference
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.kinematics.smooth import ease, ease_rate
 from stridetwin.sim.kinematics.track import Track
@@ -40,6 +41,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu, Range
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.placement.visibility import is_in_image
+from stridetwin.studies.result import Collected, Figures, Result
 from stridetwin.studies.tables import table_lines
 
 ESTIMATORS = ("foot_to_foot",)
@@ -141,11 +143,18 @@ def _paper_rig() -> Rig:
     """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
     focal = 400.0 / math.tan(_CAMERA_FOV_RAD / 2)
-    unbiased: dict[str, Any] = {"gyroscope_bias_sd": 1e-7, "accelerometer_bias_sd": 1e-5}
-    unbiased |= {"gyroscope_random_walk": 0.0, "accelerometer_random_walk": 0.0}
     return replace(
         rig,
-        imus={topic: replace(imu, **unbiased) for topic, imu in rig.imus.items()},
+        imus={
+            topic: replace(
+                imu,
+                gyroscope_bias_sd=1e-7,
+                accelerometer_bias_sd=1e-5,
+                gyroscope_random_walk=0.0,
+                accelerometer_random_walk=0.0,
+            )
+            for topic, imu in rig.imus.items()
+        },
         cameras={
             topic: replace(camera, intrinsics=(focal, focal, *camera.intrinsics[2:]))
             for topic, camera in rig.cameras.items()
@@ -228,7 +237,7 @@ class JaoSimulation:
 
     def end_error(self, foot: str, p_imu_in_world: Array) -> Array:
         """(3,) estimated minus true position of a foot's IMU at the end: north, west, up, m."""
-        return p_imu_in_world - self.imus[foot].p_body_in_world[-1]
+        return np.asarray(p_imu_in_world - self.imus[foot].p_body_in_world[-1])
 
     def noise_floor_m(self, noises: dict[str, Array]) -> tuple[Array, float]:
         """End error to the west that the gyros' white noise causes: Σ heading error × step to the north.
@@ -288,14 +297,39 @@ class JaoSimulation:
 _simulation = cache(JaoSimulation)
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+class MethodEnds(TypedDict):
+    """End of one run by one method: error of left and right, (3,) north, west, up, and NEES."""
+
+    end_error_m: list[list[float]]
+    end_nees: list[float]
+
+
+class SeedRow(TypedDict):
+    """One run, see `run_seed`."""
+
+    seed: int
+    floor_m: list[float]
+    methods: dict[str, MethodEnds]
+
+
+class SimulationRow(SeedRow):
+    """The row of a case, see `run_case`."""
+
+    unequal: dict[str, MethodEnds]
+
+
+Summary = dict[str, dict[str, float | list[float]]]
+"""Figures by name, each by method; pairs are left and right."""
+
+
+def run_case(case: ExperimentCase) -> Row:
     """Runs the paper's set-up with one seed, and again under g-sensitivities that cause a common drift (`unequal`)."""
-    return run_seed(case.seed) | {"unequal": run_seed(case.seed, UNEQUAL)["methods"]}
+    return {**run_seed(case.seed), "unequal": run_seed(case.seed, UNEQUAL)["methods"]}
 
 
 def run_seed(
     seed: int, g_sensitivity: tuple[float, float] = OPPOSITE, methods: tuple[str, ...] = REPORTED_METHODS
-) -> dict[str, Any]:
+) -> SeedRow:
     """One run with noise of this seed, estimated by some methods of the filter.
 
     Returns:
@@ -306,7 +340,7 @@ def run_seed(
     blocks, noises = simulation.inertial(rng, g_sensitivity)
     aiding_measurements = simulation.aiding_measurements(rng)
     alone, together = simulation.noise_floor_m(noises)
-    figures: dict[str, Any] = {}
+    figures: dict[str, MethodEnds] = {}
     for method in methods:
         estimator = FootToFoot(
             simulation.rig,
@@ -326,13 +360,14 @@ def run_seed(
     return {"seed": seed, "floor_m": [*alone.tolist(), together], "methods": figures}
 
 
-def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     """Summary of all runs, with the paper's figures; errors in m, left and right."""
     methods = results[0]["methods"]
     one, two = _simulation(SteadyWalk()).analytic_floor()
     drawn = np.abs([r["floor_m"] for r in results])
     unequal = _summary([r["unequal"] for r in results])
-    summary = _summary([r["methods"] for r in results]) | {
+    summary: Summary = {
+        **_summary([r["methods"] for r in results]),
         "nees_position_mean": {m: float(np.mean([r["methods"][m]["end_nees"] for r in results])) for m in methods},
         "random_walk_floor_m": {
             "one_gyro_analytic": one,
@@ -346,14 +381,14 @@ def collect(results: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {"summary": summary, "paper": {k: v for k, v in paper.items() if k in summary}}
 
 
-def _summary(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _summary(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
     """Figures of the end errors by method over runs.
 
     Returns:
         `mean_end_error_m` (horizontal; left, right), `end_position_sd_m` (left west, left north, right west, right
         north), `mean_west_error_m`, `mean_abs_north_error_m` and `mean_abs_up_error_m` (left, right).
     """
-    summary: dict[str, Any] = {}
+    summary: Summary = {}
     for method in runs[0]:
         errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
         ddof = min(1, len(errors) - 1)
@@ -378,9 +413,12 @@ _COLUMNS = (
 )
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: Result[Summary, EndErrors, SimulationRow]) -> list[str]:
     """Our figures beside the paper's, as lines of text; pairs are left and right."""
-    summary = {**result["summary"], "paper": result["paper"]["mean_end_error_m"]}
-    rows = [(m, {name: of.get(m, "") for name, of in summary.items()}) for m in REPORTED_METHODS]
+    summary, paper_errors = result["summary"], result["paper"]["mean_end_error_m"]
+    rows = [
+        (m, {**{name: of.get(m, "") for name, of in summary.items()}, "paper": paper_errors.get(m, "")})
+        for m in REPORTED_METHODS
+    ]
     floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]
     return [f"{len(result['cases'])} runs; m", *table_lines(_COLUMNS, rows, 24), *floors]

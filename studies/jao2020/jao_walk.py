@@ -6,16 +6,25 @@ One walk per seed, recorded once (`walks`), in three cases: gyros without satura
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Literal, TypedDict
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.outputs.truth import FOOTPRINTS
-from stridetwin.reference.norms import read_reference
+from stridetwin.reference.norms import EndErrors, read_reference
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.studies.case import ExperimentCase
-from stridetwin.studies.jao2020.two_feet import COMPARED_METHODS, run_every_method, score_paths, true_start
+from stridetwin.studies.jao2020.two_feet import (
+    COMPARED_METHODS,
+    FootScores,
+    MethodName,
+    run_every_method,
+    score_paths,
+    true_start,
+)
+from stridetwin.studies.result import CaseRow, Collected, Figures, Result
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
@@ -29,7 +38,31 @@ CASES = {
 }
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+MethodFigures = dict[str, float | list[float]]
+"""A figure by method; pairs are left and right."""
+Summary = dict[str, MethodFigures | int]
+"""Figures by name, each by method, and the number of walks that fell."""
+
+
+class CaseScores(TypedDict):
+    """Scores of every method in one of `CASES`, and the number of board observations."""
+
+    zupt: FootScores
+    zupt_relative_distance: FootScores
+    zupt_relative_position: FootScores
+    proposed: FootScores
+    sightings: int
+
+
+class WalkRow(CaseRow):
+    """The row of a walk: its scenario, when the walker fell, s, and the scores in each of `CASES`."""
+
+    scenario: str
+    fell_at_s: float | None
+    cases: dict[str, CaseScores]
+
+
+def run_case(case: ExperimentCase) -> Row:
     """Simulates one walk and runs every method on it, in each of `CASES`.
 
     Returns:
@@ -39,15 +72,16 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
     with record_shoes(case) as walk:
         truth = walk.truth()
         start = true_start(truth)
-        figures_of_case: dict[str, Any] = {}
+        figures_of_case: dict[str, Figures] = {}
         for name in CASES:
             wide = name != "clipped"
             samples = walk.samples(wide=wide)
             if name == "half_blind":
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
             paths, observation_count = run_every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
-            figures_of_case[name] = {m: score_paths(p, truth) for m, p in paths.items()} | {
-                "sightings": observation_count
+            figures_of_case[name] = {
+                **{m: score_paths(p, truth) for m, p in paths.items()},
+                "sightings": observation_count,
             }
         return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=figures_of_case)
 
@@ -64,12 +98,12 @@ def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iter
             yield sample
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[WalkRow]) -> Collected[Summary, EndErrors]:
     """Figures by method for gyros without saturation, then with a suffix for the other cases.
 
     Pairs are left and right.
     """
-    summary: dict[str, Any] = {}
+    summary: Summary = {}
     for case in CASES:
         suffix = "" if case == "unclipped" else f"_{case}"
         of = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
@@ -77,14 +111,24 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
-    return {"summary": summary, "paper": read_reference("jao2020").get(results[0]["scenario"], {})}
+    return {"summary": summary, "paper": _read_paper_errors(results[0]["scenario"])}
 
 
-def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+def _read_paper_errors(scenario: str) -> EndErrors:
+    """The paper's end errors on a walk; empty for walks that are not from the paper."""
+    paper_errors = read_reference("jao2020")
+    if scenario == "jao_straight_53m":
+        return paper_errors["jao_straight_53m"]
+    return paper_errors["jao_loop_126m"] if scenario == "jao_loop_126m" else {}
+
+
+def _summary(of: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]:
     """Means and standard deviations over walks, by figure and method, of the walks' rows by method."""
     ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
 
-    def mean(name: str) -> dict[str, Any]:
+    def mean(
+        name: Literal["end_error_pct", "feet_disagree_rms_m", "end_nees", "nees_within_95_pct"],
+    ) -> MethodFigures:
         return {m: np.mean([w[name] for w in walks], axis=0).tolist() for m, walks in of.items()}
 
     return {
@@ -102,6 +146,13 @@ def _summary(of: dict[str, list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     }
 
 
+def _by_method(summary: Summary, name: str) -> MethodFigures:
+    """A figure of a summary by method."""
+    figures = summary[name]
+    assert isinstance(figures, dict)
+    return figures
+
+
 _COLUMNS = (
     ("end error m", 15, "{end:.3f}"),
     ("paper m", 12, "{paper:.2f}"),
@@ -113,19 +164,19 @@ _COLUMNS = (
 )
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
     """Our figures beside the paper's, case by case, as lines of text; pairs are left and right."""
     summary, paper_errors = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
     for case, description in CASES.items():
         suffix = "" if case == "unclipped" else f"_{case}"
-        columns = {
-            "end": summary[f"mean_end_error{suffix}_m"],
-            "up": summary[f"mean_abs_up_error{suffix}_m"],
-            "share": summary[f"mean_end_error{suffix}_pct"],
-            "rms": summary[f"feet_disagree_rms{suffix}_m"],
-            "largest": summary[f"feet_disagree_max{suffix}_m"],
-            "nees": summary[f"end_nees{suffix}_mean"],
+        columns: dict[str, Mapping[str, object]] = {
+            "end": _by_method(summary, f"mean_end_error{suffix}_m"),
+            "up": _by_method(summary, f"mean_abs_up_error{suffix}_m"),
+            "share": _by_method(summary, f"mean_end_error{suffix}_pct"),
+            "rms": _by_method(summary, f"feet_disagree_rms{suffix}_m"),
+            "largest": _by_method(summary, f"feet_disagree_max{suffix}_m"),
+            "nees": _by_method(summary, f"end_nees{suffix}_mean"),
             "paper": {} if case == "half_blind" else paper_errors,
         }
         rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in COMPARED_METHODS]

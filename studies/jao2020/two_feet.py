@@ -7,7 +7,7 @@ the initial poses of the feet.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Literal, TypedDict
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,8 +23,9 @@ from stridetwin.streams.rig import Mount, Rig
 from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 
 FEET = ("l", "r")
-PUBLISHED = ("zupt", "zupt_relative_distance", "zupt_relative_position")
-COMPARED_METHODS = (*PUBLISHED, "proposed")
+MethodName = Literal["zupt", "zupt_relative_distance", "zupt_relative_position", "proposed"]
+PUBLISHED: tuple[MethodName, ...] = ("zupt", "zupt_relative_distance", "zupt_relative_position")
+COMPARED_METHODS: tuple[MethodName, ...] = (*PUBLISHED, "proposed")
 _NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
 _ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
@@ -100,7 +101,7 @@ def run_every_method(
     """
     recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
     proposed = follow(recorder, _record_echoes(samples, echoes))
-    paths = {
+    paths: dict[str, FootPaths] = {
         method: FootToFoot(
             rig, options=Options(method=method), start=start, **parameter_keywords(FootToFoot, method)
         ).run(imus, [*recorder.relative, *echoes])
@@ -117,7 +118,20 @@ def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[S
         yield sample
 
 
-def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> dict[str, Any]:
+class FootScores(TypedDict):
+    """Scores of the paths of both feet, see `score_paths`; lists are left and right."""
+
+    end_error_m: list[list[float]]
+    end_error_pct: list[float]
+    end_nees: list[float]
+    nees_mean: list[float]
+    nees_within_95_pct: list[float]
+    coverage_pct: list[float]
+    feet_disagree_rms_m: float
+    feet_disagree_max_m: float
+
+
+def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
     """Scores of the paths of both feet, ready for JSON; pairs are left and right.
 
     Returns:
@@ -127,26 +141,28 @@ def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> dict[str, An
         right IMU's position relative to the left one, in the left one's heading.
     """
     in_world = {f: compare(paths[f].trajectory, truth[f], transform=_NOT_ALIGNED) for f in FEET}
-    result: dict[str, list[Any]] = {}
+    apart = feet_disagreement_m(in_world)
+    scores: FootScores = {
+        "end_error_m": [],
+        "end_error_pct": [],
+        "end_nees": [],
+        "nees_mean": [],
+        "nees_within_95_pct": [],
+        "coverage_pct": [],
+        "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
+        "feet_disagree_max_m": float(apart.max()),
+    }
     for foot, compared in in_world.items():
         nees, end_m = nees_position(compared), compared.error_m[-1]
         ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
         t_ns, last = truth[foot].t_ns, compared.truth.t_ns[-1]
-        values = {
-            "end_error_m": end_m.tolist(),
-            "end_error_pct": 100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m),
-            "end_nees": float(nees[-1]),
-            "nees_mean": float(nees.mean()),
-            "nees_within_95_pct": 100.0 * float(np.mean(nees <= CHI2_3_95)),
-            "coverage_pct": 100.0 * float((last - t_ns[0]) / (t_ns[-1] - t_ns[0])),
-        }
-        for name, value in values.items():
-            result.setdefault(name, []).append(value)
-    apart = feet_disagreement_m(in_world)
-    return result | {
-        "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
-        "feet_disagree_max_m": float(apart.max()),
-    }
+        scores["end_error_m"].append(end_m.tolist())
+        scores["end_error_pct"].append(100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m))
+        scores["end_nees"].append(float(nees[-1]))
+        scores["nees_mean"].append(float(nees.mean()))
+        scores["nees_within_95_pct"].append(100.0 * float(np.mean(nees <= CHI2_3_95)))
+        scores["coverage_pct"].append(100.0 * float((last - t_ns[0]) / (t_ns[-1] - t_ns[0])))
+    return scores
 
 
 def feet_disagreement_m(in_world: Mapping[str, PathComparison]) -> Array:

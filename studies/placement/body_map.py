@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import mujoco
@@ -228,16 +228,17 @@ def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, dist
     right = np.array([math.sin(a), -math.cos(a), 0.0])
     up = np.cross(right, ahead)
     away = points - (lookat - distance * ahead)
-    return _SIZE / 2 + focal * np.column_stack([away @ right, -(away @ up)]) / (away @ ahead)[:, None]
+    return np.asarray(_SIZE / 2 + focal * np.column_stack([away @ right, -(away @ up)]) / (away @ ahead)[:, None])
 
 
-def _viridis(share: Array) -> list[Any]:
+def _viridis(share: Array) -> list[list[int]]:
     """BGR colours of values from 0, dark, to 1, yellow."""
     levels = np.round(255 * share).astype(np.uint8)
-    return cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].tolist()
+    colours: list[list[int]] = cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].tolist()
+    return colours
 
 
-def _draw_mark(image: Rgb, at: Array, size: int, colour: Any, board: bool) -> None:
+def _draw_mark(image: Rgb, at: Array, size: int, colour: Sequence[int], board: bool) -> None:
     """Draws the mark of a place at a pixel: a square for a board, else a disc.
 
     Args:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag
@@ -68,7 +68,7 @@ def _shapes(surface: str, person: Person) -> list[LimbShape]:
 _DIGITS = 6  # of a number that is chosen: of any unit and size
 _MM_DIGITS = 3  # after the point, of a position on a surface
 _MOST_STEPS = 1000
-_Any = Annotated[Number, Field(ge=-1e6, le=1e6)]
+_Number = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,18 +87,25 @@ class Knob:
     low: float = 0.0
     high: float = 0.0
     step: float | None = None
-    values: tuple[Any, ...] = ()
+    values: tuple[object, ...] = ()
     at: FieldLocation
 
     @property
-    def grid(self) -> list[Any]:
+    def grid(self) -> list[object]:
         """Every value of a sweep.
 
         Raises:
             ConfigError: A number without steps, or with very many.
         """
-        if self.values:
-            return list(self.values)
+        return list(self.values or self.numbers)
+
+    @property
+    def numbers(self) -> list[float]:
+        """Every number of a sweep between the bounds.
+
+        Raises:
+            ConfigError: There are no steps, or very many.
+        """
         if self.step is None:
             raise self.at.error({"between": [self.low, self.high]}, "a step, as the method is sweep")
         count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
@@ -118,14 +125,20 @@ class Knob:
         return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high) + 0.0
 
     @property
-    def ends(self) -> list[Any]:
+    def ends(self) -> list[object]:
         """Values to validate before the first walk: the ends of a range, every value of a choice."""
         return list(self.values) or [self.low, self.high]
 
     @property
-    def middle(self) -> Any:
+    def middle(self) -> object:
         """The value of this knob while the others are validated: the middle of the range, or the first value."""
         return self.values[0] if self.values else self.at_share(0.5)
+
+
+def to_number(value: object) -> float:
+    """The value of a knob that is a number."""
+    assert isinstance(value, (int, float))
+    return value
 
 
 def grid_size(knobs: list[Knob]) -> int:
@@ -151,7 +164,7 @@ class FreeField:
     fixed: Mapping[str, float] = field(default_factory=dict)
     at: FieldLocation
 
-    def value(self, chosen: Mapping[str, Any], person: Person) -> Any:
+    def value(self, chosen: Mapping[str, object], person: Person) -> object:
         """The value of the field in the scenario of a person.
 
         Args:
@@ -166,7 +179,7 @@ class FreeField:
         """
         if self.surface is None:
             return chosen[self.knobs[0].name]
-        place = {**self.fixed, **{k.name.rpartition("/")[2]: chosen[k.name] for k in self.knobs}}
+        place = {**self.fixed, **{k.name.rpartition("/")[2]: to_number(chosen[k.name]) for k in self.knobs}}
         around_rad, up_m, off_m = math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
         try:
             p = point_on_surface(self.surface, person, around_rad, up_m, off_m)
@@ -194,7 +207,7 @@ class Between(FileModel):
         step: Only the lowest and its multiples above it; any number where it is missing.
     """
 
-    between: Annotated[tuple[_Any, _Any], AfterValidator(_check_order)]
+    between: Annotated[tuple[_Number, _Number], AfterValidator(_check_order)]
     step: Annotated[Number, Field(ge=1e-9, le=1e6)] | None = None
 
 
@@ -205,11 +218,11 @@ class Among(FileModel):
         choice: The values; anything that a scenario file may say.
     """
 
-    choice: Annotated[tuple[Any, ...], Field(min_length=2)]
+    choice: Annotated[tuple[object, ...], Field(min_length=2)]
 
 
 _Coordinate = Annotated[
-    Annotated[_Any, Tag("=number")] | Annotated[Between, Tag("=range")],
+    Annotated[_Number, Tag("=number")] | Annotated[Between, Tag("=range")],
     Discriminator(lambda node: "=range" if isinstance(node, dict | Between) else "=number"),
 ]
 

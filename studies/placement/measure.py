@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from stridetwin.batch.executors import Executor
 from stridetwin.batch.folder import UNFINISHED
 from stridetwin.batch.forecast import Forecast, warn
-from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
+from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import Batch, Progress
 from stridetwin.batch.versions import code_versions
@@ -33,7 +32,7 @@ from stridetwin.streams.validation import suggest
 from stridetwin.studies.placement import visibility
 from stridetwin.studies.placement.free import grid_size
 from stridetwin.studies.placement.problem_file import Place, PlacementProblem, plain_of
-from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, PlaceScore, Seeing
+from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, PlaceRow, PlaceScore, Seeing
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, pose_walk
 
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
@@ -84,7 +83,7 @@ class Visit:
         return f"{self.scenario.config.name}, seed {self.seed}"
 
 
-def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> Row:
+def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> PlaceRow:
     """Simulates a visit's walk with the needed sensors, and scores the recording, which is deleted then.
 
     Returns:
@@ -93,7 +92,7 @@ def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> R
     Raises:
         StrideTwinError: An error that is not specific to this walk, such as a full disk.
     """
-    row: Row = {"walk": visit.label, "estimators": {}}
+    row: PlaceRow = {"walk": visit.label, "estimators": {}}
     config = visit.needed.config
     try:
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
@@ -101,10 +100,14 @@ def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> R
             record(make_twin(visit.needed, visit.seed), path, lambda *_: None)
             scored = score_walk(ScoringJob(name=config.name, path=path, lenient=bool(config.faults), only=estimators))
     except StrideTwinError as error:
-        return row | {"failed": {"walk": _one_line(error, folder)}}
+        row["failed"] = {"walk": _one_line(error, folder)}
+        return row
     except OSError as error:
         raise StrideTwinError(f"{error.filename or folder}: {error.strerror or error}") from None
-    return row | {key: scored[key] for key in ("estimators", "failed") if key in scored}
+    row["estimators"] = scored["estimators"]
+    if "failed" in scored:
+        row["failed"] = scored["failed"]
+    return row
 
 
 def _one_line(error: StrideTwinError, folder: Path) -> str:
@@ -112,7 +115,7 @@ def _one_line(error: StrideTwinError, folder: Path) -> str:
     return " ".join(str(error).replace(f"{folder}/", "").split())
 
 
-def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> Row:
+def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) -> PlaceRow:
     """Computes the geometric scores of a visit.
 
     Args:
@@ -124,7 +127,7 @@ def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) ->
     Returns:
         `walk`, `scores` by name, and `failed` with a reason if the place or the walk is infeasible.
     """
-    row: Row = {"walk": visit.label, "scores": {}}
+    row: PlaceRow = {"walk": visit.label, "scores": {}}
     try:
         walk = _plan_walk_once(run, visit) if any(GEOMETRIC_SCORES[name][0] for name in names) else None
         row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
@@ -189,7 +192,8 @@ class MeasuredPlaces:
     @property
     def best_first(self) -> list[int]:
         """Numbers of the places by their loss, the best first."""
-        return np.argsort(self.losses, kind="stable").tolist()
+        numbers: list[int] = np.argsort(self.losses, kind="stable").tolist()
+        return numbers
 
     @cached_property
     def means(self) -> Array:
@@ -223,7 +227,7 @@ class Measure:
     """
 
     def __init__(
-        self, problem: PlacementProblem, folder: Path, rows: RowLines, executor: Executor, progress: Progress
+        self, problem: PlacementProblem, folder: Path, rows: RowLines[PlaceRow], executor: Executor, progress: Progress
     ) -> None:
         self._problem, self._folder, self._rows = problem, folder.absolute(), rows
         self._executor, self._progress = executor, progress
@@ -259,7 +263,7 @@ class Measure:
             visits = list(self._visits([(i, places[i]) for i in part], seeds, failed))
             for visit, row in zip(visits, self._rows_of(visits, len(walks), progress)):
                 values[visit.at] = [score.of(row) for score in scores]
-                if row["failed"] and np.isnan(values[visit.at]).any():
+                if row.get("failed") and np.isnan(values[visit.at]).any():
                     why = "; ".join(f"{name}: {reason}" for name, reason in row["failed"].items())
                     failed.setdefault(visit.at[0], why)
         return MeasuredPlaces(scores=scores, places=list(places), walks=walks, values=values, failed=failed)
@@ -287,7 +291,7 @@ class Measure:
             for k, seed in enumerate(seeds, b * len(seeds)):
                 yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
 
-    def _rows_of(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
+    def _rows_of(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[PlaceRow]:
         """The row of each visit, with the geometric scores and those of estimators.
 
         Args:
@@ -295,12 +299,12 @@ class Measure:
             walks: Number of walks of each place.
             progress: Receives the share of the work that is done (0-1).
         """
-        none: list[Row] = [{}] * len(visits)
+        none: list[PlaceRow] = [{}] * len(visits)
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
         return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
 
-    def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[Row]:
+    def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[PlaceRow]:
         """Rows with the geometric scores."""
         versions = partial(code_versions, visibility.__name__)
         seeing, sources = self._problem.seeing, versions()["sources"]
@@ -314,7 +318,7 @@ class Measure:
         score = partial(score_posed, self._names, seeing, self._run_name)
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
-    def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[Row]:
+    def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[PlaceRow]:
         """Rows with the estimators' scores; those of the first place are checked before the others are measured."""
         versions = partial(scoring_versions, __name__, tuple(sorted(self._estimators)))
         jobs = []
@@ -328,13 +332,15 @@ class Measure:
             self._is_checked = True
         return self._run(jobs, work, progress)
 
-    def _run(self, jobs: Sequence[Job[Any]], work: Work[Any, Row], progress: Callable[[float], None]) -> list[Row]:
+    def _run(
+        self, jobs: Sequence[Job[Visit]], work: Work[Visit, PlaceRow], progress: Callable[[float], None]
+    ) -> list[PlaceRow]:
         """Runs jobs, reusing stored rows; a walk that failed has a row with the reason."""
         self.keys += [job.key for job in jobs]
         results = Batch(jobs, self._rows).run(work, self._executor, progress, self._forecast)
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
 
-    def _check_scores(self, rows: Sequence[Row]) -> None:
+    def _check_scores(self, rows: Sequence[PlaceRow]) -> None:
         """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
             reported = [score.find_reported(row) for row in rows]

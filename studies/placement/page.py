@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -11,9 +10,10 @@ from markupsafe import Markup
 from stridetwin.pages.html import data_uri, multiples, page, render_template, section, table
 from stridetwin.pages.plot import ERROR, PALETTE, Plot
 from stridetwin.studies.placement.body_map import BodyImage
-from stridetwin.studies.placement.free import Knob
+from stridetwin.studies.placement.free import Knob, to_number
 from stridetwin.studies.placement.measure import MeasuredPlaces
 from stridetwin.studies.placement.problem_file import AS_IT_IS, PlacementProblem, format_value
+from stridetwin.studies.placement.result import PlacementResult
 from stridetwin.studies.significance import interval_text, intervals, pareto_front
 
 _DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
@@ -21,7 +21,7 @@ _MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
 
 
 def placement_page(
-    problem: PlacementProblem, searched: MeasuredPlaces, result: Mapping[str, Any], image: BodyImage | None
+    problem: PlacementProblem, searched: MeasuredPlaces, result: PlacementResult, image: BodyImage | None
 ) -> str:
     """The page of a placement: all places, the result of `run_placement`, and the body map."""
     chips = [f"{result['tried']} places and as it is", f"{len(result['walks'])} walks each", *result["words"][:1]]
@@ -53,7 +53,7 @@ def placement_page(
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
 
 
-def _table(problem: PlacementProblem, result: Mapping[str, Any]) -> str:
+def _table(problem: PlacementProblem, result: PlacementResult) -> str:
     """The table of places with their values and scores."""
     knobs = [knob.name for knob in problem.knobs]
     head = ("place", *knobs, *(s.name for s in problem.scores))
@@ -68,7 +68,7 @@ def _table(problem: PlacementProblem, result: Mapping[str, Any]) -> str:
     return table(head, rows, range(1, len(head)))
 
 
-def value_text(values: Mapping[str, Any], name: str) -> str:
+def value_text(values: Mapping[str, object], name: str) -> str:
     """The value of a knob as text; `as it is` for the unchanged scenario."""
     return format_value(values[name]) if values else AS_IT_IS
 
@@ -89,17 +89,18 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     if problem.search is not None or len(numbers) < 2 or not places:
         return ""
     (across, up), k = numbers[:2], _first_weighted(problem)
-    xs, ys = across.grid, up.grid
+    xs, ys = across.numbers, up.numbers
     best = np.full((len(ys), len(xs)), np.nan)
     for i in reversed(places):
         values = searched.places[i].values
-        best[ys.index(values[up.name]), xs.index(values[across.name])] = searched.means[i, k]
+        best[ys.index(to_number(values[up.name])), xs.index(to_number(values[across.name]))] = searched.means[i, k]
     score, top = problem.scores[k], searched.places[places[0]].values
     plot = Plot(
         title=f"{score.name} over {across.name} and {up.name}", x_label=across.name, y_label=up.name, height=440
     )
     plot.heatmap(xs, ys, best, label=score.name, reverse=not score.higher_is_better)
-    plot.dots([top[across.name]], [top[up.name]], ERROR, size=12, symbol="x", label=_best_label(searched))
+    best_x, best_y = to_number(top[across.name]), to_number(top[up.name])
+    plot.dots([best_x], [best_y], ERROR, size=12, symbol="x", label=_best_label(searched))
     return plot.html()
 
 
@@ -135,7 +136,7 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
 def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
     """The k-th score over a number: one dot per place, and the score of the unchanged scenario as a line."""
     shown = numbers[:_MOST_DOTS]
-    x, means = [searched.places[i].values[knob.name] for i in shown], searched.means[shown, k]
+    x, means = [to_number(searched.places[i].values[knob.name]) for i in shown], searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)
     plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
     plot.dots(x[:1], means[:1], _BEST, size=9, label=_best_label(searched))

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, Discriminator, Field, StrictInt
 
 from stridetwin.scenarios.built_in import problems as problems
 from stridetwin.scenarios.campaign.distributions import DistributionInFile
-from stridetwin.scenarios.campaign.field_paths import field_path, set_values
+from stridetwin.scenarios.campaign.field_paths import PlainScenario, field_path, set_values
 from stridetwin.scenarios.campaign.named_files import (
     FILES,
     SCENARIOS,
@@ -214,7 +214,7 @@ def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldL
     """A free field of the block `free`, with the names that files get in the output folder."""
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(spec, Among) and names_files(paths):
-        spec = Among(choice=tuple(files.with_output_names(list(spec.choice), at)))
+        spec = Among(choice=tuple(files.with_output_names(value, at) for value in spec.choice))
     return free_field(paths, spec, at)
 
 
@@ -222,7 +222,7 @@ def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldL
 class Place:
     """A place: the values of all knobs by their names; none for the unchanged scenario."""
 
-    values: Mapping[str, Any] = field(default_factory=dict)
+    values: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -235,7 +235,7 @@ class Place:
         return ", ".join(f"{name} {format_value(value)}" for name, value in self.values.items()) or AS_IT_IS
 
 
-def format_value(value: Any) -> str:
+def format_value(value: object) -> str:
     """A value as text for tables."""
     if isinstance(value, float):
         return f"{value:g}"
@@ -243,7 +243,7 @@ def format_value(value: Any) -> str:
     return text.removeprefix(f"../{FILES}/")
 
 
-def plain_of(problem: PlacementProblem, base: Base, place: Place) -> dict[str, Any]:
+def plain_of(problem: PlacementProblem, base: Base, place: Place) -> PlainScenario:
     """Plain data of a place's scenario file: the base with its values, then those of the place.
 
     Raises:
@@ -264,7 +264,7 @@ def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Pat
     return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
-def _person(plain: dict[str, Any], free: Sequence[FreeField], base: Base) -> Person:
+def _person(plain: PlainScenario, free: Sequence[FreeField], base: Base) -> Person:
     """The walker of a scenario's plain data; the default person where no free field is on a surface."""
     if all(f.surface is None for f in free):
         return Person()
@@ -289,7 +289,7 @@ def check_ends(problem: PlacementProblem, folder: Path) -> None:
                 raise errors_in_user_files(error, problem.user_files) or _refusal(base, changed, error) from error
 
 
-def _refusal(base: Base, changed: tuple[Knob, Any] | None, error: ConfigError) -> StrideTwinError:
+def _refusal(base: Base, changed: tuple[Knob, object] | None, error: ConfigError) -> StrideTwinError:
     """The error of a scenario at the place in the placement's file that causes it.
 
     Args:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,9 +17,12 @@ from stridetwin.scenarios.campaign.named_files import SCENARIOS, copy_files, sce
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.files import atomic_file, to_json
 from stridetwin.studies.placement.body_map import body_map
+from stridetwin.studies.placement.free import to_number
 from stridetwin.studies.placement.measure import Measure, MeasuredPlaces, mean_losses
 from stridetwin.studies.placement.page import placement_page
 from stridetwin.studies.placement.problem_file import Place, PlacementProblem, check_ends, format_value, plain_of
+from stridetwin.studies.placement.result import PlaceInTable, PlacementResult
+from stridetwin.studies.placement.scores import PlaceRow
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.significance import compare_places, comparison_text, intervals, pareto_front
 
@@ -52,7 +54,7 @@ class PlacementOptions(BatchOptions):
         return replace(problem, seeds=seeds)
 
 
-def run_placement(problem: PlacementProblem, options: PlacementOptions, progress: Progress) -> dict[str, Any]:
+def run_placement(problem: PlacementProblem, options: PlacementOptions, progress: Progress) -> PlacementResult:
     """Searches places and compares them.
 
     Returns:
@@ -69,7 +71,7 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
         copy_files(folder, problem.user_files)
         check_ends(problem, folder)
         write_request(folder, _request(problem))
-        rows = RowLines(folder / ROWS, unfinished)
+        rows: RowLines[PlaceRow] = RowLines(folder / ROWS, unfinished)
         with open_executor(options.workers, options.scheduler) as executor:
             measure = Measure(problem, folder, rows, executor, progress)
             searched = _search(problem, measure)
@@ -84,7 +86,7 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
     return result
 
 
-def _request(problem: PlacementProblem) -> dict[str, Any]:
+def _request(problem: PlacementProblem) -> dict[str, object]:
     """What binds a folder to a placement, as JSON; another number of walks or a larger budget continues it."""
     return {
         "placement": problem.description,
@@ -102,7 +104,7 @@ def _check_folder(folder: Path, problem: PlacementProblem, resume: bool) -> None
         raise StrideTwinError(f"{folder}: holds results of another command: expected another folder")
     if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
         raise StrideTwinError(f"{folder}: holds a placement: expected --resume to continue it, or another folder")
-    if previous is not None and (keys := differing_keys(_request(problem), previous)):
+    if isinstance(previous, dict) and (keys := differing_keys(_request(problem), previous)):
         description = f"{previous['placement']!r} (other {', '.join(keys)})"
         raise StrideTwinError(f"{folder}: holds another placement, {description}: expected another folder")
 
@@ -150,20 +152,22 @@ def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
         return False
     pairs = [(knob, a.values[knob.name], b.values[knob.name]) for knob in problem.knobs]
     return all(
-        first == second if knob.values else abs(first - second) <= _ALIKE * (knob.high - knob.low)
+        first == second if knob.values else abs(to_number(first) - to_number(second)) <= _ALIKE * (knob.high - knob.low)
         for knob, first, second in pairs
     )
 
 
-def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> dict[str, Any]:
+def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:
     """The result of `run_placement` as JSON holds it, without the files."""
     names = [score.name for score in problem.scores]
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
-    table = []
+    table: list[PlaceInTable] = []
     for i, place in enumerate(final.places):
-        scores = {name: asdict(column[i]) for name, column in zip(names, columns) if np.isfinite(column[i].mean)}
-        row = {"rank": i + 1, "label": place.label, "values": dict(place.values), "scores": scores}
-        table.append(row | ({"failed": final.failed[i]} if i in final.failed else {}))
+        scores = {name: column[i].row() for name, column in zip(names, columns) if np.isfinite(column[i].mean)}
+        row: PlaceInTable = {"rank": i + 1, "label": place.label, "values": dict(place.values), "scores": scores}
+        if i in final.failed:
+            row["failed"] = final.failed[i]
+        table.append(row)
     pairs = compare_places(final.losses_of_walks)
     labels = [place.label for place in final.places]
     called = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
@@ -180,7 +184,7 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
         "walks_of_table": final.walks,
         "tried": len(searched.places) - 1,
         "failed": len(searched.failed),
-        "best": {key: table[0][key] for key in ("label", "values")},
+        "best": {"label": table[0]["label"], "values": table[0]["values"]},
         "table": table,
         "comparisons": [
             {
@@ -207,20 +211,21 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
 
 
 def _write(
-    problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place, result: dict[str, Any]
+    problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place, result: PlacementResult
 ) -> None:
     """Writes all files of a placement and adds their names to its result."""
     texts = {
         f"{SCENARIOS}/best_{base.name}.yaml": scenario_text(plain_of(problem, base, best)) for base in problem.bases
     }
     image = body_map(problem, folder, searched, best)
-    result["files"] = ["placement.json", "placement.html", "places.csv", *texts]
+    files = ["placement.json", "placement.html", "places.csv", *texts]
     if image is not None:
-        result["files"].append("body.png")
+        files.append("body.png")
         with atomic_file(folder / "body.png") as file:
             file.write_bytes(image.png)
     else:
         (folder / "body.png").unlink(missing_ok=True)  # of another problem
+    result["files"] = files
     texts["placement.json"] = to_json(result)
     texts["places.csv"] = _csv(problem, searched)
     texts["placement.html"] = placement_page(problem, searched, result, image)

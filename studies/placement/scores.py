@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypedDict
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import scale_of
+from stridetwin.outputs.base import Scores
 from stridetwin.streams.fields import DEG, DEGREES, FileModel, Number, Text, field_error
 from stridetwin.streams.samples import Array
 from stridetwin.streams.validation import suggest
@@ -42,6 +41,22 @@ class Seeing:
     least_px: Annotated[Number, Field(ge=0.1, le=1000)] = 4.0
     incidence_rad: Annotated[Number, Field(ge=1, le=89.9, alias="incidence_deg"), DEGREES] = 65.0 * DEG
     blur_squares: Annotated[Number, Field(ge=0.001, le=100)] = 0.5
+
+
+class PlaceRow(TypedDict, total=False):
+    """The scores of a place on a walk.
+
+    Attributes:
+        walk: Name of the walk.
+        scores: Geometric scores by name.
+        estimators: Scores of estimators by output.
+        failed: Reason by estimator; by `walk` if the place or the walk is infeasible.
+    """
+
+    walk: str
+    scores: dict[str, float]
+    estimators: dict[str, Scores]
+    failed: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +96,7 @@ class PlaceScore:
         """Name of the score without that of its estimator; empty for a geometric one."""
         return self.name.partition(".")[2]
 
-    def of(self, row: Row) -> float:
+    def of(self, row: PlaceRow) -> float:
         """Value of the score in the row of a place on a walk.
 
         The mean of both feet where there are two, NaN if it is missing.
@@ -93,11 +108,11 @@ class PlaceScore:
         ]
         return sum(values) / len(values) if values else math.nan
 
-    def find_reported(self, row: Row) -> set[str]:
+    def find_reported(self, row: PlaceRow) -> set[str]:
         """Names of all scores that the score's estimator reports in a row."""
         return {metric for output_scores in self._of_estimator(row) for metric in output_scores}
 
-    def _of_estimator(self, row: Row) -> list[Mapping[str, float]]:
+    def _of_estimator(self, row: PlaceRow) -> list[Scores]:
         """Scores of each output of the score's estimator in a row: one, or one per foot."""
         name, outputs = self.name.partition(".")[0], row.get("estimators", {})
         return [outputs[key] for key in ([name] if name in outputs else [f"{name}_l", f"{name}_r"]) if key in outputs]

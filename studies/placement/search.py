@@ -6,7 +6,6 @@ import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -65,7 +64,7 @@ def optimise(
             if not left:
                 continue
             rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, at * len(starts) + k)))
-            cma_options: dict[str, Any] = {
+            cma_options = {
                 "bounds": [0.0, 1.0],
                 "seed": math.nan,
                 "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
@@ -89,6 +88,6 @@ def optimise(
     return list(tried.values())
 
 
-def _numbers(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, Any]:
+def _numbers(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, object]:
     """Values of the knobs at a point of the unit cube, by name."""
     return {knob.name: knob.at_share(float(u)) for knob, u in zip(knobs, point)}

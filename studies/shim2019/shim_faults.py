@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.base import PROPOSED
 from stridetwin.estimators.contact_terrain import UNKNOWN, ContactTerrain
 from stridetwin.outputs.parameters import parameter_keywords
-from stridetwin.outputs.steps.scores import ScoredStep, false_steps, percent, score_steps, step_figures
+from stridetwin.outputs.steps.scores import ScoredStep, StepRow, false_steps, percent, score_steps, step_figures
 from stridetwin.scenarios.exo_geometry import nominal_geometry
 from stridetwin.sim.twin import Twin
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.result import Collected, FaultRow, NoPaper
 from stridetwin.studies.shim2019.shim_table5 import simulate_walk
 
 ESTIMATORS = ("contact_terrain",)
@@ -21,14 +22,20 @@ ESTIMATORS = ("contact_terrain",)
 USUAL = "usual"
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+class ShimFaultRow(FaultRow[list[StepRow]]):
+    """The row of a case: of each fault or manner the steps, and the number of estimated steps that did not happen."""
+
+    false_steps: dict[str, int]
+
+
+def run_case(case: ExperimentCase) -> Row:
     """One subject's walks: the usual manner of walking with each fault, any other manner without.
 
     Returns:
         The case's row with `fell`, `faults`: label of the fault or the manner to the rows of all steps; and
         `false_steps`: label to the number of estimated steps that did not happen.
     """
-    rows_of_fault: dict[str, list[dict[str, Any]]] = {}
+    rows_of_fault: dict[str, list[StepRow]] = {}
     false_counts: dict[str, int] = {}
     fell = []
     for walk in case.walks():
@@ -49,7 +56,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
     return case.row(fell=fell, faults=rows_of_fault, false_steps=false_counts)
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[ShimFaultRow]) -> Collected[dict[str, dict[str, float]], NoPaper]:
     """Summary by fault over the steps of all walks: errors, coverage, classes, and steps that did not happen."""
     collected = summarize_by_fault(
         results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows])

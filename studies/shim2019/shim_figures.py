@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from stridetwin.estimators.contact_terrain import METHODS, MODES
 from stridetwin.outputs.steps.figures import steps_from_aside
-from stridetwin.outputs.steps.scores import ScoredStep
+from stridetwin.outputs.steps.scores import ScoredStep, StepRow
 from stridetwin.pages.html import boxes, page, section, text_block
 from stridetwin.pages.plot import INK, PALETTE, Plot
 from stridetwin.scenarios.scenario_file import load_scenario
 from stridetwin.sim.world.route import lay_out
-from stridetwin.studies.shim2019.shim_table5 import CASES, table
+from stridetwin.studies.shim2019.shim_table5 import CASES, ShimResult, TrialRow, table
 
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
 DOTS = 150
@@ -24,7 +23,7 @@ _COLORS = dict(zip(MODES, ("#5b6b7f", PALETTE[1], PALETTE[5], PALETTE[0], PALETT
 _METHOD_COLORS = dict(zip(METHODS, PALETTE[2:]))
 
 
-def report(result: dict[str, Any]) -> str:
+def report(result: ShimResult) -> str:
     """The experiment as an HTML page: Figures 22 to 24 of Shim et al. 2019, then the tables."""
     cases = result["cases"]
     lead_22 = f"Planes and their normals, subject S{cases[0]['subject']}, seed {cases[0]['seed']}."
@@ -47,7 +46,7 @@ def report(result: dict[str, Any]) -> str:
     )
 
 
-def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
+def _figure_22(case: TrialRow, method: str) -> list[Markup]:
     """Figure 22: side views of the walks of one trial with the planes and normals that a method estimates."""
     figures = []
     for walk, title in SHOWN.items():
@@ -57,7 +56,7 @@ def _figure_22(case: dict[str, Any], method: str) -> list[Markup]:
     return figures
 
 
-def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
+def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
     """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method."""
     scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
     plot = Plot(
@@ -80,7 +79,7 @@ def _figure_23(cases: Sequence[dict[str, Any]], quantity: str) -> str:
     return plot.html()
 
 
-def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
+def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     """Figure 24: the steps of a method in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
@@ -104,12 +103,12 @@ def _figure_24(cases: Sequence[dict[str, Any]], method: str) -> str:
     return plot.html()
 
 
-def _of_case(cases: Sequence[dict[str, Any]], method: str, name: str) -> list[ScoredStep]:
+def _of_case(cases: Sequence[TrialRow], method: str, name: str) -> list[ScoredStep]:
     """The estimated steps of all trials that belong to one case of the table."""
     walk, mode = CASES[name]
     return [s for case in cases for s in _select_matched(case["walks"][walk][method]) if not mode or s.mode == mode]
 
 
-def _select_matched(rows: Sequence[dict[str, Any]]) -> Iterator[ScoredStep]:
+def _select_matched(rows: Sequence[StepRow]) -> Iterator[ScoredStep]:
     """The steps with an estimate, from their rows."""
     return (s for s in (ScoredStep(**row) for row in rows) if s.is_matched)

@@ -7,13 +7,13 @@ exoskeleton with measurement errors (`exo_geometry.simulate_measurement`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from heapq import merge
-from typing import Any
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.contact_terrain import METHODS, MODES, ContactTerrain, Exoskeleton, StepEstimate, TerrainSvm
@@ -21,6 +21,7 @@ from stridetwin.estimators.contact_terrain.geometry import METADATA_KEY, to_text
 from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.steps.scores import (
     ScoredStep,
+    StepRow,
     align_yaw,
     displacement_errors,
     false_steps,
@@ -34,6 +35,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, Footprint, Sample
 from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.result import CaseRow, Collected
 from stridetwin.studies.tables import table_lines
 
 ESTIMATORS = ("contact_terrain",)
@@ -55,7 +57,39 @@ _Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to 
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+CaseFigures = dict[str, dict[str, float]]
+"""Figures by case of the table; `all` is over all steps."""
+
+
+class TrialRow(CaseRow):
+    """The row of a trial, see `run_case`.
+
+    Attributes:
+        subject: Number of the subject.
+        fell: Walks that ended by a fall.
+        walks: Walk to method to the rows of its steps.
+        false_steps: Method to the number of estimated steps that did not happen.
+    """
+
+    subject: int
+    fell: list[str]
+    walks: dict[str, dict[str, list[StepRow]]]
+    false_steps: dict[str, int]
+
+
+class ShimCollected(Collected[dict[str, CaseFigures], dict[str, CaseFigures]]):
+    """Figures by method and case beside the paper's; `by_subject` has those of each subject, by method."""
+
+    by_subject: dict[str, dict[str, CaseFigures]]
+
+
+class ShimResult(ShimCollected):
+    """The result of the experiment, with the rows of its trials."""
+
+    cases: list[TrialRow]
+
+
+def run_case(case: ExperimentCase) -> Row:
     """Runs every method on one trial of one subject.
 
     Returns:
@@ -63,7 +97,7 @@ def run_case(case: ExperimentCase) -> dict[str, Any]:
         number of estimated steps that did not happen.
     """
     methods, fell = (*METHODS, *case.estimators), []
-    walks: dict[str, dict[str, list[dict[str, Any]]]] = {}
+    walks: dict[str, dict[str, list[StepRow]]] = {}
     false = dict.fromkeys(methods, 0)
     for walk in case.walks():
         twin = Twin(walk.config, case.seed)
@@ -120,9 +154,10 @@ def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
     return samples, footprints
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[TrialRow]) -> ShimCollected:
     """Figures by method and case beside the paper's totals; `by_subject` has those of each subject."""
-    summary, by_subject = {}, {}
+    summary: dict[str, CaseFigures] = {}
+    by_subject: dict[str, dict[str, CaseFigures]] = {}
     for method in results[0]["false_steps"]:
         trials = [
             (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
@@ -232,7 +267,7 @@ _COLUMNS = (
 )
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: ShimResult) -> list[str]:
     """Each method's figures by case beside the paper's, as lines of text, with classes by mode and by subject."""
     paper_figures = result["paper"]["Shim et al. 2019"]
     lines = [
@@ -255,7 +290,7 @@ def table(result: dict[str, Any]) -> list[str]:
     return [*lines, "", *_mean_errors(result["summary"])]
 
 
-def _mean_errors(summary: dict[str, Any]) -> list[str]:
+def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
     paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
@@ -34,10 +33,10 @@ class Method:
     name: str
     estimator: str
     method: str
-    parameters: Any = None
+    parameters: object = None
 
 
-def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, Any], at: FieldLocation) -> Method:
+def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, object], at: FieldLocation) -> Method:
     """A method from what a file says; `at` is its position there, `method` may be "" for the estimator's first one.
 
     Raises:

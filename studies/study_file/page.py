@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from stridetwin.pages.html import page, render_template, section, table, text_block
 from stridetwin.pages.plot import PALETTE, Plot
-from stridetwin.studies.study_file.results import table_head, table_rows
+from stridetwin.studies.study_file.results import StudyResult, table_head, table_rows
 
 _SPREAD = 0.5
 """Share of the distance between combinations over which the methods are spread."""
 
 
-def study_page(result: dict[str, Any], text: str, command: str) -> str:
+def study_page(result: StudyResult, text: str, command: str) -> str:
     """The page of a study from the result of `run_study`, the text of its file, and the command that makes the page."""
     lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
     tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
@@ -31,7 +29,7 @@ def study_page(result: dict[str, Any], text: str, command: str) -> str:
     return page("Study", result["study"], chips, sections, "Drawn by stridetwin experiment.")
 
 
-def _draw_score(result: dict[str, Any], score: str) -> str:
+def _draw_score(result: StudyResult, score: str) -> str:
     """A figure of the means of one score with their intervals, by combination; a colour per method."""
     methods = result["methods"]
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
@@ -41,6 +39,7 @@ def _draw_score(result: dict[str, Any], score: str) -> str:
         means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]
         plot.dots([x for x, _ in drawn], [mean["mean"] for _, mean in drawn], color, size=8, label=method)
-        ends = [[(x, mean["low"]), (x, mean["high"])] for x, mean in drawn if mean["low"] is not None]
+        bounds = [(x, mean["low"], mean["high"]) for x, mean in drawn]
+        ends = [[(x, low), (x, high)] for x, low, high in bounds if low is not None and high is not None]
         plot.curves(ends, color, label=method, width=2)
     return plot.html()

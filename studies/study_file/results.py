@@ -5,24 +5,100 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import asdict
 from itertools import product
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from stridetwin.batch.jobs import Row
 from stridetwin.gate.metric_policy import Scale, scale_of
 from stridetwin.outputs.base import CLAIM, Scores
 from stridetwin.streams.samples import Array
-from stridetwin.studies.significance import Difference, differences, interval_text, intervals, missing_test_reason
+from stridetwin.studies.significance import (
+    Difference,
+    IntervalRow,
+    Sentences,
+    differences,
+    interval_text,
+    intervals,
+    missing_test_reason,
+)
 from stridetwin.studies.study_file.study import Study
+from stridetwin.studies.study_file.walk import StudyRow
 
 _MAX_PCT = 200.0
 """A larger increase is written as a factor."""
 
 
-def score_values(study: Study, rows: Sequence[Row]) -> Array:
+class TableLine(TypedDict):
+    """A combination and a method: levels by factor, and each score's mean with its 95 % interval."""
+
+    levels: dict[str, str]
+    method: str
+    scores: dict[str, IntervalRow]
+
+
+class ComparedMethod(TypedDict):
+    """A method that is compared with the first one in a combination, by one score."""
+
+    score: str
+    method: str
+    levels: dict[str, str]
+
+
+class ScoreChange(TypedDict):
+    """The change of a score in % or points, with its 95 % interval, p-value and verdict ("" if not significant)."""
+
+    change: float
+    unit: str
+    low: float | None
+    high: float | None
+    p: float
+    verdict: str
+
+
+class MethodComparison(ComparedMethod, ScoreChange):
+    """A method against the first one in a combination, by one score."""
+
+
+class MethodFailure(TypedDict):
+    """A walk on which a method failed, and the reason."""
+
+    levels: dict[str, str]
+    seed: int
+    method: str
+    reason: str
+
+
+class StudyResult(Sentences):
+    """The result of a study.
+
+    Attributes:
+        study: What is compared, in one line.
+        factors: Names of the factors.
+        methods: Names of the methods.
+        scores: Names of the scores.
+        seeds: Seeds of the walks of each combination.
+        table: One line per combination and method.
+        comparisons: Each method against the first one.
+        words: Comparisons and failures as sentences.
+        failed: The failures.
+        files: Names of the written files.
+        parameters: Values of `--set`, by estimator and name; only where there are any.
+    """
+
+    study: str
+    factors: list[str]
+    methods: list[str]
+    scores: list[str]
+    seeds: list[int]
+    table: list[TableLine]
+    comparisons: list[MethodComparison]
+    failed: list[MethodFailure]
+    files: NotRequired[list[str]]
+    parameters: NotRequired[dict[str, dict[str, object]]]
+
+
+def score_values(study: Study, rows: Sequence[StudyRow]) -> Array:
     """(C, M, W, S) scores of C combinations, M methods and W walks; means over outputs, NaN where missing.
 
     Args:
@@ -45,21 +121,23 @@ def _mean_of_outputs(outputs: dict[str, Scores], score: str) -> float:
     return float(np.mean(np.abs(values) if scale is not None and scale.signed else values)) if values else np.nan
 
 
-def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
+def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
     """The result as JSON holds it: the study, `table`, `comparisons`, `words` and `failed`."""
     values = score_values(study, rows)
     labels = [dict(combination.labels) for combination in study.combinations]
-    table: list[dict[str, Any]] = [
+    table: list[TableLine] = [
         {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
     ]
     for s, score in enumerate(study.scores):
         for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
             if np.isfinite(column.mean):
-                line["scores"][score] = asdict(column)
+                line["scores"][score] = column.row()
     comparisons = _compare(study, values)
-    walks = [{"levels": label, "seed": seed} for label in labels for seed in study.seeds]
-    failed = [
-        walk | {"method": name, "reason": why} for walk, row in zip(walks, rows) for name, why in row["failed"].items()
+    walks = [(label, seed) for label in labels for seed in study.seeds]
+    failed: list[MethodFailure] = [
+        {"levels": label, "seed": seed, "method": name, "reason": why}
+        for (label, seed), row in zip(walks, rows)
+        for name, why in row["failed"].items()
     ]
     return {
         "study": study.description,
@@ -74,9 +152,10 @@ def collect_result(study: Study, rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
+def _compare(study: Study, values: Array) -> list[MethodComparison]:
     """Each method against the first in each combination, walk by walk, on the scale of the score."""
-    places, columns, scales = [], [], []
+    places: list[ComparedMethod] = []
+    columns, scales = list[Array](), list[Scale]()
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])
         if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
@@ -86,10 +165,10 @@ def _compare(study: Study, values: Array) -> list[dict[str, Any]]:
             levels = dict(study.combinations[c].labels)
             places.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
     tested = differences(np.column_stack(columns)) if columns else []
-    return [place | _change(scale, difference) for place, scale, difference in zip(places, scales, tested)]
+    return [{**place, **_change(scale, difference)} for place, scale, difference in zip(places, scales, tested)]
 
 
-def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
+def _change(scale: Scale, difference: Difference) -> ScoreChange:
     """A difference of losses as a change of the score: in % or points, with interval, p-value and verdict."""
     ends = [scale.change(end) for end in (difference.low, difference.high) if end is not None]
     low, high = sorted(ends) if ends else (None, None)
@@ -104,7 +183,7 @@ def _change(scale: Scale, difference: Difference) -> dict[str, Any]:
     }
 
 
-def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -> list[str]:
+def _describe_comparisons(study: Study, comparisons: Sequence[MethodComparison]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
     first, why = study.methods[0].name, missing_test_reason(len(study.seeds))
     if why or len(study.methods) == 1:
@@ -122,7 +201,7 @@ def _describe_comparisons(study: Study, comparisons: Sequence[dict[str, Any]]) -
     return texts
 
 
-def _describe_change(comparison: dict[str, Any]) -> str:
+def _describe_change(comparison: MethodComparison) -> str:
     """The combination of a comparison and its change, such as `low noise (+12 %)`; large increases as a factor."""
     change = f"{comparison['change']:+.3g} {comparison['unit']}"
     if comparison["unit"] == "%" and comparison["change"] > _MAX_PCT:
@@ -130,7 +209,7 @@ def _describe_change(comparison: dict[str, Any]) -> str:
     return f"{', '.join(comparison['levels'].values()) or 'all walks'} ({change})"
 
 
-def _describe_failures(failed: Sequence[dict[str, Any]]) -> list[str]:
+def _describe_failures(failed: Sequence[MethodFailure]) -> list[str]:
     """On how many walks each method failed, with the first reason."""
     reasons: dict[str, list[str]] = {}
     for failure in failed:
@@ -141,12 +220,12 @@ def _describe_failures(failed: Sequence[dict[str, Any]]) -> list[str]:
     ]
 
 
-def table_head(result: dict[str, Any]) -> list[str]:
+def table_head(result: StudyResult) -> list[str]:
     """Titles of the columns of `table_rows`; those before the scores are text."""
     return [*result["factors"], "method", *result["scores"]]
 
 
-def table_rows(result: dict[str, Any]) -> list[list[str]]:
+def table_rows(result: StudyResult) -> list[list[str]]:
     """The table as text: the levels, the method, and each score with its interval."""
     scores = result["scores"]
     return [
@@ -155,7 +234,7 @@ def table_rows(result: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def csv_text(study: Study, rows: Sequence[Row]) -> str:
+def csv_text(study: Study, rows: Sequence[StudyRow]) -> str:
     """All scores as CSV: one row per walk, method and score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from stridetwin.batch.executors import BatchOptions
 from stridetwin.batch.folder import hold_folder
-from stridetwin.batch.jobs import Failure, Job, Row, Work, content_key, one_by_one
+from stridetwin.batch.jobs import Failure, Job, Work, content_key, one_by_one
 from stridetwin.batch.rows import RowLines
 from stridetwin.batch.run import ROWS, Batch, Progress
 from stridetwin.gate.walk_scores import scoring_versions
@@ -25,9 +24,16 @@ from stridetwin.studies.design import make_scenario
 from stridetwin.studies.size import SAMPLED, Size, size_of
 from stridetwin.studies.study_file import walk as walk_module
 from stridetwin.studies.study_file.page import study_page
-from stridetwin.studies.study_file.results import collect_result, csv_text
+from stridetwin.studies.study_file.results import StudyResult, collect_result, csv_text
 from stridetwin.studies.study_file.study import Study
-from stridetwin.studies.study_file.walk import WALK, StudyWalk, keep_needed_sensors, missing_sensors_reason, run_walk
+from stridetwin.studies.study_file.walk import (
+    WALK,
+    StudyRow,
+    StudyWalk,
+    keep_needed_sensors,
+    missing_sensors_reason,
+    run_walk,
+)
 
 STUDY_FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
 
@@ -68,7 +74,7 @@ def run_study(
     options: StudyOptions,
     progress: Progress,
     announce: Callable[[str], None] = lambda text: None,
-) -> dict[str, Any]:
+) -> StudyResult:
     """Runs the walks of a study and writes `STUDY_FILES` into the folder.
 
     Args:
@@ -93,14 +99,15 @@ def run_study(
         versions = partial(_versions, tuple(sorted({method.estimator for method in study.methods})))
         jobs = [_make_job(name, walk, versions()) for name, walk in walks]
         work = Work(run=one_by_one(partial(run_walk, folder.absolute())), versions=versions)
-        store = RowLines(folder / ROWS, unfinished)
+        store: RowLines[StudyRow] = RowLines(folder / ROWS, unfinished)
         batch = Batch(jobs, store)
         if batch.missing:
             announce(f"{study.path.stem}: {_size(batch.missing, study).describe(len(batch.missing), options.workers)}")
         results = batch.run_with(options, work, study.path.stem, progress, "--resume continues")
         store.sort([job.key for job in jobs])
-        rows = [{"scores": {}, "failed": {WALK: r.reason}} if isinstance(r, Failure) else r for r in results]
-        result = {**collect_result(study, rows), "files": list(STUDY_FILES)}
+        rows = [_row_of_failure(r) if isinstance(r, Failure) else r for r in results]
+        result = collect_result(study, rows)
+        result["files"] = list(STUDY_FILES)
         if options.parameters:
             result["parameters"] = {name: dict(values) for name, values in options.parameters.items()}
         _write(study, options, rows, result)
@@ -111,6 +118,11 @@ def _size(jobs: Sequence[Job[StudyWalk]], study: Study) -> Size:
     """What some walks take, at least one."""
     sampled_jobs = jobs[:: -(-len(jobs) // SAMPLED)]
     return size_of([[job.task.scenario.config] for job in sampled_jobs], len(jobs), len(study.methods))
+
+
+def _row_of_failure(failure: Failure) -> StudyRow:
+    """The row of a walk without scores."""
+    return {"scores": {}, "failed": {WALK: failure.reason}}
 
 
 def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, StudyWalk]]:
@@ -150,7 +162,7 @@ def _make_job(name: str, walk: StudyWalk, versions: dict[str, str]) -> Job[Study
     return Job(name=name, key=key, task=task)
 
 
-def _write(study: Study, options: StudyOptions, rows: Sequence[Row], result: dict[str, Any]) -> None:
+def _write(study: Study, options: StudyOptions, rows: Sequence[StudyRow], result: StudyResult) -> None:
     """Writes the report, the table and all values of a study."""
     text = Path(study.path).read_text(encoding="utf-8")
     texts = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, cast
 
 from pydantic import Field
 
@@ -34,7 +34,7 @@ class MethodInFile(FileModel):
 
     estimator: Text
     method: str = ""
-    parameters: dict[str, Any] = Field(default={})
+    parameters: dict[str, object] = Field(default={})
 
 
 class StudyFile(DesignFile):
@@ -88,7 +88,7 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
         for name, spec in file.methods.items()
     )
     _check_scores(file, methods, where.key("scores"))
-    return Study(**vars(read_design(file, data, path)), methods=methods, scores=file.scores)
+    return Study(**vars(read_design(file, cast("dict[str, object]", data), path)), methods=methods, scores=file.scores)
 
 
 def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: FieldLocation) -> None:

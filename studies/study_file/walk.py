@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TypedDict
 
 from stridetwin.batch.folder import UNFINISHED
-from stridetwin.batch.jobs import Row
 from stridetwin.outputs.base import Scores
 from stridetwin.scenarios.record import make_twin, record
 from stridetwin.scenarios.scenario_file import Scenario
@@ -20,6 +20,13 @@ from stridetwin.studies.study_file.methods import Method, align_odometry, run_me
 
 WALK = "walk"
 """Key of a row's `failed` if the walk itself failed."""
+
+
+class StudyRow(TypedDict):
+    """The row of a walk: scores by method and output, and a reason by method that failed, or for the walk."""
+
+    scores: dict[str, dict[str, Scores]]
+    failed: dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +58,7 @@ def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenar
     return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
 
 
-def run_walk(folder: Path, walk: StudyWalk) -> Row:
+def run_walk(folder: Path, walk: StudyWalk) -> StudyRow:
     """The row of a walk: `scores` by method and output, and `failed` with a reason by method, or for the walk.
 
     Args:

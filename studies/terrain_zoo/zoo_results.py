@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from scipy.stats import binomtest
@@ -12,19 +12,40 @@ from scipy.stats import binomtest
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, inside_pct, mode_figures, rms
 from stridetwin.pages.html import page, section, text_block
+from stridetwin.studies.result import CaseRow, Collected, Figures, NoPaper, Result
 from stridetwin.studies.tables import table_lines
 from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS
 from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_lines, confusion_table, lead_plot
+from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
 _SURE = 0.9
 _OURS, _PUBLISHED = METHODS
 _UNTUNED = "kinds that are not in the tuning set"
 _ALL = "all"
 
-ZooRow = dict[str, Any]
+
+class ZooRow(CaseRow):
+    """The row of a walk, see `zoo_walk.run_case`."""
+
+    kind: str
+    mount: str
+    fell_at_s: float | None
+    odometry: dict[str, float]
+    methods: dict[str, TimedModeRows]
 
 
-def collect(results: list[ZooRow]) -> ZooRow:
+class ZooSummary(TypedDict):
+    """Figures of modes and of the odometry by kind, and steps by true and predicted mode."""
+
+    groups: dict[str, Figures]
+    odometry: dict[str, Figures]
+    confusion: dict[str, dict[str, int]]
+
+
+ZooResult = Result[ZooSummary, NoPaper, ZooRow]
+
+
+def collect(results: list[ZooRow]) -> Collected[ZooSummary, NoPaper]:
     """Figures of modes and odometry: over all walks, over the kinds outside the tuning set, and by kind."""
     groups: dict[str, Callable[[ZooRow], bool]] = {
         _ALL: lambda row: True,
@@ -44,11 +65,10 @@ def collect(results: list[ZooRow]) -> ZooRow:
 
 
 def _scores(rows: Iterable[ZooRow], method: str) -> list[ModeScores]:
-    """Scores of each walk by one method."""
     return [ModeScores.of(row["methods"][method]) for row in rows]
 
 
-def _figures(rows: list[ZooRow]) -> ZooRow:
+def _figures(rows: list[ZooRow]) -> Figures:
     """Figures of our method over walks, and the published method's share of right steps."""
     walks = _scores(rows, _OURS)
     steps = [step for walk in walks for step in walk.steps]
@@ -84,7 +104,7 @@ def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
 
 
-def _odometry(rows: list[ZooRow]) -> ZooRow:
+def _odometry(rows: list[ZooRow]) -> Figures:
     """Figures of the odometry over walks.
 
     Returns:
@@ -133,12 +153,12 @@ _ODOMETRY = (
 _WIDTH = 46
 
 
-def table(result: ZooRow) -> list[str]:
+def table(result: ZooResult) -> list[str]:
     """Figures by kind, of the odometry, and the confusion matrix, as lines of text."""
     return [*overall_lines(result), "", *odometry_lines(result), "", *confusion_lines(result["summary"]["confusion"])]
 
 
-def overall_lines(result: ZooRow) -> list[str]:
+def overall_lines(result: ZooResult) -> list[str]:
     """Figures of the modes by kind, as lines of text; `*` marks kinds outside the tuning set."""
     fell = [str(row["seed"]) for row in result["cases"] if row["fell_at_s"] is not None]
     rows = [(_label(name), figures) for name, figures in result["summary"]["groups"].items()]
@@ -151,7 +171,7 @@ def overall_lines(result: ZooRow) -> list[str]:
     ]
 
 
-def odometry_lines(result: ZooRow) -> list[str]:
+def odometry_lines(result: ZooResult) -> list[str]:
     """Figures of the odometry by kind, as lines of text."""
     rows = [(_label(name), figures) for name, figures in result["summary"]["odometry"].items()]
     return [
@@ -168,7 +188,7 @@ def _label(name: str) -> str:
     return WALK_KINDS[name].description + ("" if WALK_KINDS[name].tuned else " *")
 
 
-def report(result: ZooRow) -> str:
+def report(result: ZooResult) -> str:
     """The experiment as an HTML page."""
     cases, name = result["cases"], result["experiment"]
     steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.locomotion_mode import METHODS
 from stridetwin.estimators.terrain_map.depth_camera import camera_in_frame, transform
 from stridetwin.outputs.path.scores import compare, score
@@ -31,7 +31,7 @@ _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
 
 
-def run_case(case: ExperimentCase, kinds: str = "all") -> dict[str, Any]:
+def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
     """Simulates the walk of a case on a drawn terrain, and runs the odometry and every predictor of modes on it.
 
     Consecutive seeds are of consecutive kinds of terrain.

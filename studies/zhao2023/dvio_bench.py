@@ -9,13 +9,13 @@ MH_01_easy -o mh_01.mcap`, `stridetwin score mh_01.mcap`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from stridetwin.reference.norms import read_reference
+from stridetwin.studies.result import Collected, Figures, LabelledFigures, Result, Summary, get_figures
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.zhao2023.odometry_walks import mean, summarize_time
+from stridetwin.studies.zhao2023.odometry_walks import FigureName, OdometryFigures, OdometryRow, mean, summarize_time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +46,27 @@ SEQUENCES = {
 """Sequences by the name of the walk in the catalogue."""
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+PaperErrors = dict[str, dict[str, dict[str, float]]]
+"""Published errors by method, `ape_rmse_m`, and sequence of EuRoC."""
+
+
+class BenchRow(OdometryRow):
+    """The row of a walk, with the name of its sequence."""
+
+    sequence: str
+
+
+def collect(results: list[BenchRow]) -> Collected[Summary, PaperErrors]:
     """Means by method over the walks of each sequence and over the sequences, beside the paper's figures on EuRoC."""
-    summary: dict[str, Any] = {}
+    summary: Summary = {}
     for method in results[0]["methods"]:
-        of: dict[str, list[dict[str, Any]]] = {}
+        of: dict[str, list[OdometryFigures]] = {}
         for r in results:
             of.setdefault(r["sequence"], []).append(r["methods"][method])
         by_name = {name: of[name] for name in SEQUENCES if name in of}
         summary[method] = {
-            **{figure: _by_sequence(by_name, figure) for figure in ("ape_rmse_m", "rpe_5m_pct")},
+            "ape_rmse_m": _by_sequence(by_name, "ape_rmse_m"),
+            "rpe_5m_pct": _by_sequence(by_name, "rpe_5m_pct"),
             "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in by_name.items()},
         }
     summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
@@ -63,35 +74,35 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     return {"summary": summary, "paper": read_paper_figures()}
 
 
-def _by_sequence(walks: dict[str, list[dict[str, Any]]], figure: str) -> dict[str, float | None]:
+def _by_sequence(walks: dict[str, list[OdometryFigures]], figure: FigureName) -> dict[str, float | None]:
     """Mean over the walks of each sequence, and over the sequences; None if no walk has the figure."""
     values = {name: mean(sequence_walks, figure) for name, sequence_walks in walks.items()}
     defined = [v for v in values.values() if v is not None]
     return {**values, "mean": float(np.mean(defined)) if defined else None}
 
 
-def read_paper_figures() -> dict[str, Any]:
+def read_paper_figures() -> PaperErrors:
     """Table IV of the paper: errors on EuRoC by method and sequence, and the mean of the ten."""
-    figures_of_method: dict[str, Any] = {}
+    figures_of_method: PaperErrors = {}
     for method, figures in read_reference("zhao2023")["dvio_bench"].items():
         ape = figures["ape_rmse_m"]
         figures_of_method[method] = {"ape_rmse_m": {**ape, "mean": float(np.mean(list(ape.values())))}}
     return figures_of_method
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: Result[Summary, PaperErrors, BenchRow]) -> list[str]:
     """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
-    time_ms, rates = summary["time_ms"], {r["sequence"]: r["rate_radps"] for r in result["cases"]}
+    time_ms, rates = get_figures(summary, "time_ms"), {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
     columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
-    rows = []
+    rows: list[LabelledFigures] = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
         sequence = SEQUENCES.get(name, Sequence(like="mean", description=""))
-        figures: dict[str, Any] = {"like": sequence.like.removeprefix("mean"), "rate": rates.get(name)}
+        figures: dict[str, object] = {"like": sequence.like.removeprefix("mean"), "rate": rates.get(name)}
         for m in methods:
-            figures[m] = _error(summary[m], name)
+            figures[m] = _error(get_figures(summary, m), name)
             figures[f"paper_{m}"] = paper_figures.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)
         rows.append((f"{name:<13}{sequence.description}", figures))
     return [
@@ -104,8 +115,9 @@ def table(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def _error(figures: dict[str, Any], name: str) -> str:
+def _error(figures: Figures, name: str) -> str:
     """The error of a sequence as text, with an x if a walk failed."""
-    value = figures["ape_rmse_m"].get(name)
+    value = get_figures(figures, "ape_rmse_m").get(name)
+    assert value is None or isinstance(value, (int, float))
     text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"
-    return text + ("x" if figures["failures"].get(name) else " ")
+    return text + ("x" if get_figures(figures, "failures").get(name) else " ")

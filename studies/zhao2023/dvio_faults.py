@@ -6,14 +6,16 @@ it is lost and is healthy again at the end.
 
 from __future__ import annotations
 
-from typing import Any
-
+from stridetwin.batch.jobs import Row
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.result import Collected, FaultRow, Figures, NoPaper
 from stridetwin.studies.walks import record_walk
 from stridetwin.studies.zhao2023.odometry_walks import (
     FIGURES,
+    FigureName,
     Maker,
+    OdometryFigures,
     make_odometer,
     mean,
     odometry_samples,
@@ -27,11 +29,12 @@ ESTIMATORS = ("dvio",)
 """Estimators whose parameters `--set` changes here."""
 
 DRIFT_RATIO = 3.0
+_FIGURES: tuple[FigureName, ...] = (*FIGURES, "unhealthy_s", "nees_within_95_pct")
 NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""
 
 
-def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
+def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
     """Runs the odometry on one recorded walk with each fault.
 
     Returns:
@@ -47,13 +50,13 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any
     return case.row(faults=figures_of_fault)
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[FaultRow[OdometryFigures]]) -> Collected[dict[str, Figures], NoPaper]:
     """Means by fault over the walks; `borne` counts the walks whose odometry tolerates the fault."""
     nominal = [r["faults"][NO_FAULT] for r in results]
 
-    def fault_figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
+    def fault_figures(walks: list[OdometryFigures]) -> Figures:
         return {
-            **{figure: mean(walks, figure) for figure in (*FIGURES, "unhealthy_s", "nees_within_95_pct")},
+            **{figure: mean(walks, figure) for figure in _FIGURES},
             "failures": sum(bool(w["failure"]) for w in walks),
             "borne": sum(map(_is_tolerated, walks, nominal)),
             "time_ms": summarize_time(walks),
@@ -62,7 +65,7 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     return summarize_by_fault(results, fault_figures)
 
 
-def _is_tolerated(walk: dict[str, Any], nominal: dict[str, Any]) -> bool:
+def _is_tolerated(walk: OdometryFigures, nominal: OdometryFigures) -> bool:
     """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
     if walk["failure"] == "lost":
         return bool(walk["recovered"])

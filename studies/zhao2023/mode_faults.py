@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.base import CAMERA_POSES, POSES
 from stridetwin.estimators.locomotion_mode import INSOLES
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
-from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.modes.scores import ModeRows, ModeScores, mode_figures
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.truth import true_footprints
 from stridetwin.scenarios.metadata import fault_metadata
@@ -27,6 +27,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Odometry
 from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
+from stridetwin.studies.result import Collected, FaultRow, Figures, NoPaper
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import (
     predict,
@@ -44,13 +45,13 @@ FAULT_LEAD_S = 3.0
 SURE = 0.9
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+def run_case(case: ExperimentCase) -> Row:
     """Predicts the modes of all walks of a case, with each fault.
 
     Returns:
         The case's row with `fell`, and `faults`: label to the rows of each walk.
     """
-    rows_of_fault: dict[str, list[dict[str, Any]]] = {}
+    rows_of_fault: dict[str, list[ModeRows]] = {}
     fell = []
     for walk in case.walks():
         with record_walk(walk, case) as recording:
@@ -82,12 +83,12 @@ def fault_times_s(recording: Recording) -> list[float]:
     return [t - FAULT_LEAD_S for t in firsts]
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[FaultRow[list[ModeRows]]]) -> Collected[dict[str, Figures], NoPaper]:
     """Figures by fault over all walks."""
     return summarize_by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
 
 
-def _figures(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _figures(rows: list[ModeRows]) -> Figures:
     """Figures of the walks with one fault: those of `mode_figures`, and how sure the predictions were.
 
     The latter are the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly

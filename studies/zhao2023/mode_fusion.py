@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.base import PROPOSED
 from stridetwin.estimators.contact_terrain import ContactTerrain, StepEstimate
-from stridetwin.outputs.modes.scores import ModeScores, mode_figures
+from stridetwin.outputs.modes.scores import ModeFigures, ModeRows, ModeScores, mode_figures
 from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.truth import true_footprints
 from stridetwin.scenarios.exo_geometry import exo_from_recording
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Sample
 from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.result import CaseRow, Collected, LabelledFigures, NoPaper, Result
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
@@ -39,14 +41,30 @@ _WORDS = {
 }
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+class FusionRow(CaseRow):
+    """The row of a case, see `run_case`."""
+
+    fell: list[str]
+    predicted: dict[str, dict[str, list[ModeRows]]]
+    legs: list[tuple[str, str, str]]
+
+
+class FusionSummary(TypedDict):
+    """Figures with light and in the dark, by source of the modes, and those of the legs alone."""
+
+    light: dict[str, ModeFigures]
+    dark: dict[str, ModeFigures]
+    legs: dict[str, float]
+
+
+def run_case(case: ExperimentCase) -> Row:
     """Predicts the modes of all walks of a case, in light and in darkness.
 
     Returns:
         The case's row with `fell`, `predicted`: light to `camera` and `both` to the rows of each walk, and `legs`: true
         mode, that of the previous step, and the legs' prediction, for every step.
     """
-    predicted_rows: dict[str, dict[str, list[Any]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
+    predicted_rows: dict[str, dict[str, list[ModeRows]]] = {light: {by: [] for by in BY[:2]} for light in LIGHTS}
     legs: list[tuple[str, str, str]] = []
     fell = []
     for walk in case.walks():
@@ -97,29 +115,31 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
     return predictions
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     """Figures by light and by source over all walks; no paper has such a table."""
-    summary: dict[str, Any] = {
-        light: {
-            by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]
-        }
+    light, dark = (
+        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]}
         for light in LIGHTS
-    }
+    )
     camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
     right = [
         (mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)
     ]  # as for the camera
-    summary["legs"] = {
+    legs = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),
         "transition_accuracy_pct": 100.0 * float(np.mean([ok for ok, transition in right if transition])),
     }
-    return {"summary": summary, "paper": {}}
+    return {"summary": {"light": light, "dark": dark, "legs": legs}, "paper": {}}
 
 
-def rows(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def rows(result: Result[FusionSummary, NoPaper, FusionRow]) -> list[LabelledFigures]:
     """Figures by light and source, for the table."""
     summary = result["summary"]
-    by_light = [(f"{_WORDS[light]}, {_WORDS[by]}", summary[light][by]) for light in LIGHTS for by in BY[:2]]
+    by_light: list[LabelledFigures] = [
+        (f"{_WORDS[light]}, {_WORDS[by]}", figures[by])
+        for light, figures in (("light", summary["light"]), ("dark", summary["dark"]))
+        for by in BY[:2]
+    ]
     return [*by_light, (_WORDS["legs"], summary["legs"])]

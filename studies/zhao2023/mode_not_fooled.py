@@ -7,13 +7,15 @@ of 4 cm. Seeds alternate between head and chest.
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators.locomotion_mode import METHODS, MODES, ModeEstimate
-from stridetwin.outputs.modes.scores import ScoredMode
+from stridetwin.outputs.modes.scores import ModeScores
 from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.result import CaseRow, Collected, Figures, LabelledFigures, NoPaper, Result
 from stridetwin.studies.walks import fell_at_s, record_walk
 from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, score_predictions, sole_length_m
 
@@ -21,14 +23,32 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 """Estimators whose parameters `--set` changes here."""
 
 
-def run_case(case: ExperimentCase) -> dict[str, Any]:
+class TrapRow(TypedDict):
+    """A method on the walk past one trap: the rows of its steps, and the share of estimates that are false alarms."""
+
+    steps: list[dict[str, object]]
+    alarms_pct: float
+
+
+class TrapsRow(CaseRow):
+    """The row of a case: the walks that fell, by trap, and trap to method to what came of it."""
+
+    fell: list[str]
+    traps: dict[str, dict[str, TrapRow]]
+
+
+TrapSummary = dict[str, dict[str, Figures]]
+"""Figures by method and trap."""
+
+
+def run_case(case: ExperimentCase) -> Row:
     """Predicts the modes of one walk per trap.
 
     Returns:
         The case's row with `fell`, and `traps`: trap to method to `steps` (rows of `ScoredMode`) and `alarms_pct`, the
         share of the estimates that predict any other mode than LG.
     """
-    figures_of_trap: dict[str, dict[str, Any]] = {}
+    figures_of_trap: dict[str, dict[str, TrapRow]] = {}
     fell = []
     for walk in case.walks():
         trap = walk.labels["trap"]
@@ -50,7 +70,7 @@ def _alarm_share_pct(estimates: list[ModeEstimate]) -> float:
     return 100.0 * wrong / max(len(estimates), 1)
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+def collect(results: list[TrapsRow]) -> Collected[TrapSummary, NoPaper]:
     """Figures by method and trap over all walks; the paper has no such table."""
     return {
         "summary": {
@@ -60,9 +80,9 @@ def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
+def _figures(walks: list[TrapRow]) -> Figures:
     """Figures of one trap over walks, from the rows of `run_case`."""
-    steps = [ScoredMode(**row) for w in walks for row in w["steps"]]
+    steps = [step for w in walks for step in ModeScores.of({"steps": w["steps"], "approaches": []}).steps]
     predicted = Counter(s.predicted for s in steps)
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
@@ -75,7 +95,7 @@ def _figures(walks: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def rows(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+def rows(result: Result[TrapSummary, NoPaper, TrapsRow]) -> list[LabelledFigures]:
     """Figures by trap, for the table: ours, and the published method's accuracy."""
     ours, published = (result["summary"][m] for m in METHODS)
     return [(trap, {**ours[trap], "published": published[trap]["accuracy_pct"]}) for trap in ours]

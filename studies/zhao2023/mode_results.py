@@ -5,23 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from functools import cache
-from typing import Any
+from typing import Literal, NotRequired, TypedDict, TypeGuard
 
 import numpy as np
 from markupsafe import Markup
 from scipy.stats import t as student_t
 
 from stridetwin.estimators.locomotion_mode import MODES
-from stridetwin.outputs.modes.scores import ModeScores, ScoredMode, mode_figures, reliability
+from stridetwin.outputs.modes.scores import ModeFigures, ModeScores, ScoredMode, mode_figures, reliability
 from stridetwin.pages.html import boxes, page, section, text_block
 from stridetwin.pages.html import table as html_table
 from stridetwin.pages.plot import INK, MUTED, PALETTE, Plot
-from stridetwin.reference.norms import read_reference, read_reference_rows
-from stridetwin.studies.zhao2023.mode_walks import EDGES, FORGETFUL, HEIGHT_GROUPS, MOUNTS, combine_spreads
+from stridetwin.reference.norms import MeanAndSd, Moments, read_reference, read_reference_rows
+from stridetwin.studies.result import CaseRow, Collected, Figures, Result, Summary, get_figures
+from stridetwin.studies.zhao2023.mode_walks import (
+    EDGES,
+    FORGETFUL,
+    HEIGHT_GROUPS,
+    MOUNTS,
+    Spread,
+    TimedModeRows,
+    combine_spreads,
+)
 
 PAPER_TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
 GAIT_PATTERNS = ("wander", "walk", "jog")
-ScoredWalk = tuple[dict[str, Any], ModeScores]
+ScoredWalk = tuple[Figures, ModeScores]
+"""The row of a walk, and a method's scores on it."""
+Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct", "multi_direction_outdoor_pct"]
+"""Key in `reference/zhao2023.yaml` of one of the three trials; "" for the test of generality."""
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
@@ -58,15 +70,67 @@ _MOUNT_NOTE = (
 )
 
 
-def collect(results: list[dict[str, Any]], trial: str = "") -> dict[str, Any]:
+class ModeRow(CaseRow):
+    """The row of a walk, see `mode_walks.run_case`; it also has the levels of the walk's conditions."""
+
+    mount: str
+    fell_at_s: float | None
+    spread: dict[str, Spread]
+    methods: dict[str, TimedModeRows]
+
+
+class WalksAccuracy(TypedDict):
+    """Accuracy over walks, %: mean, standard deviation, and half of the mean's 95 % interval over persons or walks."""
+
+    mean: float
+    sd: float
+    ci95: float | None
+    over: int
+    of: str
+    sd_of_cells: NotRequired[float]
+
+
+class MethodSummary(ModeFigures):
+    """Figures of one method over all walks, by condition and by cell."""
+
+    walks_accuracy_pct: WalksAccuracy
+    walks_strict_accuracy_pct: WalksAccuracy
+    accuracy_by_condition_pct: dict[str, float]
+    cells_pct: dict[str, float]
+
+
+class PublishedAccuracy(TypedDict):
+    """The paper's accuracy, %: over all walks, by condition and by cell."""
+
+    accuracy_pct: MeanAndSd
+    accuracy_by_condition_pct: dict[str, float]
+    cells_pct: dict[str, float]
+
+
+class PaperFigures(TypedDict):
+    """The paper's figures, see `read_paper_figures`."""
+
+    published: PublishedAccuracy
+    time_ms: dict[str, float]
+    spread: NotRequired[dict[str, Moments]]
+
+
+ModeResult = Result[Summary, PaperFigures, ModeRow]
+"""The summary has a `MethodSummary` by method, `time_ms`, and `spread` by quantity."""
+
+
+def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, PaperFigures]:
     """Figures by method over all walks, by condition and cell; with the paper's, see `read_paper_figures`."""
-    summary: dict[str, Any] = {}
+    summary: Summary = {}
     for method in results[0]["methods"]:
-        walks = [(r, ModeScores.of(r["methods"][method])) for r in results]
+        walks: list[ScoredWalk] = [(r, ModeScores.of(r["methods"][method])) for r in results]
         cells = _cells(walks)
-        summary[method] = mode_figures([w for _, w in walks]) | {
-            "walks_accuracy_pct": _mean(results, [_share(w) for _, w in walks])
-            | ({"sd_of_cells": float(np.std(list(cells.values())))} if len(cells) > 1 else {}),
+        accuracy = _mean(results, [_share(w) for _, w in walks])
+        if len(cells) > 1:
+            accuracy["sd_of_cells"] = float(np.std(list(cells.values())))
+        summary[method] = {
+            **mode_figures([w for _, w in walks]),
+            "walks_accuracy_pct": accuracy,
             "walks_strict_accuracy_pct": _mean(results, [_share(w, strict=True) for _, w in walks]),
             "accuracy_by_condition_pct": _by_condition(walks),
             "cells_pct": cells,
@@ -95,13 +159,13 @@ def _share(walk: ModeScores, *, strict: bool = False) -> float:
     return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
-def _mean(rows: Sequence[dict[str, Any]], shares: Sequence[float]) -> dict[str, Any]:
+def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
     """Mean and standard deviation over walks, and half of the mean's 95 % interval.
 
     Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
     walker is unknown.
     """
-    by_group: dict[Any, list[float]] = {}
+    by_group: dict[object, list[float]] = {}
     is_known = any(k in rows[0] for k in _WHO)
     for row, share in zip(rows, shares):
         by_group.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
@@ -132,7 +196,7 @@ def _cells(walks: Sequence[ScoredWalk]) -> dict[str, float]:
     return {name: float(np.mean(shares)) for name, shares in sorted(shares_of_cell.items())}
 
 
-def _cell_name(row: dict[str, Any]) -> str:
+def _cell_name(row: Figures) -> str:
     """Name of a combination of conditions, as text."""
     return " ".join(str(row[k]) for k in _CELL)
 
@@ -143,28 +207,53 @@ def table_2() -> dict[str, float]:
     return {_cell_name(row): float(row["accuracy_pct"]) for row in read_reference_rows("zhao2023_table2")}
 
 
-def read_paper_figures(trial: str = "") -> dict[str, Any]:
+def read_paper_figures(trial: Trial = "") -> PaperFigures:
     """The paper's accuracy: over all walks, by condition and by cell; its Figure 4 and its time.
 
     Args:
-        trial: Key in `reference/zhao2023.yaml` of one of the three trials; "" for the test of generality.
+        trial: One of the trials.
     """
     figures = read_reference("zhao2023")
     if trial:
-        published = {"accuracy_pct": figures[trial], "accuracy_by_condition_pct": {}, "cells_pct": {}}
-        return {"published": published, "time_ms": figures["time_ms"]}
+        return {
+            "published": {"accuracy_pct": figures[trial], "accuracy_by_condition_pct": {}, "cells_pct": {}},
+            "time_ms": figures["time_ms"],
+        }
     generality = figures["generality"]
-    published = {
+    published: PublishedAccuracy = {
         "accuracy_pct": generality["accuracy_pct"],
         "accuracy_by_condition_pct": {k: v[0] for k, v in figures["accuracy_by_condition_pct"].items()},
         "cells_pct": table_2(),
     }
-    return {"published": published, "time_ms": figures["time_ms"], "spread": {q: generality[q] for q in EDGES}}
+    spread = {"camera_pitch_rad": generality["camera_pitch_rad"], "speed_mps": generality["speed_mps"]}
+    return {"published": published, "time_ms": figures["time_ms"], "spread": spread}
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def method_summary(result: ModeResult, method: str) -> MethodSummary:
+    """The figures of one method in the summary of a result."""
+    figures = result["summary"][method]
+    assert _is_method_summary(figures)
+    return figures
+
+
+def _is_method_summary(figures: object) -> TypeGuard[MethodSummary]:
+    return isinstance(figures, dict) and "walks_accuracy_pct" in figures
+
+
+def _walk_spreads(result: ModeResult) -> dict[str, Spread]:
+    """The spread of pitch and speed over all walks, by quantity."""
+    spreads = result["summary"]["spread"]
+    assert _are_spreads(spreads)
+    return spreads
+
+
+def _are_spreads(spreads: object) -> TypeGuard[dict[str, Spread]]:
+    return isinstance(spreads, dict) and all("bins" in spread for spread in spreads.values())
+
+
+def table(result: ModeResult) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
-    counts = result["summary"][methods(result)[0]]["confusion"]
+    counts = method_summary(result, methods(result)[0])["confusion"]
     blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     if len(condition_lines(result)) > 1:
         blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
@@ -173,10 +262,11 @@ def table(result: dict[str, Any]) -> list[str]:
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
 
-def overall_lines(result: dict[str, Any]) -> list[str]:
+def overall_lines(result: ModeResult) -> list[str]:
     """Number of walks and steps, accuracy and lead times by method, as lines of text."""
-    summary, paper_accuracy = result["summary"], result["paper"]["published"]["accuracy_pct"]
-    columns, time_ms = methods(result), summary["time_ms"]
+    paper_accuracy, time_ms = result["paper"]["published"]["accuracy_pct"], get_figures(result["summary"], "time_ms")
+    columns = methods(result)
+    summary = {m: method_summary(result, m) for m in columns}
     ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
     fell = [str(case["seed"]) for case in result["cases"] if case["fell_at_s"] is not None]
     cells = f"± {mean['sd_of_cells']:.2f} from cell to cell (as the paper's ±), " if "sd_of_cells" in mean else ""
@@ -196,7 +286,7 @@ def overall_lines(result: dict[str, Any]) -> list[str]:
         ),
         *(
             f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_NAME}}"
-            + "".join(_cell(summary[m][lead][key]) for m in columns)
+            + "".join(_cell(_figure_at(summary[m], (lead, key))) for m in columns)
             for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
             for key in ("median", "p5")
         ),
@@ -205,9 +295,9 @@ def overall_lines(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def ahead_lines(result: dict[str, Any]) -> list[str]:
+def ahead_lines(result: ModeResult) -> list[str]:
     """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text."""
-    ours = result["summary"][methods(result)[0]]
+    ours = method_summary(result, methods(result)[0])
     return [
         f"1.5 s before: {ours['changes']} changes",
         *(f"{title:<{_NAME}}{_cell(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
@@ -222,42 +312,48 @@ def ahead_lines(result: dict[str, Any]) -> list[str]:
     ]
 
 
-def _figure_at(figures: Any, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
+def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
     """The figure at nested keys times a factor; None if it is undefined."""
-    for key in keys:
-        figures = figures[key]
-    return None if figures is None else factor * float(figures)
+    *outer_keys, last_key = keys
+    for key in outer_keys:
+        figures = get_figures(figures, key)
+    value = figures[last_key]
+    assert value is None or isinstance(value, (int, float))
+    return None if value is None else factor * float(value)
 
 
-def conditions_title(result: dict[str, Any]) -> str:
+def conditions_title(result: ModeResult) -> str:
     """Title of the accuracy by condition."""
     return "Table III" if result["paper"]["published"]["accuracy_by_condition_pct"] else "By mount and group"
 
 
-def condition_lines(result: dict[str, Any]) -> list[str]:
+def condition_lines(result: ModeResult) -> list[str]:
     """Accuracy by condition and method beside the paper's, %, as lines of text."""
-    summary, paper_figures = result["summary"], result["paper"]["published"]["accuracy_by_condition_pct"]
-    names = [name for name in conditions() if name in summary[methods(result)[0]]["accuracy_by_condition_pct"]]
-    return _rows(result, "accuracy_by_condition_pct", names, paper_figures)
+    columns = [method_summary(result, m)["accuracy_by_condition_pct"] for m in methods(result)]
+    names = [name for name in conditions() if name in columns[0]]
+    return _rows(columns, names, result["paper"]["published"]["accuracy_by_condition_pct"])
 
 
-def cell_lines(result: dict[str, Any]) -> list[str]:
+def cell_lines(result: ModeResult) -> list[str]:
     """Accuracy by cell and method beside the paper's, %, as lines of text."""
-    cells = result["summary"][methods(result)[0]]["cells_pct"]
-    return _rows(result, "cells_pct", list(cells), result["paper"]["published"]["cells_pct"])
+    columns = [method_summary(result, m)["cells_pct"] for m in methods(result)]
+    return _rows(columns, list(columns[0]), result["paper"]["published"]["cells_pct"])
 
 
-def spread_lines(result: dict[str, Any]) -> list[str]:
+def spread_lines(result: ModeResult) -> list[str]:
     """Figure 4 as lines of text: camera pitch (down positive) and speed of the walks beside the paper's."""
-    walk_spread, paper_spread = result["summary"]["spread"], result["paper"].get("spread", {})
+    walk_spread, paper_spread = _walk_spreads(result), result["paper"].get("spread", {})
+    spreads = [
+        (title if source == "ours" else "  paper", spread)
+        for quantity, title in QUANTITIES.items()
+        for source, spread in (("ours", walk_spread[quantity]), ("paper", paper_spread.get(quantity)))
+        if spread is not None
+    ]
     return [
         f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
         *(
-            f"{title if source == 'ours' else '  paper':<{_NAME}}"
-            + "".join(f"{spread[k]:>8.2f}" for k in ("mean", "sd", "min", "max"))
-            for quantity, title in QUANTITIES.items()
-            for source, spread in (("ours", walk_spread[quantity]), ("paper", paper_spread.get(quantity)))
-            if spread is not None
+            f"{title:<{_NAME}}" + "".join(f"{value:>8.2f}" for value in (of["mean"], of["sd"], of["min"], of["max"]))
+            for title, of in spreads
         ),
     ]
 
@@ -270,26 +366,24 @@ def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
     ]
 
 
-def methods(result: dict[str, Any]) -> list[str]:
+def methods(result: ModeResult) -> list[str]:
     """Names of the methods of a result; the proposed one first."""
     return list(result["cases"][0]["methods"])
 
 
-def _head(result: dict[str, Any]) -> str:
+def _head(result: ModeResult) -> str:
     """Head of a table of text: a column per method, and the paper's."""
     return " " * _NAME + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
 
 
-def _rows(result: dict[str, Any], key: str, names: Sequence[str], paper_figures: dict[str, float]) -> list[str]:
+def _rows(columns: Sequence[dict[str, float]], names: Sequence[str], paper_figures: dict[str, float]) -> list[str]:
     """Rows of a table of text: a figure of each method, and the paper's.
 
     Args:
-        result: Of the experiment.
-        key: Group of figures in the summary.
+        columns: Figures by name, of each method.
         names: Names of the figures.
         paper_figures: The paper's figures by name.
     """
-    columns = [result["summary"][m][key] for m in methods(result)]
     return [
         f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(paper_figures.get(name), 9)
         for name in names
@@ -301,7 +395,7 @@ def _cell(value: float | None, width: int = 12) -> str:
     return f"{'-':>{width}}" if value is None else f"{value:>{width}.2f}"
 
 
-def report(result: dict[str, Any]) -> str:
+def report(result: ModeResult) -> str:
     """The experiment as an HTML page."""
     cases, ours = result["cases"], methods(result)[0]
     steps = {m: [s for c in cases for s in ModeScores.of(c["methods"][m]).steps] for m in methods(result)}
@@ -312,7 +406,7 @@ def report(result: dict[str, Any]) -> str:
         section("Accuracy", "Ours, the published method, and the paper.", text_block(overall_lines(result))),
         _conditions(result),
         _table_2(result),
-        section("Confusion matrix", lead_confusion, confusion_table(result["summary"][ours]["confusion"])),
+        section("Confusion matrix", lead_confusion, confusion_table(method_summary(result, ours)["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
@@ -347,27 +441,28 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-def _conditions(result: dict[str, Any]) -> str:
+def _conditions(result: ModeResult) -> str:
     """Section with Table III: accuracy by condition; "" without any."""
-    key, columns = "accuracy_by_condition_pct", methods(result)
-    paper_figures = result["paper"]["published"][key]
-    ours = result["summary"][columns[0]][key]
+    names = methods(result)
+    paper_figures = result["paper"]["published"]["accuracy_by_condition_pct"]
+    columns = [method_summary(result, m)["accuracy_by_condition_pct"] for m in names]
     rows = [
-        [name, *(_number(result["summary"][m][key].get(name)) for m in columns), _number(paper_figures.get(name))]
+        [name, *(_number(column.get(name)) for column in columns), _number(paper_figures.get(name))]
         for name in conditions()
-        if name in ours
+        if name in columns[0]
     ]
     lead = "Accuracy by condition, %: mean over its walks."
     return (
-        section(conditions_title(result), lead, _table(["", *(WORDS.get(m, m) for m in columns), "paper"], rows))
+        section(conditions_title(result), lead, _table(["", *(WORDS.get(m, m) for m in names), "paper"], rows))
         if rows
         else ""
     )
 
 
-def _table_2(result: dict[str, Any]) -> str:
+def _table_2(result: ModeResult) -> str:
     """Section with Table II in the paper's layout: accuracy by cell; "" without any."""
-    ours, paper_cells = result["summary"][methods(result)[0]]["cells_pct"], result["paper"]["published"]["cells_pct"]
+    ours = method_summary(result, methods(result)[0])["cells_pct"]
+    paper_cells = result["paper"]["published"]["cells_pct"]
     if not ours:
         return ""
     columns = [(terrain, mount) for terrain in PAPER_TERRAINS for mount in MOUNTS]
@@ -393,9 +488,9 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
     return _table(["true / predicted", *MODES, "none"], rows)
 
 
-def _spread(quantity: str, result: dict[str, Any]) -> str:
+def _spread(quantity: str, result: ModeResult) -> str:
     """Histogram of pitch or speed, with mean and standard deviation, ours and the paper's."""
-    walk_spread, edges = result["summary"]["spread"][quantity], EDGES[quantity]
+    walk_spread, edges = _walk_spreads(result)[quantity], EDGES[quantity]
     paper_spread = result["paper"].get("spread", {}).get(quantity)
     shares = 100.0 * np.array(walk_spread["bins"]) / walk_spread["count"]
     top = 1.25 * float(shares.max())
@@ -408,7 +503,11 @@ def _spread(quantity: str, result: dict[str, Any]) -> str:
         height=260,
     )
     plot.bars(edges[:-1], edges[1:], 0.0, shares, PALETTE[4], label="ours")
-    for spread, at, color, label in ((walk_spread, 0.90, INK, "ours"), (paper_spread, 0.96, PALETTE[1], "paper")):
+    marks: tuple[tuple[Moments | None, float, str, str], ...] = (
+        (walk_spread, 0.90, INK, "ours"),
+        (paper_spread, 0.96, PALETTE[1], "paper"),
+    )
+    for spread, at, color, label in marks:
         if spread is not None:
             mean, sd = spread["mean"], spread["sd"]
             plot.line([mean - sd, mean, mean + sd], [at * top] * 3, color, width=2.0, label=f"{label}: mean ± SD")

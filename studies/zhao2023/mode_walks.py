@@ -12,23 +12,24 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import CAMERA_POSES, PROPOSED, Estimator, Options
+from stridetwin.estimators.base import CAMERA_POSES, PROPOSED, AnyEstimator, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
 from stridetwin.estimators.terrain_map.depth_camera import depth_calibration
 from stridetwin.outputs.alignment import MovingAlignment
 from stridetwin.outputs.chosen_poses import find_pose_topic
-from stridetwin.outputs.modes.scores import ModeScores, score_modes
+from stridetwin.outputs.modes.scores import ModeRows, ModeScores, score_modes
 from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.path.run import pose_of
 from stridetwin.outputs.pose_feed import PoseFeed
 from stridetwin.outputs.truth import FOOTPRINTS, TruePath, true_footprints
+from stridetwin.reference.norms import Moments
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.wearer.body import fit_wearer
 from stridetwin.streams.recording.reader import Recording
@@ -47,8 +48,18 @@ EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspac
 _RATE_HZ = 30.0
 _OVER_S = 1.0
 
-Spread = Mapping[str, Any]
-"""`count`, `mean`, `sd`, `min`, `max`, and `bins`: counts between `EDGES`."""
+
+class Spread(Moments):
+    """Spread of a quantity over walks: number of values, moments, and counts between `EDGES`."""
+
+    count: int
+    bins: list[int]
+
+
+class TimedModeRows(ModeRows):
+    """Scores of a method on one walk, with the CPU time per depth image: `mean` and `p95`, ms."""
+
+    time_ms: dict[str, float]
 
 
 def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
@@ -69,7 +80,7 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
 def pitch_down(q_world_camera: Array) -> Array:
     """(N,) rad, pitch of an optical frame's axis below the horizon, from (N, 4) quaternions."""
     w, x, y, z = q_world_camera.T
-    return -np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0))
+    return np.asarray(-np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0)))
 
 
 def compute_spread(values: Array, edges: Array) -> Spread:
@@ -91,7 +102,7 @@ def combine_spreads(parts: Sequence[Spread]) -> Spread:
     With counts n and means m of the parts, sd² = Σ n (sd² + (m - mean)²) / Σ n.
     """
     counts = np.array([p["count"] for p in parts], float)
-    means, sds = (np.array([p[name] for p in parts]) for name in ("mean", "sd"))
+    means, sds = np.array([p["mean"] for p in parts]), np.array([p["sd"] for p in parts])
     mean = float(counts @ means / counts.sum())
     return {
         "count": int(counts.sum()),
@@ -110,7 +121,7 @@ FORGETFUL = "single_image"
 """Our prediction without a map over time: it knows the ground only from the last image."""
 
 
-def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] = METHODS) -> dict[str, Any]:
+def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] = METHODS) -> Row:
     """Simulates the walk of a case and predicts its modes by each method, installed estimators included.
 
     Args:
@@ -198,7 +209,7 @@ def predict(
     options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
     shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
-    def build(name: str) -> Estimator:
+    def build(name: str) -> AnyEstimator:
         if name == FORGETFUL:
             ground = ForgetfulMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
             return LocomotionMode(rig, options=options, ground=ground, **parameter_keywords(LocomotionMode, PROPOSED))
@@ -253,10 +264,10 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
     return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
 
 
-def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, dict[str, Any]]:
+def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, TimedModeRows]:
     """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`."""
     return {
-        method: scores.rows() | {"time_ms": _time(predictions.frame_ms[method])}
+        method: {**scores.rows(), "time_ms": _time(predictions.frame_ms[method])}
         for method, scores in score_predictions(predictions, recording, sole_m).items()
     }
 
@@ -300,6 +311,6 @@ def trajectory(path: list[Odometry]) -> Trajectory:
     )
 
 
-def _time(frame_ms: list[float]) -> Mapping[str, float]:
+def _time(frame_ms: list[float]) -> dict[str, float]:
     """Mean and 95th percentile of times, ms."""
     return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}

@@ -7,24 +7,26 @@ without reading and decoding of the recording.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
+from stridetwin.batch.jobs import Row
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import Options
 from stridetwin.estimators.dvio import Dvio
 from stridetwin.outputs.parameters import parameter_keywords
 from stridetwin.outputs.path.run import pose_of
-from stridetwin.outputs.path.scores import OdometryPath, drift_figures
+from stridetwin.outputs.path.scores import DriftFigures, OdometryPath, drift_figures
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Image, Sample
 from stridetwin.streams.trajectory import Pose, trajectory_of
 from stridetwin.studies.case import ExperimentCase
+from stridetwin.studies.result import CaseRow
 from stridetwin.studies.walks import fell_at_s, record_walk
 
 ESTIMATORS = ("dvio",)
@@ -32,13 +34,22 @@ ESTIMATORS = ("dvio",)
 
 ODOMETRY_METHODS = ("proposed", "dvio", "vins_rgbd", "vins_mono")
 """Ours, then those of Zhao et al. 2023 under their names there: complete, and ablated."""
-FIGURES = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
+FigureName = Literal[
+    "loop_drift_m",
+    "ape_rmse_m",
+    "rpe_5m_pct",
+    "height_rmse_m",
+    "climb_error_m",
+    "unhealthy_s",
+    "nees_within_95_pct",
+]
+FIGURES: tuple[FigureName, ...] = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
 class Odometer(Protocol):
     """An odometry that runs."""
 
-    def update(self, sample: Any) -> Any:
+    def update(self, sample: Sample) -> object:
         """Takes a sample, in time order; returns a `Pose` of the IMU, an object with one, or None."""
 
 
@@ -110,14 +121,29 @@ def true_path(recording: Recording, mount: str) -> TruePath:
     return TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))
 
 
-def score_odometry(run: OdometryRun, truth: TruePath) -> dict[str, Any]:
+class OdometryFigures(DriftFigures):
+    """Drift and failure of an odometry on one walk, and its time per frame: `mean` and `p99`, ms."""
+
+    time_ms: dict[str, float]
+
+
+def score_odometry(run: OdometryRun, truth: TruePath) -> OdometryFigures:
     """Figures of one run: `drift_figures`, and `time_ms` per frame."""
-    return drift_figures(run.odometry, truth) | {"time_ms": time_statistics(run.frame_ms)}
+    return {**drift_figures(run.odometry, truth), "time_ms": time_statistics(run.frame_ms)}
+
+
+class OdometryRow(CaseRow):
+    """The row of a walk, see `run_case`; a walk of a bench also has the name of its sequence."""
+
+    mount: str
+    fell_at_s: float | None
+    rate_radps: dict[str, float]
+    methods: dict[str, OdometryFigures]
 
 
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
-) -> dict[str, Any]:
+) -> dict[str, OdometryFigures]:
     """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name."""
     truth = true_path(recording, mount)
     return {
@@ -126,7 +152,7 @@ def run_every_method(
     }
 
 
-def run_case(case: ExperimentCase, make: Maker = make_odometer) -> dict[str, Any]:
+def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
     """Runs every method and other installed estimators on one walk.
 
     Returns:
@@ -152,13 +178,13 @@ def time_statistics(frame_ms: Array) -> dict[str, float]:
     return {"mean": float(frame_ms.mean()), "p99": float(np.percentile(frame_ms, 99))}
 
 
-def mean(walks: Iterable[Mapping[str, Any]], name: str) -> float | None:
+def mean(walks: Iterable[OdometryFigures], name: FigureName) -> float | None:
     """Mean of a figure over the walks that have it; None without any."""
-    values = [w[name] for w in walks if w.get(name) is not None]
+    values = [value for w in walks if (value := w.get(name)) is not None]
     return float(np.mean(values)) if values else None
 
 
-def summarize_time(walks: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+def summarize_time(walks: Iterable[OdometryFigures]) -> dict[str, float]:
     """Mean of the walks' mean times per frame, and the largest 99th percentile of any walk."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

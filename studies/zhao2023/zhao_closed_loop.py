@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from stridetwin.estimators.dvio import MOUNTS
 from stridetwin.reference.norms import read_reference
+from stridetwin.studies.result import Collected, Figures, LabelledFigures, Result, Summary, get_figures
 from stridetwin.studies.tables import table_lines
-from stridetwin.studies.zhao2023.odometry_walks import FIGURES, mean, summarize_time
+from stridetwin.studies.zhao2023.odometry_walks import FIGURES, OdometryFigures, OdometryRow, mean, summarize_time
 
 
-def collect(results: list[dict[str, Any]]) -> dict[str, Any]:
+class PaperDrift(TypedDict):
+    """A method's drift in the paper: its norm and x, y, z, m; texts, such as `>10`, where no number is reported."""
+
+    loop_drift_m: float | str
+    loop_drift_xyz_m: list[float] | list[str]
+
+
+def collect(results: list[OdometryRow]) -> Collected[Summary, dict[str, PaperDrift]]:
     """Means by method over all walks and by mount, and the number of failures, beside the paper's figures."""
-    summary: dict[str, Any] = {}
+    summary: Summary = {}
     for method in results[0]["methods"]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
-        summary[method] = _summary([r["methods"][method] for r in results])
-        summary[method]["by_mount"] = {mount: _summary(walks) for mount, walks in by_mount.items() if walks}
+        summary[method] = {
+            **_summary([r["methods"][method] for r in results]),
+            "by_mount": {mount: _summary(walks) for mount, walks in by_mount.items() if walks},
+        }
     summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
     return {"summary": summary, "paper": read_paper_figures()}
 
 
-def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
+def _summary(walks: list[OdometryFigures]) -> Figures:
     """Means of the figures over walks, largest drift and climb error, and the number of failures."""
     ends = [np.abs(w["loop_drift_xyz_m"]) for w in walks if "loop_drift_xyz_m" in w]
-    climbs = [w["climb_error_m"] for w in walks if w.get("climb_error_m") is not None]
+    climbs = [climb for w in walks if (climb := w.get("climb_error_m")) is not None]
     return {
         **{name: mean(walks, name) for name in FIGURES},
         "loop_drift_max_m": max((w["loop_drift_m"] for w in walks if "loop_drift_m" in w), default=None),
@@ -39,12 +49,13 @@ def _summary(walks: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def read_paper_figures() -> dict[str, Any]:
+def read_paper_figures() -> dict[str, PaperDrift]:
     """Table V of the paper by method: drift along x, y and z, and its norm where all three are reported."""
-    drift_of_method: dict[str, Any] = {}
+    drift_of_method: dict[str, PaperDrift] = {}
     for method, xyz in read_reference("zhao2023")["zhao_closed_loop_drift_m"].items():
-        numbers = all(isinstance(value, int | float) for value in xyz)
-        drift_of_method[method] = {"loop_drift_m": math.hypot(*xyz) if numbers else xyz[0], "loop_drift_xyz_m": xyz}
+        numbers = [value for value in xyz if isinstance(value, int | float)]
+        norm_m = math.hypot(*numbers) if len(numbers) == len(xyz) else xyz[0]
+        drift_of_method[method] = {"loop_drift_m": norm_m, "loop_drift_xyz_m": xyz}
     return drift_of_method
 
 
@@ -60,17 +71,17 @@ _COLUMNS = (
 )
 
 
-def table(result: dict[str, Any]) -> list[str]:
+def table(result: Result[Summary, dict[str, PaperDrift], OdometryRow]) -> list[str]:
     """Each method's drift over all walks and by mount beside the paper's, as lines of text."""
     summary, paper_figures = result["summary"], result["paper"]
-    time_ms = summary["time_ms"]
-    rows = []
+    time_ms = get_figures(summary, "time_ms")
+    rows: list[LabelledFigures] = []
     for method in result["cases"][0]["methods"]:
-        method_figures = summary[method]
-        rows.append((method, {**method_figures, "paper": paper_figures.get(method, {}).get("loop_drift_m", "")}))
-        rows += [
-            (f"{'':<12}{mount}", {**figures, "paper": ""}) for mount, figures in method_figures["by_mount"].items()
-        ]
+        method_figures = get_figures(summary, method)
+        paper_drift = paper_figures[method]["loop_drift_m"] if method in paper_figures else ""
+        rows.append((method, {**method_figures, "paper": paper_drift}))
+        by_mount = get_figures(method_figures, "by_mount")
+        rows += [(f"{'':<12}{mount}", {**get_figures(by_mount, mount), "paper": ""}) for mount in by_mount]
     return [
         f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall",
         f"proposed: {time_ms['mean']:.1f} ms per frame, 99th percentile {time_ms['p99']:.1f}",
