@@ -306,7 +306,7 @@ def test_drive_needs_both_hips(tmp_path):
         name="own",
         route=Route(segments=(Level(length_m=1.0),)),
         physics="dynamic",
-        exo=Exo(drive="assist", own=read_own_exo(MODEL, tmp_path / "rig.yaml")),
+        exo=Exo(drive="assist", user_exo=read_own_exo(MODEL, tmp_path / "rig.yaml")),
     )
     with pytest.raises(ConfigError, match=r"motors\.hip_l"):
         Twin(config, 1)
