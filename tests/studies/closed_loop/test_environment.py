@@ -136,7 +136,7 @@ def own_walk(folder: Path, motors: dict[str, float]) -> TwinConfig:
     rig, _, after = (OWN / "my_exo.yaml").read_text(encoding="utf-8").partition("motors:\n")
     entries = ", ".join(f"{joint}: {{torque_max_nm: {most}}}" for joint, most in motors.items())
     (folder / "rig.yaml").write_text(f"{rig}motors: {{{entries}}}\n{after[after.index('ahrs:') :]}", encoding="utf-8")
-    return replace(WALK, exo=Exo(own=read_own_exo(OWN / "my_exo.xml", folder / "rig.yaml")))
+    return replace(WALK, exo=Exo(user_exo=read_own_exo(OWN / "my_exo.xml", folder / "rig.yaml")))
 
 
 def test_motors_of_a_custom_exoskeleton_have_a_fixed_order_and_their_own_limits(tmp_path: Path) -> None:
