@@ -95,9 +95,9 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     from stridetwin.run.live import LiveRequest, run_live
     from stridetwin.run.live_chain import Request
 
-    if arguments.estimator is not None and arguments.own is not None:
+    if arguments.estimator is not None and arguments.own_class is not None:
         raise StrideTwinError("--estimator names a class: expected no other estimator before it")
-    name = arguments.estimator if arguments.own is None else arguments.own.partition("=")[0]
+    name = arguments.estimator if arguments.own_class is None else arguments.own_class.partition("=")[0]
     if name is None and arguments.record is None:
         raise StrideTwinError("live: nothing to do: expected an estimator, --record FILE, or both")
     if name is None and arguments.output is not None:
@@ -169,10 +169,10 @@ def _load_own_class(arguments: LiveOptions) -> type[Any] | None:
     """The class that the user names as `MODULE:CLASS`, as an estimator of paths; None for an installed estimator."""
     from stridetwin.gate.own_estimators import load_estimator
 
-    if arguments.own is not None:
-        name, _, place = arguments.own.partition("=")
+    if arguments.own_class is not None:
+        name, _, place = arguments.own_class.partition("=")
         if not (name and place):
-            raise StrideTwinError(f"--estimator: invalid {arguments.own!r}: expected NAME=MODULE:CLASS")
+            raise StrideTwinError(f"--estimator: invalid {arguments.own_class!r}: expected NAME=MODULE:CLASS")
         return load_estimator(name, place, "--estimator")
     if arguments.estimator is not None and ":" in arguments.estimator:
         return load_estimator(arguments.estimator, arguments.estimator, "live")

@@ -203,7 +203,7 @@ class LiveOptions(Options):
             **one_of(registry.names(), other="MODULE:CLASS", is_other=lambda text: ":" in text),
         ),
     ] = None
-    own: Annotated[
+    own_class: Annotated[
         str | None,
         typer.Option(
             "--estimator", metavar="NAME=MODULE:CLASS", help="Python class with update(sample), under a name."
