@@ -11,16 +11,17 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields, is_dataclass, replace
 from types import MappingProxyType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Never, TypedDict, get_args, get_type_hints
 
 import yaml
 
 from stridetwin.estimators import registry
-from stridetwin.outputs.feeding import EstimatorClass, Instance
+from stridetwin.estimators.base import Estimator
+from stridetwin.outputs.feeding import Instance
 from stridetwin.streams.errors import ConfigError, FieldLocation, StrideTwinError
 from stridetwin.streams.validation import suggest, validate
 
-ParameterValues = Mapping[str, Mapping[str, Any]]
+ParameterValues = Mapping[str, Mapping[str, object]]
 """Values by the name of the estimator and of its parameter, as JSON can hold them."""
 OPTION = "--set"
 _IN_USE: ContextVar[ParameterValues] = ContextVar("_IN_USE", default=MappingProxyType({}))
@@ -28,7 +29,7 @@ _END = "\n...\n"
 """What YAML writes after a value that stands alone."""
 
 
-def parse_parameters(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
+def parse_parameters(texts: Iterable[str]) -> dict[str, dict[str, object]]:
     """The values of the option `--set`, checked against the classes of the estimators.
 
     Args:
@@ -42,7 +43,7 @@ def parse_parameters(texts: Iterable[str]) -> dict[str, dict[str, Any]]:
         ConfigError: No such estimator or parameter, or an invalid value; the message has the valid ones, and the
             nearest name.
     """
-    values: dict[str, dict[str, Any]] = {}
+    values: dict[str, dict[str, object]] = {}
     at = FieldLocation(source=OPTION)
     for text in texts:
         name, equals, value = text.partition("=")
@@ -120,7 +121,13 @@ def use_parameters(values: ParameterValues) -> Iterator[None]:
         _IN_USE.reset(token)
 
 
-def parameter_keywords(estimator_class: EstimatorClass, method: str) -> dict[str, Any]:
+class ParameterKeywords(TypedDict, total=False):
+    """Arguments of an estimator's constructor: `parameters`, of the class that it declares, or none."""
+
+    parameters: Any
+
+
+def parameter_keywords(estimator_class: type[Estimator[Never, object]], method: str) -> ParameterKeywords:
     """Arguments of an estimator's constructor for the values in use (`use_parameters`): `parameters`, or none.
 
     Args:
@@ -135,8 +142,8 @@ def parameter_keywords(estimator_class: EstimatorClass, method: str) -> dict[str
 
 
 def change_parameters(
-    estimator_class: EstimatorClass, method: str, values: Mapping[str, Any], at: FieldLocation
-) -> Any:
+    estimator_class: type[Estimator[Never, object]], method: str, values: Mapping[str, object], at: FieldLocation
+) -> object:
     """The parameters that an estimator has with a method, with some values replaced.
 
     Args:

@@ -127,7 +127,14 @@ class Experiment:
 
     def result(self, rows: list[Row]) -> AnyResult:
         """The result of an experiment as JSON holds it: `experiment`, `description`, `summary`, `paper` and `cases`."""
-        return {"experiment": self.name, "description": self.description, **self.collect(rows), "cases": rows}
+        figures = self.collect(rows)
+        return {
+            "experiment": self.name,
+            "description": self.description,
+            "summary": figures["summary"],
+            "paper": figures["paper"],
+            "cases": rows,
+        }
 
 
 _LOADED: dict[str, Experiment] = {}

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.formats.imu_table import TABLES, write_imu_table
-from stridetwin.streams.samples import Block, Imu
+from stridetwin.streams.samples import Block, Imu, Sample
 
 TIME = "t_s"
 
 
-def write_sample_table(path: Path, block: Block[Any]) -> None:
+def write_sample_table(path: Path, block: Block[Sample]) -> None:
     """Writes the samples of a stream, whole or not at all.
 
     An IMU is written as `write_imu_table` does. Of another stream, the first column is the time `t_s` in s, and the
@@ -32,9 +32,9 @@ def write_sample_table(path: Path, block: Block[Any]) -> None:
     if path.suffix not in TABLES:
         raise ConfigError(path, "", path.suffix, f"a table {' or '.join(TABLES)}")
     if block.kind is Imu:
-        write_imu_table(path, block)
+        write_imu_table(path, block.as_kind(Imu))
         return
-    columns: dict[str, Any] = {TIME: block.t_ns * 1e-9, **block.split_columns()}
+    columns: dict[str, NDArray[np.generic]] = {TIME: block.t_ns * 1e-9, **block.split_columns()}
     with atomic_file(path) as temporary:
         if path.suffix == ".npz":
             with temporary.open("wb") as file:
@@ -48,7 +48,7 @@ def write_sample_table(path: Path, block: Block[Any]) -> None:
             writer.writerows(zip(*cells))
 
 
-def _format_column(name: str, values: np.ndarray[Any, Any]) -> list[str]:
+def _format_column(name: str, values: NDArray[np.generic]) -> list[str]:
     """The cells of a column: times to 1 ns, other numbers to nine digits, and text as it is."""
     if values.dtype.kind != "f":
         return [str(value) for value in values.tolist()]

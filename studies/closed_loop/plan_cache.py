@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from joblib import Memory
 from platformdirs import user_cache_path
@@ -20,6 +20,7 @@ from stridetwin.sim.twin import Twin
 from stridetwin.sim.wearer.dimensions import Wearer
 
 PlanT = TypeVar("PlanT")
+Arguments = tuple[object, ...]
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
@@ -53,29 +54,27 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT]
         what: What it plans, for the note.
     """
 
-    def plan(key: tuple[object, ...], version: str, arguments: tuple[object, ...]) -> PlanT:
+    def plan(key: Arguments, version: str, arguments: Arguments) -> PlanT:
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
     plan.__qualname__ = function.__name__  # the name of its folder
-    cached_plan: Callable[[tuple[object, ...], str, tuple[object, ...]], PlanT] = memory.cache(
-        plan, ignore=["arguments"]
-    )
-    return lambda *arguments: cached_plan(tuple(map(without_paths, arguments)), version, arguments)
+    cached_plan: Callable[[Arguments, str, Arguments], PlanT] = memory.cache(plan, ignore=["arguments"])
+    return lambda *arguments: cached_plan(tuple(map(_without_paths, arguments)), version, arguments)
 
 
-def without_paths(argument: object) -> object:
+def _without_paths(argument: Any) -> Any:
     """An argument of a planner without the paths of the user's files, of which only the content matters."""
     match argument:
         case OwnExo():
             return replace(argument, source="", rig="")
         case Exo():
-            return replace(argument, user_exo=without_paths(argument.user_exo))
+            return replace(argument, user_exo=_without_paths(argument.user_exo))
         case Wearer():
-            return replace(argument, exo=without_paths(argument.exo))
+            return replace(argument, exo=_without_paths(argument.exo))
         case TwinConfig():
-            return replace(argument, exo=without_paths(argument.exo))
+            return replace(argument, exo=_without_paths(argument.exo))
         case Reference():
-            return replace(argument, size=without_paths(argument.size))
+            return replace(argument, size=_without_paths(argument.size))
         case _:
             return argument

@@ -11,30 +11,18 @@ from stridetwin.studies.case import ExperimentCase
 from stridetwin.studies.fault_injection import fault_plans, summarize_by_fault
 from stridetwin.studies.result import Collected, FaultRow, Figures, NoPaper
 from stridetwin.studies.walks import record_walk
-from stridetwin.studies.zhao2023.odometry_walks import (
-    FIGURES,
-    FigureName,
-    Maker,
-    OdometryFigures,
-    make_odometer,
-    mean,
-    odometry_samples,
-    run_odometry,
-    score_odometry,
-    summarize_time,
-    true_path,
-)
+from stridetwin.studies.zhao2023 import odometry_walks
 
 ESTIMATORS = ("dvio",)
 """Estimators whose parameters `--set` changes here."""
 
 DRIFT_RATIO = 3.0
-_FIGURES: tuple[FigureName, ...] = (*FIGURES, "unhealthy_s", "nees_within_95_pct")
+_FIGURES: tuple[odometry_walks.FigureName, ...] = (*odometry_walks.FIGURES, "unhealthy_s", "nees_within_95_pct")
 NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""
 
 
-def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
+def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.make_odometer) -> Row:
     """Runs the odometry on one recorded walk with each fault.
 
     Returns:
@@ -43,29 +31,31 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
     (walk,) = case.walks()
     mount, figures_of_fault = walk.config.rig_mount, {}
     with record_walk(walk, case) as recording:
-        truth = true_path(recording, mount)
+        truth = odometry_walks.true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
-            samples = plan.samples(odometry_samples(recording, mount))
-            figures_of_fault[label] = score_odometry(run_odometry(make("proposed", plan.rig, mount), samples), truth)
+            samples = plan.samples(odometry_walks.odometry_samples(recording, mount))
+            figures_of_fault[label] = odometry_walks.score_odometry(
+                odometry_walks.run_odometry(make("proposed", plan.rig, mount), samples), truth
+            )
     return case.row(faults=figures_of_fault)
 
 
-def collect(results: list[FaultRow[OdometryFigures]]) -> Collected[dict[str, Figures], NoPaper]:
+def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collected[dict[str, Figures], NoPaper]:
     """Means by fault over the walks; `borne` counts the walks whose odometry tolerates the fault."""
     nominal = [r["faults"][NO_FAULT] for r in results]
 
-    def fault_figures(walks: list[OdometryFigures]) -> Figures:
+    def fault_figures(walks: list[odometry_walks.OdometryFigures]) -> Figures:
         return {
-            **{figure: mean(walks, figure) for figure in _FIGURES},
+            **{figure: odometry_walks.mean(walks, figure) for figure in _FIGURES},
             "failures": sum(bool(w["failure"]) for w in walks),
             "borne": sum(map(_is_tolerated, walks, nominal)),
-            "time_ms": summarize_time(walks),
+            "time_ms": odometry_walks.summarize_time(walks),
         }
 
     return summarize_by_fault(results, fault_figures)
 
 
-def _is_tolerated(walk: OdometryFigures, nominal: OdometryFigures) -> bool:
+def _is_tolerated(walk: odometry_walks.OdometryFigures, nominal: odometry_walks.OdometryFigures) -> bool:
     """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
     if walk["failure"] == "lost":
         return bool(walk["recovered"])

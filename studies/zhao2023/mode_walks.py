@@ -12,12 +12,13 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from stridetwin.batch.jobs import Row
 from stridetwin.estimators import registry
-from stridetwin.estimators.base import CAMERA_POSES, PROPOSED, AnyEstimator, Options
+from stridetwin.estimators.base import CAMERA_POSES, PROPOSED, Estimator, Options
 from stridetwin.estimators.contact_terrain import StepEstimate
 from stridetwin.estimators.locomotion_mode import INSOLES, METHODS, LocomotionMode, ModeEstimate
 from stridetwin.estimators.terrain_map import TerrainEstimate, TerrainMap
@@ -209,7 +210,7 @@ def predict(
     options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
     shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
-    def build(name: str) -> AnyEstimator:
+    def build(name: str) -> Estimator[Sample | StepEstimate, ModeEstimate]:
         if name == FORGETFUL:
             ground = ForgetfulMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
             return LocomotionMode(rig, options=options, ground=ground, **parameter_keywords(LocomotionMode, PROPOSED))
@@ -222,9 +223,9 @@ def predict(
             )
         estimator_class = registry.estimator(name)
         first = estimator_class.declaration.methods[0]
-        return estimator_class(
-            rig, options=replace(options, method=first), **parameter_keywords(estimator_class, first)
-        )
+        keywords = parameter_keywords(estimator_class, first)
+        estimator = estimator_class(rig, options=replace(options, method=first), **keywords)
+        return cast("Estimator[Sample | StepEstimate, ModeEstimate]", estimator)
 
     predictors = {name: build(name) for name in methods}
     estimates: dict[str, list[ModeEstimate]] = {m: [] for m in predictors}
