@@ -163,8 +163,8 @@ def _keys(schemas: Iterable[_Schema]) -> list[str]:
 
 def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object = None) -> str:
     """Description of valid values by their alternative schemas; a word similar to the present value is suggested."""
-    words = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
-    alternatives = [suggest(value, dict.fromkeys(words))] if words else []
+    choices = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
+    alternatives = [suggest(value, dict.fromkeys(choices))] if choices else []
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
         one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
