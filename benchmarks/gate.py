@@ -174,8 +174,8 @@ REGRESSIONS = (
         name="Jacobian of the contact of the wrong sign",
         source=(
             "stance.py",
-            "D_CONTACT + i, rotate(whitening, cross(w, axes[i])",
-            "D_CONTACT + i, rotate(whitening, cross(axes[i], w)",
+            "D_CONTACT + i, matvec(whitening, cross(w, axes[i])",
+            "D_CONTACT + i, matvec(whitening, cross(axes[i], w)",
         ),
     ),
     Regression(name="knee off", estimator=STEPS, sample=knee(offset=0.006)),

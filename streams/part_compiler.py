@@ -19,7 +19,6 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.typed_passes import NativeLowering
 
 if TYPE_CHECKING:
-    from llvmlite.binding import ModuleRef
     from numba.core.compiler import CompileResult, StateDict
     from numba.core.compiler_machinery import PassManager
 
@@ -34,7 +33,7 @@ class PartLibrary(JITCodeLibrary):
         self._finalize_dynamic_globals()
         self._finalized = True
 
-    def _get_module_for_linking(self) -> ModuleRef:
+    def _get_module_for_linking(self) -> Any:
         """The module of this part and of all parts below it, for a library of Numba's own kind.
 
         Such a library links only what it calls itself.
@@ -57,7 +56,7 @@ class EntryLibrary(JITCodeLibrary):
         super().finalize()
 
 
-def _own_module(library: JITCodeLibrary) -> ModuleRef:
+def _own_module(library: JITCodeLibrary) -> Any:
     """The LLVM module that a caller links: of a part its own code, of another library all that it contains."""
     return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
 

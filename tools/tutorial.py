@@ -24,8 +24,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.distribution import build
-
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "tutorial.md"
 _BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.M | re.S)
@@ -133,6 +131,8 @@ def strangers(folder: Path) -> None:
 
 def of_the_wheel(folder: Path) -> dict[str, str]:
     """An environment with the wheel that is built from the source distribution, as `pip install` makes it."""
+    from tools.distribution import build  # the tests run this file from a folder without the module
+
     home = folder / "venv"
     _, wheel = build(folder / "build")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)

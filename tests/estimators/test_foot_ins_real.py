@@ -1,49 +1,47 @@
 """Golden accuracy of the one-foot filter on real walks; skipped where the recordings are not at hand."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-bench = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "foot_ins_real.py"), run_name="bench")
-FOLDER = bench["data_folder"]()
+from benchmarks import foot_ins_real, real_walks
+
+FOLDER = real_walks.data_folder()
 pytestmark = pytest.mark.skipif(FOLDER is None, reason="no recordings: set STRIDETWIN_DATA to their folder")
 
 
 @pytest.fixture(scope="module")
 def walks() -> list:
-    return bench["load_vicon"](FOLDER)
+    return real_walks.load_vicon(FOLDER)
 
 
 def test_walks_under_motion_capture(walks: list) -> None:
-    error = bench["spread"](bench["armse_of"](walks).values())
+    error = real_walks.spread(foot_ins_real.armse_of(walks).values())
     assert error["mean"] <= 0.06
     assert error["median"] <= 0.045
     assert error["p95"] <= 0.12
 
 
 def test_half_the_rate(walks: list) -> None:
-    error = bench["spread"](bench["armse_of"](map(bench["halved_rate"], walks)).values())
+    error = real_walks.spread(foot_ins_real.armse_of(map(foot_ins_real.halved_rate, walks)).values())
     assert error["mean"] <= 0.06
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.3])
 def test_the_same_walks_at_another_speed(walks: list, factor: float) -> None:
-    error = bench["spread"](bench["armse_of"](bench["stretched"](w, factor) for w in walks).values())
+    error = real_walks.spread(foot_ins_real.armse_of(foot_ins_real.stretched(w, factor) for w in walks).values())
     assert error["mean"] <= 0.07
 
 
 def test_an_unknown_gyro_bias(walks: list) -> None:
     rng = np.random.default_rng(3)
-    error = bench["spread"](bench["armse_of"](bench["biased"](w, 0.01, rng) for w in walks).values())
+    error = real_walks.spread(foot_ins_real.armse_of(foot_ins_real.biased(w, 0.01, rng) for w in walks).values())
     assert error["mean"] <= 0.08
 
 
 def test_another_sensor_with_a_turn() -> None:
-    for foot in bench["load_markers"](FOLDER):
-        path = bench["estimate"](foot.imu).trajectory
-        error, height = bench["stance_error"](path.t_ns * 1e-9, path.p_frame_in_world, foot)
+    for foot in real_walks.load_markers(FOLDER):
+        path = foot_ins_real.estimate(foot.imu).trajectory
+        error, height = real_walks.stance_error(path.t_ns * 1e-9, path.p_frame_in_world, foot)
         assert error <= 0.15
         assert abs(height) <= 0.6
 
@@ -51,28 +49,28 @@ def test_another_sensor_with_a_turn() -> None:
 def test_heights_of_the_walks(walks: list) -> None:
     heights = []
     for walk in walks:
-        path = bench["estimate"](walk.imu).trajectory.p_frame_in_world
-        heights.append(abs(bench["climb"](path) - bench["climb"](walk.truth)))
+        path = foot_ins_real.estimate(walk.imu).trajectory.p_frame_in_world
+        heights.append(abs(foot_ins_real.climb(path) - foot_ins_real.climb(walk.truth)))
     assert np.median(heights) <= 0.03
     assert np.percentile(heights, 95) <= 0.30
 
 
 def test_a_loop_of_a_sensor_that_nothing_was_tuned_on() -> None:
-    end = bench["loop_errors"](bench["load_loop"](FOLDER))
+    end = foot_ins_real.loop_errors(real_walks.load_loop(FOLDER))
     assert end["horizontal_m"] <= 0.10
     assert abs(end["height_m"]) <= min(0.08, 1.96 * end["height_sd_m"])
 
 
 def test_both_feet_climb_the_same_stairs() -> None:
-    climbs = {side: bench["climb_of"](imu) for side, imu in bench["load_stairs"](FOLDER).items()}
+    climbs = {side: foot_ins_real.climb_of(imu) for side, imu in real_walks.load_stairs(FOLDER).items()}
     assert abs(climbs["left"]["height"] - climbs["right"]["height"]) <= 0.05
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["start_known", "side_by_side"])
 def test_both_feet_in_one_filter_are_as_good_as_each_alone(known: bool) -> None:
-    feet = bench["load_markers"](FOLDER)
-    alone = bench["marker_errors"](feet, [bench["estimate"](foot.imu) for foot in feet])
-    both = bench["both_feet"](feet, {f.name[0]: bench["known_start"](f) for f in feet} if known else None)
+    feet = real_walks.load_markers(FOLDER)
+    alone = foot_ins_real.marker_errors(feet, [foot_ins_real.estimate(foot.imu) for foot in feet])
+    both = foot_ins_real.both_feet(feet, {f.name[0]: foot_ins_real.known_start(f) for f in feet} if known else None)
     for foot in ("left", "right"):
         assert both["stance_rmse_m"][foot] <= 0.08
         assert abs(both["height_error_m"][foot]) <= 0.10

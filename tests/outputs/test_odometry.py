@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stridetwin.cli.main import main
+from stridetwin.outputs.path.figures import COLORS
 from stridetwin.outputs.path.scores import compare
 from stridetwin.outputs.truth import TruePath
 from stridetwin.streams.formats.opening import open_with_warnings
@@ -60,7 +61,7 @@ def test_a_walk_with_rendered_images_is_followed_to_its_end(walked, tmp_path, ca
     reported = scores["dvio"]["ape_rmse_m"]
     assert reported == pytest.approx(np.sqrt((fitted.error_m**2).sum(axis=1).mean()), rel=1e-3)
     report = (walked / "report.html").read_text()
-    assert 'class="camera"' in report
+    assert f'class="dot" style="--dot: {COLORS["camera"]}"' in report
     assert "visual-inertial odometry" in report
     own = json.loads((walked / "scores.json").read_text())["estimators"]
     assert {k: scores[k] for k in ("terrain_map", "locomotion_mode")} == {

@@ -24,7 +24,7 @@ from stridetwin.outputs.csv_tables import write_table
 from stridetwin.outputs.modes.files import MODE_COLUMNS, find_completed_steps, mode_cells
 from stridetwin.outputs.pose_feed import merge_poses
 from stridetwin.outputs.terrain.files import write_terrain
-from stridetwin.run import live
+from stridetwin.run import compile_ahead, live
 from stridetwin.run.latency import Latency, Times
 from stridetwin.run.live_chain import InputCheck, Request
 from stridetwin.streams.errors import StrideTwinError
@@ -116,7 +116,7 @@ def test_the_head_s_estimators_live_are_those_offline(seen, tmp_path, monkeypatc
     assert set(result) == {"dvio", "locomotion_mode"}
     assert set(result["locomotion_mode"]) == {"/head/depth", *INSOLES}
     assert set(result["dvio"]) == {"/head/imu", "/head/color", "/head/depth"}
-    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])  # all is compiled by now
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])  # all is compiled by now
     alive(["terrain_map", "-o", tmp_path / "live.json"], sent(seen))
     for suffix in ("json", "ply"):
         assert (tmp_path / f"live.{suffix}").read_bytes() == (tmp_path / f"offline.{suffix}").read_bytes()
@@ -158,7 +158,7 @@ def test_a_port_of_thousands_of_digits_is_none():
 
 def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
     recording, nothing = seen, lambda *_: []
-    monkeypatch.setattr(live, "synthetic_samples", nothing)
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", nothing)
     assert "nothing to do" in str(outcome("live"))
     assert "-o is only valid with an estimator" in str(outcome("live", "--record", "a.mcap", "-o", "b.txt"))
     assert "--foot is only valid for foot_ins" in str(outcome("live", "dvio", "--foot", "l"))
@@ -182,7 +182,7 @@ def test_what_goes_wrong_is_reported_in_one_line(seen, tmp_path, monkeypatch):
 
 
 def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     write_rig(recording.rig, rig)
     right = list(recording.block("/foot_r/imu"))
@@ -212,7 +212,7 @@ def test_samples_of_another_kind_are_left_out_and_others_lose_nothing(seen, tmp_
 
 
 def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
     recording, rig = Recording(seen), tmp_path / "rig.yaml"
     camera = recording.rig.cameras["/head/color"]
     halved = replace(camera, width=camera.width // 2, height=camera.height // 2)
@@ -229,7 +229,7 @@ def test_images_of_another_size_are_left_out_and_reported(seen, tmp_path, monkey
 
 
 def test_images_that_have_waited_are_skipped_on_request_and_recorded_all_the_same(seen, tmp_path, monkeypatch):
-    monkeypatch.setattr(live, "synthetic_samples", lambda *_: [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda *_: [])
     recorded = tmp_path / "recorded.mcap"
     words = ["dvio", "--skip-images", "1e-6", "--record", recorded, "-o", tmp_path / "path.txt"]
     made = alive(words, sent(seen))  # all have waited longer
@@ -270,7 +270,7 @@ def test_what_an_estimator_can_take():
 
 def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, monkeypatch):
     shown = []
-    monkeypatch.setattr(live, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
     alive(["foot_ins", "-o", tmp_path / "path.txt"], sent(seen, "--topic", "/foot_l/imu"))
     assert shown == [{"/foot_l/imu"}]
 
@@ -278,7 +278,7 @@ def test_cameras_that_an_estimator_does_not_take_cost_nothing(seen, tmp_path, mo
 def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_is_known(seen, tmp_path, monkeypatch):
     shown, rig = [], tmp_path / "rig.yaml"
     write_rig(Recording(seen).rig, rig)
-    monkeypatch.setattr(live, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda takes: shown.append(set(takes)) or [])
     alive(["dvio", "--rig", rig, "-o", tmp_path / "path.txt"], sent(seen))
     alive(["contact_terrain", "-o", tmp_path / "steps.csv"], sent(seen))
     head, legs = shown
@@ -290,7 +290,7 @@ def test_an_estimator_compiles_once_and_that_of_an_exoskeleton_as_its_geometry_i
 def test_compilation_is_announced_only_if_it_takes_long(monkeypatch, slow):
     said = []
     monkeypatch.setattr(live, "SLOW_START_S", 0.2)
-    monkeypatch.setattr(live, "synthetic_samples", lambda takes: time.sleep(0.6 * slow) or [])
+    monkeypatch.setattr(compile_ahead, "synthetic_samples", lambda takes: time.sleep(0.6 * slow) or [])
     session = live._Live(
         live.LiveRequest(chain=Request(estimator="foot_ins"), address=("", 0)), said.append, said.append
     )

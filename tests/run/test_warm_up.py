@@ -53,7 +53,7 @@ import gc, json, sys
 from numba.core.dispatcher import Dispatcher
 from stridetwin.run.live_chain import Chain, Request
 from stridetwin.run.warm_up import synthetic_rig, synthetic_samples
-from stridetwin.streams.live.messages import Decoder, to_messages
+from stridetwin.streams.live.messages import MessageDecoder, to_messages
 from stridetwin.streams.recording.reader import Recording
 
 def compiled():
@@ -68,7 +68,7 @@ def show(chain, samples):
 def read(recording, topics):
     decoders = {}
     for message in to_messages(recording, topics):
-        decoder = decoders.setdefault(message.topic, Decoder(message.topic, message.typename))
+        decoder = decoders.setdefault(message.topic, MessageDecoder(message.topic, message.typename))
         yield decoder.decode(message)
 
 recording, asked = Recording(sys.argv[1]), Request(estimator=sys.argv[2])

@@ -38,7 +38,7 @@ def example(monkeypatch, name, *words):
 @pytest.mark.parametrize("console", CONSOLES, ids=range(len(CONSOLES)))
 def test_every_command_of_the_page_does_what_it_says(console, seen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("stridetwin.run.live.synthetic_samples", lambda *_: [])  # which costs seconds
+    monkeypatch.setattr("stridetwin.run.compile_ahead.synthetic_samples", lambda *_: [])  # which costs seconds
     (tmp_path / "walk.mcap").symlink_to(seen)
     write_rig(Recording(seen).rig, tmp_path / "rig.yaml")
     lines = [shlex.split(line.removeprefix("$ ")) for line in console.splitlines()]
