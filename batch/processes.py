@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
@@ -22,6 +22,37 @@ def open_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
             yield pool
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def run_beside(function: Callable[..., None], *arguments: object) -> Iterator[None]:
+    """Runs a function in a process of its own beside the body of the `with` statement.
+
+    At the end the function is asked to stop and awaited; if the body fails, its process is killed at once.
+
+    Args:
+        function: A function of a module; its first argument, a `multiprocessing.Event`, is set when it should stop.
+        arguments: Its further arguments.
+    """
+    context = get_context("spawn")
+    stop = context.Event()
+    process = context.Process(target=_run_with_parent, args=(function, stop, *arguments), daemon=True)
+    with _one_thread_each():
+        process.start()
+    try:
+        yield
+    except BaseException:
+        process.kill()
+        raise
+    finally:
+        stop.set()
+        process.join()
+
+
+def _run_with_parent(function: Callable[..., None], *arguments: object) -> None:
+    """Runs a function in a worker process that ends with its parent."""
+    _end_with_parent()
+    function(*arguments)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from stridetwin.run.compile_ahead import compile_ahead
 from stridetwin.run.recording import Selection, run_recording
 from stridetwin.scenarios.files import stage_files
 from stridetwin.scenarios.metadata import InjectedFault, read_injected_faults
-from stridetwin.scenarios.record import Progress, make_twin, record, walk_metadata
+from stridetwin.scenarios.record import Progress, make_twin, nominal_sensors, record
 from stridetwin.scenarios.scenario_file import Scenario, to_scenario
 from stridetwin.scenarios.score_needs import estimators_of, with_sensors_for
 from stridetwin.sim.config import TwinConfig
@@ -82,9 +82,9 @@ def run_scenario(
     estimators = estimators_of(only) if only else None
     if estimators is not None:
         scenario = with_sensors_for(scenario, estimators)
-    twin = make_twin(scenario, seed)
     with stage_files(folder) as out:
-        with compile_ahead(twin.rig, walk_metadata(twin, twin.rig), estimators):
+        with compile_ahead(*nominal_sensors(scenario, seed), estimators):
+            twin = make_twin(scenario, seed)
             record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from stridetwin.batch.processes import open_pool
+from stridetwin.batch.processes import run_beside
 from stridetwin.estimators import registry
 from stridetwin.estimators.base import POSES, Options
 from stridetwin.outputs.feeding import EstimatorClass, runnable_instances, runnable_on
@@ -36,10 +37,15 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
     if not uncompiled:
         yield
         return
-    with open_pool(1) as pool:
-        for name in uncompiled:
-            pool.submit(compile_estimator, name, dict(metadata))
+    with run_beside(_compile_estimators, uncompiled, dict(metadata)):
         yield
+
+
+def _compile_estimators(stop: Event, names: Sequence[str], metadata: Mapping[str, str]) -> None:
+    """Compiles one estimator after the other, until `stop` is set."""
+    for name in names:
+        if not stop.is_set():
+            compile_estimator(name, metadata)
 
 
 def _is_uncompiled(estimator_class: EstimatorClass, rig: Rig, metadata: Mapping[str, str]) -> bool:

@@ -66,7 +66,7 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
         raise ConfigError("record", "twin", type(twin).__name__, "a Twin, such as make_twin(SCENARIO)")
     config = twin.config
     plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
-    metadata = walk_metadata(twin, plan.rig)
+    metadata = _walk_metadata(twin, plan.rig)
     if twin.fell_at is None:
         check_times(config.name, config.faults, twin.duration_s)
     else:
@@ -78,7 +78,23 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
             writer.write(arrival.item, arrival.log_ns)
 
 
-def walk_metadata(twin: Twin, rig: Rig) -> dict[str, str]:
+def nominal_sensors(scenario: Scenario, seed: int) -> tuple[Rig, dict[str, str]]:
+    """The nominal rig of a scenario, and the geometry of its exoskeleton as metadata, before the walk is planned.
+
+    Raises:
+        StrideTwinError: The simulator is not installed.
+    """
+    twin_class()  # says how to install the simulator
+    from stridetwin.sim.sensors.standard_rig import sensor_rig
+    from stridetwin.sim.wearer.body import fit_wearer
+
+    config = scenario.config
+    rig = sensor_rig(config).nominal(seed)
+    has_links = config.exo is not None and config.exo.user_exo is None
+    return rig, exo_geometry.geometry_metadata(fit_wearer(config.person, has_links), rig, seed)
+
+
+def _walk_metadata(twin: Twin, rig: Rig) -> dict[str, str]:
     """What a recording says of the walk beside its samples: scenario, person, terrain and geometry of the exoskeleton.
 
     Args:

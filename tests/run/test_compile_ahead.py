@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from concurrent.futures import Future
+from contextlib import nullcontext
 from dataclasses import replace
 
 import pytest
@@ -46,38 +46,22 @@ def test_nothing_is_left_to_compile_on_a_recording(seen, estimator):
     assert left == []
 
 
-class FakePool:
-    """Keeps the names of the estimators that it should compile."""
-
-    def __init__(self):
-        self.names = []
-
-    def __call__(self, workers):
-        return self
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *error):
-        pass
-
-    def submit(self, function, name, metadata):
-        assert function is module.compile_estimator
-        self.names.append(name)
-        return Future()
-
-
 @pytest.fixture
 def compiled_names(seen, monkeypatch):
     """Function of a rig and a selection: names of the estimators that are compiled where the cache is empty."""
 
     def compile_and_list(rig, only=None):
-        pool = FakePool()
-        monkeypatch.setattr(module, "open_pool", pool)
+        names = []
+
+        def run_beside(function, uncompiled, metadata):
+            names.extend(uncompiled)
+            return nullcontext()
+
+        monkeypatch.setattr(module, "run_beside", run_beside)
         monkeypatch.setattr(module, "is_uncompiled", lambda package: True)
         with compile_ahead(rig, Recording(seen).metadata, only):
             pass
-        return set(pool.names)
+        return set(names)
 
     return compile_and_list
 
@@ -95,6 +79,6 @@ def test_only_what_the_sensors_feed_and_the_user_asks_for_is_compiled(seen, comp
 def test_no_process_starts_where_everything_is_cached(seen, monkeypatch):
     recording = Recording(seen)
     monkeypatch.setattr(module, "is_uncompiled", lambda package: False)
-    monkeypatch.setattr(module, "open_pool", lambda workers: pytest.fail("a process started"))
+    monkeypatch.setattr(module, "run_beside", lambda *_: pytest.fail("a process started"))
     with compile_ahead(recording.rig, recording.metadata):
         pass
