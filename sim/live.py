@@ -46,6 +46,7 @@ class LiveTwin:
     """
 
     def __init__(self, twin: Twin, law: ControlLaw | None = None) -> None:
+        """Checks the scenario, and starts the simulation and the sensors at the beginning of the walk."""
         config = twin.config
         if config.physics != "dynamic":
             raise ConfigError(config.name, "physics", config.physics, "dynamic, for a live walk")
@@ -57,7 +58,7 @@ class LiveTwin:
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
-        self._delivered_ns = -1
+        self._delivered_ns = -1  # samples up to this instant have been returned
 
     def __enter__(self) -> Self:
         self._open.enter_context(self._cameras)
@@ -71,8 +72,11 @@ class LiveTwin:
     def advance(self, until_s: float) -> list[Sample]:
         """Simulates up to a time, or to the end; returns the samples that have arrived by then, in order of stamps.
 
+        Samples arrive later than their instants by the latency of sensors and splines. Each is returned once, by the
+        first call after its arrival.
+
         Args:
-            until_s: s.
+            until_s: Time of the walk, s.
         """
         while self.simulation.time_s < until_s and not self.simulation.is_over:
             self.simulation.step()

@@ -71,17 +71,21 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
     variables, brought to zero by Newton's method with halved steps.
 
     Args:
-        B: (6, n).
-        d: (6,).
-        r: (n,) positive.
-        p: (n,) natural values of the forces.
+        B: (6, n) effect of each force on the root's six equations, scaled so that all six count alike.
+        d: (6,) what these equations need, in the same scale.
+        r: (n,) weights of the forces, positive.
+        p: (n,) values that the forces would take without d.
+
+    Returns:
+        (n,) forces f; (6,) residual y.
     """
+    # `step` is the Newton step of y, `value` the convex function at y; the first trial, with step 0, is at y = d
     y, trial, f, value, largest = d.copy(), np.empty(6), np.empty(len(r)), 1e300, 0.0
     step, H = np.zeros((6, 1)), np.empty((6, 6))
     for i in range(6):
         largest = max(largest, abs(d[i]))
     for _ in range(_NEWTON_STEPS):
-        size = 1.0
+        size = 1.0  # share of the step, halved until the convex function does not grow
         while True:
             # value of the convex function at the trial point, and its forces
             new_value = 0.0
@@ -152,9 +156,9 @@ def solve_control_step(
 ) -> tuple[Array, Array, Array, Array]:
     """Accelerations, torques and contact forces of one control step.
 
-    With the Hessian H of all weighted squares and their linear term g, the accelerations are H⁻¹ (g + M_rᵀ λ), M_r the
-    root's six rows of the mass matrix. The multiplier is λ = S⁻¹ (F − (h_r + M_r H⁻¹ g)) with S = M_r H⁻¹ M_rᵀ +
-    diag(assist²) and the root's share F of the contact forces, which minimise what remains (`_solve_contact_forces`).
+    Let H be the Hessian of all weighted squares, g their linear term, and M_r the root's six rows of the mass matrix.
+    The accelerations are H⁻¹ (g + M_rᵀ λ). The multiplier is λ = S⁻¹ (F − (h_r + M_r H⁻¹ g)) with S = M_r H⁻¹ M_rᵀ +
+    diag(assist²). F is the root's share of the contact forces, which minimise what remains (`_solve_contact_forces`).
 
     Args:
         M: (n, n) mass matrix of the driven coordinates, the root's six first.
@@ -171,7 +175,7 @@ def solve_control_step(
     """
     rows, contacts, edges = tasks.rows, points.rows, points.edges
     n, k = len(h), len(points.weight)
-    # (n, 7) below: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. The tasks affect only
+    # (n, 7) `solution`: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. Tasks affect only
     # root and legs; elsewhere the Hessian is the diagonal of the weights
     solution, columns = np.empty((n, 7)), _nonzero_columns(rows)
     solution[:, 6], solution[:, :6] = weight * target, M[:6].T

@@ -43,7 +43,8 @@ class _ImageFault(TimedFault):
     ) -> Iterator[SampleInTransit]:
         """Arrivals with degraded images during events.
 
-        Images that share one read-only array, as empty views do, share one degraded array as well.
+        Images that share one read-only array, as empty views do, share one degraded array as well. For them `memory`
+        holds the last event, its clean image, and the corrupted one.
         """
         for arrival in stream:
             event = active_event(events, arrival)
@@ -77,7 +78,7 @@ class Occlusion(_ImageFault):
 
     def degrade(self, image: ImageArray, event: Event) -> ImageArray:
         """The image with one side covered; covered depth has no reading."""
-        side = int(event.rng().integers(4))
+        side = int(event.rng().integers(4))  # 0 left, 1 top, 2 right, 3 bottom
         covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
@@ -105,7 +106,7 @@ class LensDirt(_ImageFault):
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
             blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
-            each = math.prod(image.shape[2:])
+            each = math.prod(image.shape[2:])  # channels: 1 of a grey image
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
             smear(corrupted.reshape(-1, each).view(np.uint8), blurred.reshape(-1, each), *dirt)
@@ -323,7 +324,11 @@ class MirrorFloor(TimedFault):
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
     ) -> Iterator[SampleInTransit]:
-        """Arrivals with mirrored floors during events; images without a true pose pass unchanged."""
+        """Arrivals with mirrored floors during events; images without a true pose pass unchanged.
+
+        `memory["truth"]` are the true poses of the camera's IMU, which `arrivals` collects; only the last ones are
+        kept.
+        """
         for arrival in stream:
             event, truth = active_event(events, arrival), memory.get("truth")
             if event is None or not truth:
@@ -334,10 +339,16 @@ class MirrorFloor(TimedFault):
             yield arrival.with_values(depth=self._mirror(depth_field(arrival), pose, event))
 
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
-        """(H, W) m, depth image of a mirroring floor, from the exact one and the true pose of the camera's IMU.
+        """(H, W) m, depth image of a mirroring floor; 0 without a reading.
 
-        A pixel counts as floor if its depth is within `_FLAT` of that of the plane z = 0. By the rank of its cell of
-        the floor it loses its depth, or gets that of the ceiling's mirror image, z (h_eye + h_ceiling) / h_eye.
+        A pixel counts as floor if its depth is within `_FLAT` of that of the plane z = 0. The floor is divided into
+        cells. Pixels in cells of high rank lose their depth. Pixels in cells of low rank get the depth of the ceiling's
+        mirror image, z (h_eye + h_ceiling) / h_eye.
+
+        Args:
+            depth: (H, W) m, exact depth image.
+            pose: True pose of the camera's IMU, nearest in time.
+            event: The event, which draws the ranks.
         """
         camera = _camera(event)
         T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
@@ -345,6 +356,7 @@ class MirrorFloor(TimedFault):
 
         R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
+        # depth at which each ray meets the plane z = 0; inf for rays that do not go down
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
         ranks = _draw_shine_ranks(event)

@@ -154,10 +154,12 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     def __init__(
         self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = NOMINAL_GRAVITY_MPS2
     ) -> None:
+        """Draws the constant errors of one unit; six-vectors are three axes of rate, then three of specific force."""
         super().__init__(calibration, part, noise)
         self._gravity = np.array([0.0, 0.0, -gravity])
         self.rate_hz = part.rate_hz
         self._range, bandwidth = _six_axes(part, "range"), _six_axes(part, "bandwidth_hz")
+        # inner steps per sample; a part with unlimited bandwidth is ideal and needs none
         self.steps = math.ceil(INNER_HZ / part.rate_hz) if np.isfinite(bandwidth).any() else 1
         self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
         self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
@@ -172,6 +174,8 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
 
     def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
         """The next samples.
+
+        Biases, filters and the end of the last track (`_last`) are kept for the next call.
 
         Args:
             body: Track of the body that carries the sensor, at the ends of the inner steps of every sample (`steps` per
@@ -195,7 +199,10 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])
 
     def _filter(self, true: Array) -> Array:
-        """(N, 6) rate and specific force after the errors and the low-pass filters, whose state is kept."""
+        """(N, 6) rate and specific force at the inner steps, after the errors and the low-pass filters.
+
+        `true` (N, 6) are the true ones. The state of the filters is kept for the next call.
+        """
         sensed = true @ self._mix.T + self._bias
         for axis, low_pass in enumerate(self._filters):
             sensed[:, axis] = low_pass(sensed[:, axis])
@@ -203,7 +210,17 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
 
 
 class _LowPass:
-    """Second-order Butterworth filter that keeps its state between chunks; it starts in a steady state."""
+    """Second-order Butterworth filter that keeps its state between chunks; it starts in a steady state.
+
+    A cut-off that is not well below half the sample rate, such as inf, makes a filter that changes nothing.
+
+    Args:
+        cut_hz: Cut-off frequency.
+        rate_hz: Sample rate.
+
+    Attributes:
+        delay_s: Delay of slow motion, s; 0 of a filter that changes nothing.
+    """
 
     def __init__(self, cut_hz: float, rate_hz: float) -> None:
         self._sos, self.delay_s = None, 0.0

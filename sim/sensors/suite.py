@@ -70,7 +70,7 @@ class SensorSuite:
         for sensor, model, stamps in self._models:
             t_ns = instants(sensor.calibration.rate_hz, after_ns, until_ns)
             if not len(t_ns):
-                continue
+                continue  # a slow sensor has no sample in this chunk
             if isinstance(sensor.calibration, ImuCalibration):
                 ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
                 carrier = player.track(sensor.calibration.mount.body, ends)
@@ -136,5 +136,11 @@ def _read_block(
 
 
 def _interpolate(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
-    """(N, 3) linear interpolation, at (N,) instants, of values at known ones."""
+    """(N, 3) linear interpolation of vectors.
+
+    Args:
+        at_ns: (K,) instants of the values.
+        values: (K, 3).
+        t_ns: (N,) instants of the result.
+    """
     return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])
