@@ -74,7 +74,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
         B: (6, n) effect of each force on the root's six equations, scaled so that all six count alike.
         d: (6,) what these equations need, in the same scale.
         r: (n,) weights of the forces, positive.
-        p: (n,) values that the forces would take without d.
+        p: (n,) values to which the second sum draws the forces.
 
     Returns:
         (n,) forces f; (6,) residual y.

@@ -10,7 +10,7 @@ from scipy.special import betainc
 
 from stridetwin.streams.samples import Array
 
-_SOFTNESS = 3.4
+_SOFTNESS = 3.4  # exponent of the steps and bumps; see `soft_ease`
 
 
 @overload
@@ -43,7 +43,8 @@ def ease_rate(s: Array | float) -> Array | float:
 
 def soft_ease(s: Array | float) -> Array:
     """Step from 0 at s = 0 to 1 at s = 1 with smoother ends than `ease`, without a jump of the jerk."""
-    return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))  # 3: minimum jerk, 4: minimum snap
+    # an exponent of 3 is the minimum-jerk step, of 4 the minimum-snap step
+    return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))
 
 
 def bump(s: Array) -> Array:

@@ -40,6 +40,7 @@ class ImageSensor:
     """
 
     def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
+        """Prepares the bank of noise, the variance of a level, and the vignetting."""
         self.shape, self._imager, self._light, self._noise = shape, imager, light, noise
         self._noisy = math.isfinite(imager.full_well)
         height, width, self._channels = (*shape, 1)[:3]
@@ -53,6 +54,7 @@ class ImageSensor:
         # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
         across = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
         self._tan2 = [(across * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
+        # automatic exposure: gain of the next image, None before the first one, and time of the last image
         self._gain: float | None = None if imager.auto_exposure_s else 1.0
         self._before_ns = 0
 
@@ -71,6 +73,7 @@ class ImageSensor:
         gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
             return clean
+        # another crop of the noise bank for each image
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
         each, (height, width) = self._channels, clean.shape[:2]
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
@@ -142,6 +145,9 @@ class RenderedLens:
 
     A pinhole image that covers all rays of the camera is rendered; `distort` then resamples it.
 
+    Args:
+        calibration: True calibration of the camera.
+
     Attributes:
         straight: Whether there is no distortion.
         width, height: Size of the pinhole image to render, pixels.
@@ -166,6 +172,7 @@ class RenderedLens:
             valid = "coefficients with which every pixel is well below 90 deg off the axis"
             raise ConfigError(calibration.topic, "distortion", list(calibration.distortion), valid)
         self.intrinsics = fu, fv, pu - left, pv - top
+        # (H, W) column and row of the pinhole image that each pixel of the camera shows
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
     def distort(self, image: NDArray[NumberT], interpolation: int = cv2.INTER_LINEAR) -> NDArray[NumberT]:

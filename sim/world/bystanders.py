@@ -88,7 +88,11 @@ class Bystander:
     size: float
 
     def parts(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
-        """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
+        """Frames of the eleven `PARTS` at (M,) s, in their order; limbs extend along -z of their frames.
+
+        Returns:
+            (M, 11, 3) m, origins in the world; (M, 11, 3, 3) rotations, part to world.
+        """
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
@@ -144,11 +148,11 @@ class Bystander:
         count = steps - odd
         cycle = np.floor((count + _SUPPORT) / 2)
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
-        at = (2 * cycle + odd - self.first).astype(int)
+        at = (2 * cycle + odd - self.first).astype(int)  # row of the foothold that the foot stands on, or leaves
         a, b = self.holds[at], self.holds[at + 2]
         share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)
         rise = b[:, 2] - a[:, 2]
-        sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)
+        sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
         pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
@@ -248,6 +252,7 @@ def _footholds(
         size: Stature.
     """
     first = -3
+    # numbers of the footholds; a few lie before the start and beyond the end of the path, straight ahead
     count = np.arange(first, int(steps[-1]) + 5)
     beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
     heading = np.interp(count, steps, yaw)
