@@ -315,6 +315,7 @@ class _Camera:
         away = float(normal @ centre)
         if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
+        # motion of the board's plane where the camera is
         v, w = _point_velocity(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
         margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))

@@ -225,6 +225,7 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, yaw - way.heading(s)]), yaw, steps, profile, size)
+    # first without the height of the hips, which follows from the feet
     body = Bystander(
         t=t,
         p=np.column_stack([p, np.zeros(len(t))]),

@@ -202,7 +202,15 @@ class _Pen:
     def _advance(
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
-        """Moves the pen along a line or an arc, and adds the segment to the way and its profile."""
+        """Moves the pen along a line or an arc, and adds the segment to the way and its profile.
+
+        Args:
+            length: m.
+            curvature: 1/m, left positive; 0 for a line.
+            terrain: Class of the ground.
+            rise: Change of height over the length, m.
+            cross_slope: Tilt sideways, rad.
+        """
         here = CurveSegment(
             s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature
         )
@@ -211,6 +219,7 @@ class _Pen:
         )
         self.segments.append(here)
         last = self.strips[-1] if self.strips else None
+        # levels of one height become one strip
         if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
             self.strips[-1] = replace(last, s1=strip.s1)
         else:
