@@ -46,7 +46,10 @@ class LiveTwin:
     """
 
     def __init__(self, twin: Twin, law: ControlLaw | None = None) -> None:
-        """Checks the scenario, and starts the simulation and the sensors at the beginning of the walk."""
+        """Checks the scenario, and starts the simulation and the sensors at the beginning of the walk.
+
+        `law` maps the angles of the powered joints to motor torques; None keeps the scenario's drive.
+        """
         config = twin.config
         if config.physics != "dynamic":
             raise ConfigError(config.name, "physics", config.physics, "dynamic, for a live walk")

@@ -172,6 +172,7 @@ class Player(Generic[AnyWalk]):
     """
 
     def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
+        """Prepares tree and couplings; `uppers` has the motion of shoes' uppers by name of the foot, None for none."""
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._tree = Tree.of(model)
         self._couplings = exo_couplings(walk.size)
@@ -231,10 +232,14 @@ class Playback(Player[Reference]):
     """Player of a planned walk, exactly as planned; its loads follow from inverse dynamics."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
-        """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body.
+        """Contact loads and joint torques by inverse dynamics of the whole body.
 
-        The wrench that the motion needs at the root is the ground's (`split_wrench`); the torques of the hinges also
+        The wrench that the motion needs at the root is the ground's (`split_wrench`). The torques of the hinges also
         balance the couplings of the exoskeleton, rotors and damping.
+
+        Args:
+            t_ns: (N,) instants, which are among those of `motion`.
+            motion: Motion of the wearer.
         """
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
@@ -245,6 +250,7 @@ class Playback(Player[Reference]):
             total,
             torque,
             q[:, :3],
+            # columns of `planned`: share (1) and centre of pressure (3) of the left, then of the right foot
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},

@@ -119,7 +119,10 @@ def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Blo
 
 
 def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Footprint]:
-    """Footprints after `after_ns` and up to `until_ns`, in order; the feet that stand at the start come first."""
+    """Footprints with a touch-down after `after_ns` and up to `until_ns`, in order of time.
+
+    The feet that stand at the start come first, with the stamps 0 and 1.
+    """
     steps = sorted((s for foot_steps in walk.steps.values() for s in foot_steps), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:

@@ -74,6 +74,7 @@ class Twin:
         plan: Callable[..., Reference] = plan_reference,
         plan_control: Callable[..., Plan] = plan_control,
     ) -> None:
+        """Checks the scenario, composes the model, and plans motion and bystanders; the walk itself comes later."""
         if config.physics not in PHYSICS:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         if config.dynamics is not None and config.physics != "dynamic":

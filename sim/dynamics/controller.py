@@ -149,7 +149,11 @@ class Controller:
     def __init__(
         self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool, mass_ratio: float
     ) -> None:
-        """Prepares the arrays of the control step: weights, rates, and the constants of body and contact points."""
+        """Prepares the arrays of the control step: weights, rates, and the constants of body and contact points.
+
+        The arguments are explained at the class. `mass_ratio` is the assumed mass of every body over its mass in the
+        model; `assist` says whether a soft wrench may help at the root.
+        """
         self._model, self._gains, self._mass_ratio = model, gains, mass_ratio
         # weight of the walker as the controller assumes it, N; `weights` below are those of the optimisation
         weight = mass_ratio * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))

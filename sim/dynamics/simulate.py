@@ -231,6 +231,7 @@ class _Record:
     """
 
     def __init__(self, n: int, model: mujoco.MjModel, soles: NDArray[np.int64]) -> None:
+        """Allocates a row for each of `n` steps; `soles` (ngeom,) are the numbers of the sole points, -1 for others."""
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
         shape = n, len(SIDES), 3
         self._loads = FootRecord(
@@ -248,7 +249,7 @@ class _Record:
         self._q[i], self._torque[i] = data.qpos, torque
 
     def record_contacts(self, i: int, data: mujoco.MjData) -> None:
-        """Stores the contact loads at the start of step i; `mj_step2`, which comes first, computes their forces."""
+        """Stores the contact loads of step i, after `mj_step2`, which computes their forces."""
         _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )

@@ -176,7 +176,12 @@ def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_f
 
 
 def _project_on_ground(R_world_foot: Array, normal: Array) -> Array:
-    """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°."""
+    """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°.
+
+    Args:
+        R_world_foot: (3, 3) rotation of the foot.
+        normal: (3,) unit normal of the ground in the world; it becomes the z axis.
+    """
     forward = R_world_foot[:, 0] - (R_world_foot[:, 0] @ normal) * normal
     forward /= np.linalg.norm(forward)
     return np.column_stack([forward, np.cross(normal, forward), normal])

@@ -82,6 +82,7 @@ class ExoLeg:
     """
 
     def __init__(self, size: Wearer, side: str) -> None:
+        """Collects joints, stops and couplings of the leg `side` (`l` or `r`) as arrays for the compiled loops."""
         self.frame = frame = leg_frame(size, side)
         self.is_standard = isinstance(size.exo, ExoLinks)
         cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
@@ -92,6 +93,7 @@ class ExoLeg:
             last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
             p_in_exo=np.array([c.p_in_exo for c in cuffs]),
             p_in_body=np.array([c.p_in_body for c in cuffs]),
+            # entries of a law: stiffness, damping, rotational stiffness, rotational damping
             stiffness=np.array([c.law[[0, 2]] for c in cuffs]),
             damping=np.array([c.law[[1, 3]] for c in cuffs]),
             stops=frame.stops,

@@ -193,8 +193,14 @@ def integrate_motion(
 def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     """Torque of a joint's stops, N m, and its slope by the angle, N m/rad.
 
-    It is k w (ln(1 + exp(over)) − ln(1 + exp(under))), the gradient of a smooth energy: `over` and `under` are the
-    distances beyond the upper and the lower stop in widths w, and k is the stiffness.
+    It is k w (ln(1 + exp(over)) − ln(1 + exp(under))), the gradient of a smooth energy. `over` and `under` are the
+    distances beyond the upper and the lower stop in widths w, and k is the stiffness. The torque is positive beyond the
+    upper stop: it stands on the left side of the equations of motion.
+
+    Args:
+        leg: The leg.
+        j: Number of the joint.
+        angle: rad.
     """
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
@@ -218,10 +224,17 @@ def _solve_with_stops(
     jacobian: Array,
     iterations: int,
 ) -> None:
-    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method.
+    """Moves x to the solution of A x + stops(angles + x) = b by Newton's method.
 
-    `matrix` is A (J, J) and `right` is b (J,). `residual` (J,) and `jacobian` (J, J) are buffers, so that the loop over
-    time allocates nothing.
+    Args:
+        leg: The leg, for its stops.
+        matrix: (J, J) A.
+        right: (J,) b, N m.
+        angles: (J,) rad, from which x counts.
+        x: (J,) rad, first guess, which is overwritten by the solution.
+        residual: (J,) buffer, so that the loop over time allocates nothing.
+        jacobian: (J, J) buffer.
+        iterations: Most iterations.
     """
     dofs = len(x)
     for _ in range(iterations):

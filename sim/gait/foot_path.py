@@ -265,9 +265,15 @@ def _swing_poses(
 
 
 def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tuple[float, float, float, float]:
-    """Toe extension and its rate by the share of swing at toe-off, then at touch-down.
+    """Toe extension at both ends of swing: its value, rad, and rate by the share of swing at toe-off, then at landing.
 
-    The toes are flat on the ground at toe-off, raised in the air, and at the pitch of the landing at touch-down.
+    The toes are flat on the ground at toe-off, so that they are extended by the foot's pitch. At a landing on the heel
+    they are straight, otherwise extended by the pitch of the landing.
+
+    Args:
+        a: Footstep that the foot leaves.
+        b: Footstep that it reaches.
+        pitch: Pitch of the foot, rad, at (N,) s.
     """
     h = 1e-4  # s, for one-sided differences: after toe-off and before touch-down
     ends = np.array([a.t_off, b.t_touch])
@@ -312,10 +318,15 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:
-    """(N, 3) m per leg length, offset of a swinging foot from its smooth path at (N,) shares of swing, world axes.
+    """(N, 3) in leg lengths, offset of a swinging foot from its smooth path, world axes.
 
     Forward and lift are polynomials in 2 s − 1 with the coefficients of the style, times a bump, so that both ends
     rest.
+
+    Args:
+        style: Style of the step.
+        s: (N,) shares of swing, 0-1.
+        base: (3, 3) rotation of the footprint that the foot reaches.
     """
     powers = np.vander(2 * s - 1, len(style.forward), increasing=True).T
     ahead, above = style.forward @ powers, style.lift @ powers

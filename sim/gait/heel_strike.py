@@ -341,9 +341,14 @@ def _add_rocks(
 
 
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
-    """Time at which the sole of a heel-first step slaps down, s: the first instant with a pitch below `flat_rad`.
+    """Time at which the sole slaps down after touch-down, s: the first instant with a pitch below `flat_rad`.
 
-    The touch-down itself, if the foot does not become flat within 0.4 s.
+    It is the touch-down itself if the foot does not become flat within 0.4 s.
+
+    Args:
+        step: The footstep.
+        pitch: Pitch of the sole relative to the ground, rad, at (N,) s.
+        flat_rad: Magnitude of the pitch below which the sole counts as flat.
     """
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
     down = np.abs(pitch(t)) < flat_rad

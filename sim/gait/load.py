@@ -179,10 +179,10 @@ def _flat_time(t: Array, tilt: Array, i: int, flat: int) -> float:
 
 
 def _load_share(step: Footstep, s: Array) -> Array:
-    """Share of the load on the foot of `step` after a share s of double support.
+    """(...) share of the load on the foot of `step`, 0-1, at the shares s (...) of the double support that it begins.
 
-    A cubic, not the smoother quintic: people load the heel at once, and a foot that hardly presses at touch-down
-    bounces.
+    The load moves within the share `transfer` of double support. It is a cubic of s, not the smoother quintic: people
+    load the heel at once, and a foot that hardly presses at touch-down bounces.
     """
     s = np.clip(s / float(step.style.transfer), 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -122,15 +122,20 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
 
 
 def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
-    """(N,) m, smooth height close to a goal and below a limit, both (N,) m.
+    """(N,) m, smooth height close to a goal and below a limit.
 
     It minimises Σ w (z − target)² + `_SMOOTHNESS`² Σ (z''')². The target is the goal with w = 1; where z would exceed
     the limit, it is the limit with w = `_ABOVE_REACH_WEIGHT`. The set of these rows is found by iteration.
+
+    Args:
+        goal: (N,) m, wanted height.
+        limit: (N,) m, largest height within reach of the legs.
+        dt: Time between rows, s.
     """
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)
-    bands = np.zeros((4, n))
+    bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]

@@ -44,9 +44,13 @@ from stridetwin.streams.samples import Array
 
 
 def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
-    """Angles of both legs that bring the feet to their paths, by side.
+    """Angles of both legs that bring the feet to their paths, by side; `LegAngles.stretch` reports feet out of reach.
 
-    The pelvis is at (N, 3) m with rotations (N, 3, 3). Feet out of reach are reported by `LegAngles.stretch`.
+    Args:
+        size: Wearer.
+        p_pelvis: (N, 3) m, pelvis in the world.
+        R_pelvis: (N, 3, 3) its rotation.
+        paths: Paths of the feet by side.
     """
     return {
         side: solve_leg(

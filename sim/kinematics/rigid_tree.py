@@ -406,6 +406,12 @@ def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
 def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Wrench that the motion of one body needs, without those that it carries.
 
+    Args:
+        tree: The bodies.
+        b: Index of the body.
+        bodies: Motion of all bodies.
+        gravity: g in the world, m/s².
+
     Returns:
         Force m (a_com − g), N; moment about the body's origin, arm × force + R (I ω̇ + ω × I ω), N m; and the arm from
         the origin to the centre of mass, m. All are in world axes.
@@ -421,7 +427,15 @@ def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tupl
 
 @numba.njit(**INNER_KERNEL)
 def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
-    """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m²."""
+    """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m².
+
+    Args:
+        tree: The bodies.
+        b: Index of the body.
+        R: (B, 3, 3) rotations of all bodies, body to world.
+        arm: From the body's origin to its centre of mass, world axes, m.
+        out: (3, 3) output.
+    """
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
     for k in range(3):
         store_vec3(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])

@@ -66,6 +66,7 @@ class CameraProcesses:
         mount_slips: MountSlips | None = None,
         processes: int | None = None,
     ) -> None:
+        """Starts the processes; the scene is sent to each before its first batch."""
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
@@ -180,6 +181,7 @@ class _Worker:
     """
 
     def __init__(self, scene: bytes) -> None:
+        """Starts the process; `scene` is the pickled tuple of the arguments of `Cameras`."""
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.rendering.rendering"],
             stdin=subprocess.PIPE,
@@ -193,6 +195,7 @@ class _Worker:
 
     @property
     def pid(self) -> int:
+        """Number of the process."""
         return self._process.pid
 
     def images(self, poses: _Poses, count: int) -> list[Image | Depth | Patch]:

@@ -105,6 +105,7 @@ class Cameras:
         seed: int,
         mount_slips: MountSlips | None = None,
     ) -> None:
+        """Creates a renderer per camera, and the views in which they draw."""
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
         # renderers by topic, and views by whether they have shadows: cameras of one kind share a view
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
@@ -204,6 +205,7 @@ class _Camera:
     """
 
     def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
+        """Prepares lens, image sensor and depth of the camera with this topic."""
         mounted = sensor_rig.sensors[topic]
         assert isinstance(mounted.calibration, CameraCalibration)
         assert isinstance(mounted.part, CameraPart | RgbdPart)
@@ -296,7 +298,13 @@ class _Camera:
         return sweep.blur(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _find_board(self, data: mujoco.MjData, due: FrameRequest, T_world_camera: Array) -> _VisibleBoard | None:
-        """Pixels around the board and its motion in the middle of the exposure; None when it is out of view."""
+        """Pixels around the board and its motion in the middle of the exposure; None when it is out of view.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            due: The frame, with the twists of the bodies that carry the camera and the board.
+            T_world_camera: (4, 4) pose of the camera's optical frame.
+        """
         if self._board is None:
             return None
         # the board in the camera's axes: normal, centre, and the corners of a box around it

@@ -88,7 +88,11 @@ class ImageSensor:
         """Gain of this image over the nominal one; updates the gain of the next image.
 
         The automatic exposure wants a mean of `_TARGET` times white. The logarithm of the gain approaches that of the
-        wanted gain with the lag of the control.
+        wanted gain with the lag of the control. Without automatic exposure the gain is 1.
+
+        Args:
+            t_ns: Time of the image.
+            clean: (h, w, ...) noise-free levels.
         """
         lag = self._imager.auto_exposure_s
         if not lag:
@@ -158,6 +162,7 @@ class RenderedLens:
     """
 
     def __init__(self, calibration: CameraCalibration) -> None:
+        """Finds the pinhole image that covers all rays, and where each pixel of the camera lies in it."""
         self.straight = calibration.distortion_model == "radtan" and not any(calibration.distortion)
         self.width, self.height, self.intrinsics = calibration.width, calibration.height, calibration.intrinsics
         if self.straight:

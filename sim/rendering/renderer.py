@@ -88,6 +88,7 @@ class _OffScreen:
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> None:
+        """Creates the context; it takes image size and quality from the model, which has them only meanwhile."""
         self.model, self.width, self.height = model, width, height
         self._gl = _gl_context(width, height)
         self._gl.make_current()
@@ -148,6 +149,7 @@ class SensorView(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
+        """Creates the context with bounded planes, and reads the sky from the model."""
         self._endless, self._shadows = _endless_planes(model), shadows
         with _bound_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
@@ -283,6 +285,7 @@ class FilmCamera(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
+        """Creates a context of `_FILM_SCALE` times the size of the images, which are scaled down."""
         self._endless, self._size = _endless_planes(model), (width, height)
         with _bound_planes(model, self._endless, _FILM_GROUND_M):
             super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
@@ -486,9 +489,13 @@ class _Sky:
         T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
     ) -> None:
-        """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
+        """Colours in place the pixels of an image where nothing was rendered, and the far ground.
 
-        The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
+        Args:
+            rgb: (H, W, 3) image, which is painted on.
+            depth: (H, W) m along the optical axis, inf where nothing was rendered.
+            T_world_camera: (4, 4) pose of the optical frame.
+            intrinsics: (fu, fv, pu, pv) of the image, pixels.
         """
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(

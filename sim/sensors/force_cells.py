@@ -38,7 +38,7 @@ class ForceCells:
     """
 
     def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
-        """Draws the gain errors and sets the state to that of unloaded cells."""
+        """Draws the gain errors and sets the state of `count` cells to unloaded; `rate_hz` is the sample rate."""
         from scipy.signal import butter  # takes long to import, so only when a sensor filters
 
         self._part, self._noise = part, noise

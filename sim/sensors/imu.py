@@ -68,7 +68,17 @@ def _compute_increments(
 ) -> tuple[Array, Array, Array]:
     """Durations (N,) s, rates (N, 3) and specific forces (N, 3) of the intervals; see `compute_increments`.
 
-    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). The first interval starts at `t0`.
+    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). Index 0 is the start of an interval,
+    index 1 its end; each interval starts at the end of the one before.
+
+    Args:
+        t0: (1,) ns, start of the first interval.
+        q0: (1, 4) attitude there, sensor to world.
+        v0: (1, 3) m/s, velocity there, world axes.
+        t: (N,) ns, ends of the intervals.
+        q: (N, 4) attitudes there.
+        v: (N, 3) m/s, velocities there.
+        gravity: (3,) g in the world, m/s².
     """
     n = len(t)
     dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
@@ -223,6 +233,7 @@ class _LowPass:
     """
 
     def __init__(self, cut_hz: float, rate_hz: float) -> None:
+        """Designs the filter for a cut-off and a sample rate; a high cut-off leaves it out."""
         self._sos, self.delay_s = None, 0.0
         self._state: Array | None = None
         if cut_hz < 0.45 * rate_hz:
@@ -233,6 +244,7 @@ class _LowPass:
             self.delay_s = math.sqrt(2) / (2.0 * rate_hz * math.tan(math.pi * cut_hz / rate_hz))
 
     def __call__(self, x: Array) -> Array:
+        """(N,) filtered values of the next (N,) samples; the state is kept for the next call."""
         if self._sos is None:
             return x
         from scipy.signal import sosfilt, sosfilt_zi

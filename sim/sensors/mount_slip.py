@@ -119,7 +119,14 @@ class MountSlips:
 
 
 def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
-    """Slip of an event, about a random axis and in a random direction; without a duration it lasts the whole event."""
+    """Slip of an event, about a random axis and in a random direction.
+
+    Args:
+        fault: The loose strap, which gives angle, distance and duration; without a duration the slip takes as long as
+            the event.
+        event: The event, which draws axis and direction.
+        pivot: (3,) m on the body, about which all sensors on the strap rotate.
+    """
     # normal deviates in each axis give uniformly distributed directions
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)

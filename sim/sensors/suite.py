@@ -38,6 +38,7 @@ class SensorSuite:
     def __init__(
         self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
     ) -> None:
+        """Makes the model and the clock of every sensor, each with its own random numbers of the walk."""
         self._mount_slips = mount_slips or MountSlips()
         self._models: list[tuple[MountedSensor, Any, Stamps]] = []
         for topic, sensor in sensor_rig.sensors.items():

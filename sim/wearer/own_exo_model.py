@@ -94,7 +94,10 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     origin = {root: data.xpos[root]} | {b: data.xanchor[model.body_jntadr[b]] for leg in chains for b in leg}
 
     def link(b: int, parent: int | None) -> Link:
-        """The link of body b with all bodies merged into it, in the pelvis' axes; the base has no parent."""
+        """The link of body b with all bodies merged into it, in the pelvis' axes.
+
+        `parent` is the body of the link that carries it; None for the base, which has no joint.
+        """
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
         merged = [i for i, owner in owners.items() if owner == b]

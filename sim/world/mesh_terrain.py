@@ -184,6 +184,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
+    # triangles that face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)

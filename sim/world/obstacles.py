@@ -187,7 +187,7 @@ def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: 
 
 
 def _are_apart(a: Solid, b: Solid) -> bool:
-    """Whether two boxes do not overlap in plan (separating axes)."""
+    """Whether two boxes do not overlap in plan view: on one of their axes, their projections are apart."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
         return True

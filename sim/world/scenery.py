@@ -61,7 +61,15 @@ def _cut_outside(part: Array, hole: Array) -> list[Array]:
 
 
 def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
-    """The part of a polygon to the left (1) or right (-1) of the line from a to b; None if empty."""
+    """The part of a convex polygon on one side of a line; None if it is empty.
+
+    Args:
+        polygon: (N, 2) corners, anticlockwise.
+        a: (2,) first point of the line.
+        b: (2,) second point.
+        side: 1 for what lies to the left of the line from a to b, -1 for what lies to its right.
+    """
+    # `away`: distance of each corner from the line, positive on the wanted side
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
     if away.max() < _TINY_M:

@@ -176,6 +176,7 @@ class SolidSet:
     """
 
     def __init__(self, solids: Sequence[Solid], ground: float) -> None:
+        """Collects the fields of the solids as arrays; `ground` is the height of the plane, m."""
         column = {
             name: np.array([getattr(s, name) for s in solids])
             for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end", "cross")
