@@ -90,7 +90,14 @@ class LiveTwin:
         return sorted(self._read_samples(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
     def _read_samples(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
-        """Samples of all sensors after `after_ns` and up to `until_ns`, from the latest part of the simulation."""
+        """Samples of all sensors, from the latest part of the simulation; in no particular order.
+
+        Args:
+            simulation: The walk so far.
+            after_ns: True time after which the samples are taken.
+            until_ns: True time up to which they are taken.
+        """
+        # long enough for the samples, and for the motion before them that filters need
         window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
         player = Replay(self._twin.model, simulation.recent(window_s + self._latency_s + MARGIN_S))
         t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))

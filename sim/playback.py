@@ -73,7 +73,7 @@ def split_wrench(
     kept = {f: np.where(s > LIFTED_SHARE, s, 0.0) for f, s in shares.items()}
     total_share = np.sum(list(kept.values()), axis=0)
     shares = {f: s / total_share for f, s in kept.items()}
-    middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)
+    middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)  # mean planned centre of pressure
     arm_z = middle[:, 2] - origin[:, 2]
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift

@@ -193,13 +193,15 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
     """
     rng = event.rng()
     v, u = np.mgrid[:height, :width].astype(np.float32)
-    clear = np.ones((height, width), np.float32)
+    clear = np.ones((height, width), np.float32)  # weight of each pixel itself, 1 without dirt
     for _ in range(spots):
         row, column, stretch = rng.random(3)
+        # distance from the middle of the spot, in radii; the spot is an ellipse
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]
+    # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
     rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))
     y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
     down, across = y % 1, x % 1
@@ -232,6 +234,7 @@ class DepthNoise(TimedFault):
         height, width = depth.shape
         grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
         coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
+        # deviates on a coarse grid, interpolated: correlated over `noise_correlation_px`, then scaled to unit variance
         noise = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         noisy = depth + np.float32(self.noise_per_m) / noise.std() * depth**2 * noise
         return (arrival.with_values(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
@@ -253,6 +256,7 @@ class HighView(TimedFault):
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image without its lower rows."""
         depth = depth_field(arrival).copy()
+        # number of pixels within range from the top down to each row
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
         depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
         return (arrival.with_values(depth=depth),)
@@ -278,10 +282,11 @@ class PasserBy(TimedFault):
         """The image with the person in it."""
         name, image = image_field(arrival)
         height, width, *channels = image.shape
+        # place of the person, an ellipse: shift from the middle, and half height, both in pixels
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
-        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
+        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2  # 1 on the outline
         clothes = np.roll(_draw_clothes(event, image.shape), aside, axis=1)
         person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
         cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))

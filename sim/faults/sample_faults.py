@@ -109,7 +109,7 @@ class Nan(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with NaN for every value."""
-        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
+        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}  # after topic and time
         return (arrival.with_values(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
 
 
@@ -319,7 +319,7 @@ class Miscalibration(Fault):
 
     def applies_to(self, stream: SensorStream) -> bool:
         """Whether the sensor has every quantity with an error: a clock offset, ranges or links."""
-        is_off = {
+        is_off = {  # errors by the kind of stream that alone has them
             Image: self.clock_offset_s,
             Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
             Encoder: self.thigh_m or self.shank_m,

@@ -169,7 +169,7 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         late = (t[on] - step.t_off) / _RISE_FADE_S
-        # at toe-off the foot is back on its path, so that the swing does not change
+        # at toe-off the foot is back on its path, so that the swing does not change; `late` is time after it, in fades
         fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
@@ -304,7 +304,7 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     """
     forward_share, upward_share = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     heel, hinge = _pivots(size.shoe)
-    landing = heel if b.arrival == "heel" else hinge
+    landing = heel if b.arrival == "heel" else hinge  # pivot of the landing
     pivot_in_foot = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing

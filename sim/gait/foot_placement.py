@@ -320,6 +320,7 @@ def _plan_on_strip(
     weights[0] *= lead
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
+    # places on the strip: shares of the number of steps, which is not proportional to the distance
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:

@@ -279,7 +279,7 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
-        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
+        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)  # of the same foot
         t_off = np.inf if following is None else off[following - 2]
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row

@@ -87,7 +87,7 @@ def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
-            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
+            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)  # share of stance
             x[on] = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
         elif np.isfinite(step.t_off):  # a foot that stands at the start: from quiet stance to the end of a stance
             x[on] = _STANDING_X + (knots[-1, 1] - _STANDING_X) * ease(

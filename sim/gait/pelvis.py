@@ -73,7 +73,7 @@ def max_pelvis_height(
         sign = 1.0 if side == "l" else -1.0
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
         ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
-        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)
+        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)  # m², horizontal distance from hip to ankle
         limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away, 0.04)))
     return np.minimum(*limits)
 

@@ -195,6 +195,7 @@ def plan_posture(
     dt = float(t[1] - t[0])
     heading = smooth_gaussian((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
+    # how far the right foot is in front of the left one, in leg lengths
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
     # a side of the pelvis is highest early in its stance

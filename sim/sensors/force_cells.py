@@ -152,6 +152,7 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
             force: (N,) N, positive where the cuff presses on the limb's front.
         """
         by_cell = np.stack([force, -force], axis=-1)
+        # each cell bears half of the force on top of its preload, until the other one is free and it bears all
         load = np.maximum(self._part.preload + 0.5 * by_cell, np.maximum(by_cell, 0.0))
         return self._block(Interaction, t_ns, force=self._cells.read(load))
 
@@ -171,8 +172,8 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     # A right foot's outline is clockwise.
     sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
     inside = _clamp_to_outline(corner, after, sense, cop)
-    # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
-    # far sides.
+    # Twice the area of the triangle of each side with the point. The weight of a corner is the area of its triangle with
+    # both neighbours, times the areas of the two sides that do not touch it.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
     weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
@@ -189,8 +190,8 @@ def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -
         sense: 1 if the corners run anticlockwise, -1 if clockwise.
         point: (N, 2) points.
     """
-    side = after - corner
-    to = point[:, None] - corner
+    side = after - corner  # (K, 2)
+    to = point[:, None] - corner  # (N, K, 2)
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
     nearest = corner + share[..., None] * side
     best = np.argmin(np.linalg.norm(point[:, None] - nearest, axis=-1), axis=-1)

@@ -193,7 +193,7 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
             t_ns: (N,) instants of the samples.
         """
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
-        if self._last is None:
+        if self._last is None:  # the first call: steady motion before it
             past = extrapolate_back(sensor, self.steps, 1 / (self.steps * self.rate_hz))
             sensor, self._last = past[1:].append_track(sensor), past[:1]
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)

@@ -43,7 +43,7 @@ class Slip:
 
     def mount_track(self, body: Track) -> Track:
         """Track of a frame on a body that coincides with the body's frame before the slip and moves with it."""
-        share, rate = (x[:, None] for x in self._share(body.t_ns))
+        share, rate = (x[:, None] for x in self._share(body.t_ns))  # (N, 1), completed share of the slip
         p, phi = self.translation, self.rotation
         return body.displace(self.pivot, share * p, share * phi, rate * p, rate * phi)
 

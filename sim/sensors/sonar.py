@@ -52,6 +52,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
             other_foot: Track of the other foot's frame, whose shoe reflects.
         """
         T_world_sensor = body.to_sensor(self._calibration.mount.T_body_sensor).poses()
+        # spheres of the other shoe in the world, then those of each bystander
         shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         shoe += other_foot.p_body_in_world[:, None]
         nearest = self._range_of_terrain(T_world_sensor)
@@ -75,7 +76,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
 
         Rays that meet a face farther than `_ECHO_SLANT_RAD` from its normal give no echo.
         """
-        n, m = len(T_world_sensor), len(self._fan)
+        n, m = len(T_world_sensor), len(self._fan)  # instants, and rays of the beam
         rays = np.einsum("nij,mj->nmi", T_world_sensor[:, :3, :3], self._fan).reshape(-1, 3)
         distance, normal = self._terrain.ray_hit(np.repeat(T_world_sensor[:, :3, 3], m, axis=0), rays)
         echo = -np.sum(rays * normal, axis=-1) > math.cos(_ECHO_SLANT_RAD)

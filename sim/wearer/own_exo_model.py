@@ -174,7 +174,7 @@ def _text(path: Path) -> str:
 
 def _is_urdf(text: str) -> bool:
     """Whether the root element is a robot; comments and declarations may contain any name."""
-    before, *comments = text.split("<!--")
+    before, *comments = text.split("<!--")  # each of `comments` begins inside a comment, which ends at "-->"
     root = re.search(r"<(\w+)", before + "".join(after.partition("-->")[2] for after in comments))
     return root is not None and root[1] == "robot"
 

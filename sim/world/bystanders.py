@@ -96,6 +96,7 @@ class Bystander:
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
+        # lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):
             ankle, R_foot, reach = self._foot(steps, odd)
@@ -146,7 +147,7 @@ class Bystander:
             (M, 3) m, ankle in the world; (M, 3, 3) axes of the foot; (M,) m, how far the foot is in front of the hips.
         """
         count = steps - odd
-        cycle = np.floor((count + _SUPPORT) / 2)
+        cycle = np.floor((count + _SUPPORT) / 2)  # strides of this foot so far; r is the number of steps in this one
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
         at = (2 * cycle + odd - self.first).astype(int)  # row of the foothold that the foot stands on, or leaves
         a, b = self.holds[at], self.holds[at + 2]
@@ -210,7 +211,7 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     """
     way, profile = terrain.layout.way, terrain.profile
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
-    low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
+    low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6  # ends of the way for bystanders
     s = _smooth(np.clip(along + _MAX_AHEAD_M * np.cos(turn), low, high), _ENDS_SMOOTHING_S)
     left = beside * np.tanh(_CROSSING_SQUARENESS * np.sin(turn)) / np.tanh(_CROSSING_SQUARENESS)
     p = _smooth(way.point(s, left), _CORNER_SMOOTHING_S)

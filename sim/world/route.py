@@ -119,6 +119,7 @@ class _Pen:
             radius: m.
             half_width: Of the way, m.
         """
+        # each slab is tangent to the arc in its middle, and as long as its outer edge needs
         count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
         part = angle / count
         reach = (radius + half_width) * math.tan(abs(part) / 2)
@@ -190,7 +191,7 @@ class _Pen:
         """
         self._add_slab_here(length, left, right)
         aslant = length - 2 * _CROSSING_STRAIGHT_M
-        curvature = 4 * aside / (aslant**2 + aside**2)
+        curvature = 4 * aside / (aslant**2 + aside**2)  # 1/m of the first arc; `run` is the length of each
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
         heading = self.heading
         self._advance(_CROSSING_STRAIGHT_M, 0.0)
