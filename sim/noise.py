@@ -81,7 +81,10 @@ class Wander:
         self._walked = np.zeros(self._count)  # (K,) last values of the random walks
 
     def draw(self, n: int) -> Array:
-        """(n, K) biases of the next n samples; the state continues from call to call."""
+        """(n, K) biases of the next n samples: flicker noise and random walk of each of the K biases.
+
+        The last values of all processes (`_flicker`) and random walks (`_walked`) are kept for the next call.
+        """
         from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
 
         # the last of the second axis drives the random walk, the others the processes

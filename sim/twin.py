@@ -206,6 +206,7 @@ class Twin:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
         parameters = case_parameters(mounted.sensor_config.strike)
+        # constant pitch and speed: every strike has the reference strength, and no slap follows
         shaken = UpperMotion.of(steps, np.ones_like, np.ones_like, np.zeros(3), self._rng(_CASE), parameters)
         return {mounted.calibration.mount.body: shaken}
 

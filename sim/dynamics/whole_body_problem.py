@@ -127,8 +127,9 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
     """Mass matrix (a, a) and bias (a,) of the driven coordinates after elimination of the free ones.
 
-    With the blocks A (driven), E (free) and X (coupling) of the mass matrix, they are A − Xᵀ E⁻¹ X and c − Xᵀ E⁻¹ e:
-    the free coordinates have neither motor nor contact.
+    The free coordinates have neither motor nor contact, so that their accelerations follow from the others. Let A
+    (driven), E (free) and X (coupling) be the blocks of the mass matrix, and c (driven) and e (free) the parts of the
+    bias. The results are A − Xᵀ E⁻¹ X and c − Xᵀ E⁻¹ e.
 
     Args:
         M: (nv, nv) mass matrix.
@@ -138,7 +139,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     """
     a, b = len(driven), len(free)
     A, c = M[driven][:, driven], h[driven]
-    E, X = M[free][:, free], np.empty((b, a + 1))
+    E, X = M[free][:, free], np.empty((b, a + 1))  # the last column of X is the bias e
     X[:, :a], X[:, a] = M[free][:, driven], h[free]
     factorise_in_place(E)
     substitute_forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
@@ -248,9 +249,11 @@ def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) 
         points: Contact points.
     """
     k = len(points.weight)
+    # X: wrench at the root of a unit force along each edge, then the deficit in the last column. The weights of force
+    # and of its change become one weight r and one natural value p
     X, r, p = np.zeros((6, 4 * k + 1)), np.empty(4 * k), np.empty(4 * k)
     for j in range(4 * k):
-        i, e = j // 4, j % 4
+        i, e = j // 4, j % 4  # contact point and edge
         r[j] = points.weight[i] + points.change_weight
         p[j] = points.change_weight * points.last[i, e] / r[j]
         for m in range(6):

@@ -40,11 +40,15 @@ class ImageSensor:
     """
 
     def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
-        """Prepares the bank of noise, the variance of a level, and the vignetting."""
+        """Prepares the bank of noise, the variance of a level, and the vignetting.
+
+        `shape` is (H, W) or (H, W, 3); `light` is the brightness of the scene relative to the camera's setting. An
+        infinite full well stands for a sensor without noise.
+        """
         self.shape, self._imager, self._light, self._noise = shape, imager, light, noise
         self._noisy = math.isfinite(imager.full_well)
         height, width, self._channels = (*shape, 1)[:3]
-        self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)
+        self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)  # unit deviates
         self._variance = np.zeros(2, np.float32)
         if self._noisy:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
@@ -52,6 +56,7 @@ class ImageSensor:
             per_electron = 255 / (imager.full_well * light)
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
         # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
+        # tan² is the sum of a share of the row and one of the column
         across = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
         self._tan2 = [(across * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
         # automatic exposure: gain of the next image, None before the first one, and time of the last image

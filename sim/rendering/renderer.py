@@ -170,7 +170,7 @@ class SensorView(_OffScreen):
         Args:
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
-            intrinsics: Of the image.
+            intrinsics: (fu, fv, pu, pv) of the image, pixels.
             size: (W, H) of the image, up to the view's own, which is the default.
 
         Returns:

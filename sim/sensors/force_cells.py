@@ -172,8 +172,8 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     # A right foot's outline is clockwise.
     sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
     inside = _clamp_to_outline(corner, after, sense, cop)
-    # Twice the area of the triangle of each side with the point. The weight of a corner is the area of its triangle with
-    # both neighbours, times the areas of the two sides that do not touch it.
+    # Twice the area of the triangle of each side with the point. The weight of a corner is the area of its triangle
+    # with both neighbours, times the areas of the two sides that do not touch it.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
     weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)

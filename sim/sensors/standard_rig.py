@@ -283,6 +283,7 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
     seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
         position, out = _shoe_place(seat, side)
+        # axes of the board: z out of it, y as far up as possible
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
         pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)

@@ -55,7 +55,7 @@ class Limbs:
         Args:
             model: Compiled model of the wearer.
             q: (N, nq) positions.
-            v: (N, nv) velocities, which have no effect.
+            v: (N, nv) velocities, which `body_motion` needs; the shapes do not depend on them.
         """
         tree = Tree.of(model)
         shapes_ = find_shapes(model, set(tree.ids.tolist()))
