@@ -34,7 +34,7 @@ class Composition:
 
 
 def compose(config: TwinConfig) -> Composition:
-    """Composes the model of a walk; no motion is planned.
+    """Composes the model of a walk from terrain, wearer, sensors, soles and bystanders; no motion is planned.
 
     Raises:
         ConfigError: A value that cannot be built.

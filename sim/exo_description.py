@@ -168,6 +168,6 @@ class OwnExo:
 
 
 def hinge_of(name: str) -> str:
-    """Hinge of the joint with a short name: `exo_knee_flexion_l` of `knee_l`."""
+    """Name of the hinge, in the wearer's model, of the joint with a short name: `exo_knee_flexion_l` of `knee_l`."""
     joint, _, side = name.rpartition("_")
     return f"exo_{joint}_flexion_{side}"

@@ -46,6 +46,10 @@ class LiveTwin:
     """
 
     def __init__(self, twin: Twin, law: ControlLaw | None = None) -> None:
+        """Checks the scenario, and starts the simulation and the sensors at the beginning of the walk.
+
+        `law` maps the angles of the powered joints to motor torques; None keeps the scenario's drive.
+        """
         config = twin.config
         if config.physics != "dynamic":
             raise ConfigError(config.name, "physics", config.physics, "dynamic, for a live walk")
@@ -57,7 +61,7 @@ class LiveTwin:
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
-        self._delivered_ns = -1
+        self._delivered_ns = -1  # samples up to this instant have been returned
 
     def __enter__(self) -> Self:
         self._open.enter_context(self._cameras)
@@ -71,8 +75,11 @@ class LiveTwin:
     def advance(self, until_s: float) -> list[Sample]:
         """Simulates up to a time, or to the end; returns the samples that have arrived by then, in order of stamps.
 
+        Samples arrive later than their instants by the latency of sensors and splines. Each is returned once, by the
+        first call after its arrival.
+
         Args:
-            until_s: s.
+            until_s: Time of the walk, s.
         """
         while self.simulation.time_s < until_s and not self.simulation.is_over:
             self.simulation.step()
@@ -83,7 +90,14 @@ class LiveTwin:
         return sorted(self._read_samples(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
     def _read_samples(self, simulation: Simulation, after_ns: int, until_ns: int) -> Iterable[Sample]:
-        """Samples of all sensors after `after_ns` and up to `until_ns`, from the latest part of the simulation."""
+        """Samples of all sensors, from the latest part of the simulation; in no particular order.
+
+        Args:
+            simulation: The walk so far.
+            after_ns: True time after which the samples are taken.
+            until_ns: True time up to which they are taken.
+        """
+        # long enough for the samples, and for the motion before them that filters need
         window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
         player = Replay(self._twin.model, simulation.recent(window_s + self._latency_s + MARGIN_S))
         t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))

@@ -22,6 +22,7 @@ class Noise:
     """
 
     def __init__(self, seeds: np.random.SeedSequence | None) -> None:
+        """Starts the sequence of random numbers; without seeds all functions return their silent values."""
         self._seeds = seeds
         self._rng = None if seeds is None else np.random.default_rng(seeds)
 
@@ -70,18 +71,23 @@ class Wander:
     """
 
     def __init__(self, floor: Array, walk: Array, rate_hz: float, noise: Noise) -> None:
+        """Draws the start values; P = `len(_TIMES_S)` below is the number of Gauss-Markov processes per bias."""
         self._noise, self._count = noise, len(floor)
-        sd = floor / FLOOR * math.sqrt(math.log(_SPREAD) / math.pi)
-        self._keep = np.exp(-1 / (rate_hz * _TIMES_S))
-        self._step = sd * np.sqrt(1 - self._keep[:, None] ** 2)
-        self._walk = walk / math.sqrt(rate_hz)
-        self._flicker = sd * noise.normal(1.0, (len(_TIMES_S), self._count))
-        self._walked = np.zeros(self._count)
+        sd = floor / FLOOR * math.sqrt(math.log(_SPREAD) / math.pi)  # (K,) of each process
+        self._keep = np.exp(-1 / (rate_hz * _TIMES_S))  # (P,) share of a process that remains after one sample
+        self._step = sd * np.sqrt(1 - self._keep[:, None] ** 2)  # (P, K) SD of the innovation of one sample
+        self._walk = walk / math.sqrt(rate_hz)  # (K,) SD of one step of the random walk
+        self._flicker = sd * noise.normal(1.0, (len(_TIMES_S), self._count))  # (P, K) last values of the processes
+        self._walked = np.zeros(self._count)  # (K,) last values of the random walks
 
     def draw(self, n: int) -> Array:
-        """(n, K) biases of the next n samples; the state continues from call to call."""
+        """(n, K) biases of the next n samples: flicker noise and random walk of each of the K biases.
+
+        The last values of all processes (`_flicker`) and random walks (`_walked`) are kept for the next call.
+        """
         from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
 
+        # the last of the second axis drives the random walk, the others the processes
         white = self._noise.normal(1.0, (n, len(_TIMES_S) + 1, self._count))
         walked = self._walked + np.cumsum(white[:, -1] * self._walk, axis=0)
         total = walked.copy()

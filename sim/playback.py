@@ -69,16 +69,17 @@ def split_wrench(
     Returns:
         Loads by foot, and the residual force (N, 3) and torque (N, 3) that they do not explain.
     """
+    # a lifted foot bears nothing; the shares of the others are scaled to the sum 1
     kept = {f: np.where(s > LIFTED_SHARE, s, 0.0) for f, s in shares.items()}
     total_share = np.sum(list(kept.values()), axis=0)
     shares = {f: s / total_share for f, s in kept.items()}
-    middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)
+    middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)  # mean planned centre of pressure
     arm_z = middle[:, 2] - origin[:, 2]
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift
     y = origin[:, 1] + (arm_z * force[:, 1] + torque[:, 0]) / lift
-    shift = np.column_stack([x, y, middle[:, 2]]) - middle
-    twist = torque - cross(middle + shift - origin, force)
+    shift = np.column_stack([x, y, middle[:, 2]]) - middle  # from the planned mean to the zero-moment point (x, y)
+    twist = torque - cross(middle + shift - origin, force)  # what remains of the moment there, about the vertical
     loads, residual_force, residual_torque = {}, force.copy(), torque.copy()
     for foot, share in shares.items():
         foot_force = share[:, None] * force
@@ -117,7 +118,7 @@ class Motion:
     cuff_force: dict[str, Array]
 
     def rows(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Rows of the given instants, which must be among `t_ns`."""
+        """(len(t_ns),) rows of this motion at the given instants, which must be among its own ones."""
         return np.searchsorted(self.t_ns, t_ns)
 
     def carrier(self, body: str) -> Track:
@@ -171,10 +172,12 @@ class Player(Generic[AnyWalk]):
     """
 
     def __init__(self, model: mujoco.MjModel, walk: AnyWalk, uppers: Mapping[str, UpperMotion] | None = None) -> None:
+        """Prepares tree and couplings; `uppers` has the motion of shoes' uppers by name of the foot, None for none."""
         self._model, self._walk, self._uppers = model, walk, uppers or {}
         self._tree = Tree.of(model)
         self._couplings = exo_couplings(walk.size)
-        self._state: tuple[NDArray[np.int64], Array, Array] | None = None  # of the last `track`; shared by both feet
+        # instants, positions and velocities of the last call of `track`: both feet ask for the same ones
+        self._state: tuple[NDArray[np.int64], Array, Array] | None = None
 
     def motion(self, t_ns: NDArray[np.int64]) -> Motion:
         """Poses, velocities and cuff forces at (N,) instants."""
@@ -229,10 +232,14 @@ class Playback(Player[Reference]):
     """Player of a planned walk, exactly as planned; its loads follow from inverse dynamics."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
-        """Contact loads and joint torques at (N,) instants of `motion`, by inverse dynamics of the whole body.
+        """Contact loads and joint torques by inverse dynamics of the whole body.
 
-        The wrench that the motion needs at the root is the ground's (`split_wrench`); the torques of the hinges also
+        The wrench that the motion needs at the root is the ground's (`split_wrench`). The torques of the hinges also
         balance the couplings of the exoskeleton, rotors and damping.
+
+        Args:
+            t_ns: (N,) instants, which are among those of `motion`.
+            motion: Motion of the wearer.
         """
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
@@ -243,11 +250,14 @@ class Playback(Player[Reference]):
             total,
             torque,
             q[:, :3],
+            # columns of `planned`: share (1) and centre of pressure (3) of the left, then of the right foot
             {side: planned[:, 4 * k] for k, side in enumerate(SIDES)},
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )
         applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
+        # each coupling acts on its exoskeleton body, and with the opposite sign on the wearer's; moments are moved from
+        # the coupling's point to the origin of each body
         for c in self._couplings:
             exo, limb = (_pose(motion.tracks[body][rows]) for body in (c.exo_body, c.body))
             force, moment, point = wrench(c, exo, limb)
@@ -257,6 +267,7 @@ class Playback(Player[Reference]):
         bodies = np.array([tree.index_of(model.body(body).id) for body, _, _ in applied])
         forces, moments = (np.stack([load[k] for load in applied]) for k in (1, 2))
         joint_torque = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
+        # rotors and damping, which `hinge_torques` leaves out
         joint_torque += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]
         return Loads(
             t_ns=t_ns,
@@ -268,13 +279,13 @@ class Playback(Player[Reference]):
 
 
 def _cuff_force(c: Coupling, tracks: dict[str, Track]) -> Array:
-    """(N,) N, force of a coupling on the wearer along the fore-aft axis of the exoskeleton's body."""
+    """(N,) N, force of a coupling on the wearer along the x axis of the exoskeleton's body, forward positive."""
     exo = _pose(tracks[c.exo_body])
-    force, _, _ = wrench(c, exo, _pose(tracks[c.body]))
+    force, _, _ = wrench(c, exo, _pose(tracks[c.body]))  # on the exoskeleton
     return -np.einsum("ni,ni->n", exo.R[:, :, 0], force)
 
 
 def _pose(track: Track) -> BodyState:
-    """Pose and twist of a track in the world."""
+    """Poses and velocities of a track, all in world axes, as the couplings need them."""
     R = from_quaternion(track.q_world_body)
     return BodyState(p=track.p_body_in_world, R=R, v=track.v_body_in_world, w=np.einsum("nij,nj->ni", R, track.w_body))

@@ -90,6 +90,7 @@ def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[
     """
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)
+    # the last footstep that has begun; in stance, a foot that is not flat is in the phase of the nearer end
     i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     touch = np.array([s.t_touch for s in steps])[i]
     off = np.array([s.t_off for s in steps])[i]
@@ -113,12 +114,15 @@ def _odometry(topic: str, track: Track) -> Block[Odometry]:
 
 
 def _wrench(topic: str, t_ns: NDArray[np.int64], force: Any, torque: Any) -> Block[Wrench]:
-    """Block of (N, 3) forces and torques in the world."""
+    """Block of (N, 3) forces, N, and torques, N m, in world axes, at (N,) instants."""
     return Block(topic=topic, kind=Wrench, t_ns=t_ns, columns={"force_in_world": force, "torque_in_world": torque})
 
 
 def _footprints(walk: WalkMotion, after_ns: int, until_ns: int) -> Iterator[Footprint]:
-    """Footprints after `after_ns` and up to `until_ns`, in order; the feet that stand at the start come first."""
+    """Footprints with a touch-down after `after_ns` and up to `until_ns`, in order of time.
+
+    The feet that stand at the start come first, with the stamps 0 and 1.
+    """
     steps = sorted((s for foot_steps in walk.steps.values() for s in foot_steps), key=lambda s: s.t_touch)
     standing = [s for s in steps if not np.isfinite(s.t_touch)]
     for step in steps:

@@ -74,6 +74,7 @@ class Twin:
         plan: Callable[..., Reference] = plan_reference,
         plan_control: Callable[..., Plan] = plan_control,
     ) -> None:
+        """Checks the scenario, composes the model, and plans motion and bystanders; the walk itself comes later."""
         if config.physics not in PHYSICS:
             raise ConfigError(config.name, "physics", config.physics, ", ".join(PHYSICS))
         if config.dynamics is not None and config.physics != "dynamic":
@@ -112,6 +113,7 @@ class Twin:
             fittings: Differences from the standard by group, as in `TwinConfig`; those that move an IMU have no effect.
         """
         _ = self.walk  # computed before the copy, so that both share it
+        # a shallow copy: motion, model and terrain are common to both twins
         twin = copy(self)
         twin.config = replace(self.config, sensors=sensors, fittings=fittings)
         twin.sensor_rig = sensor_rig(twin.config)
@@ -170,11 +172,19 @@ class Twin:
         return self.walk.fell_at if isinstance(self.walk, SimulatedWalk) else None
 
     def player(self) -> Playback | Replay:
-        """Player of the walk."""
+        """Player of the walk, with vibrating shoes and camera case unless the sensors are ideal."""
         return self._player(self._uppers)
 
     def _player(self, uppers: Mapping[str, UpperMotion]) -> Playback | Replay:
-        """Player of the walk with these motions of the shoes' uppers."""
+        """Player of the walk on this twin's model.
+
+        A simulated walk gets a `Replay`, whose loads are those that the simulation recorded. A planned walk gets a
+        `Playback`, whose loads follow from inverse dynamics.
+
+        Args:
+            uppers: Vibration of shoes' uppers and of the camera's case relative to their bodies, by name of the body;
+                empty for rigid ones.
+        """
         if isinstance(self.walk, SimulatedWalk):
             return Replay(self.model, self.walk, uppers)
         return Playback(self.model, self.walk, uppers)
@@ -187,22 +197,27 @@ class Twin:
         return {**(self._shoes() if self.config.shock else {}), **self._case()}
 
     def _case(self) -> dict[str, UpperMotion]:
-        """Vibration of the case with camera and IMU after heel strikes."""
+        """Vibration of the case with camera and IMU after heel strikes of both feet, by name of the case's body.
+
+        It is empty without an IMU in the case, and if strikes do not reach it.
+        """
         mounted = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
         if mounted is None or not mounted.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
         parameters = case_parameters(mounted.sensor_config.strike)
+        # constant pitch and speed: every strike has the reference strength, and no slap follows
         shaken = UpperMotion.of(steps, np.ones_like, np.ones_like, np.zeros(3), self._rng(_CASE), parameters)
         return {mounted.calibration.mount.body: shaken}
 
     def _shoes(self) -> dict[str, UpperMotion]:
-        """Motion of the shoes' uppers."""
-        bare, uppers = self._player({}), {}
+        """Motion of the upper of each shoe on its foot, by name of the foot."""
+        bare, uppers = self._player({}), {}  # rigid shoes: the speed of the foot sets the strength of a strike
         for i, side in enumerate(SIDES):
             foot = f"foot_{side}"
 
             def speed(t: Array, foot: str = foot) -> Array:
+                """(N,) m/s, speed of the foot at (N,) s; the default binds the foot of this turn of the loop."""
                 track = bare.motion(np.round(t * 1e9).astype(np.int64)).tracks[foot]
                 return np.linalg.norm(track.v_body_in_world, axis=1)
 
@@ -227,8 +242,8 @@ class Twin:
         end_ns = int(self.duration_s * 1e9)
         rates = suite.rates | {c.rate_hz for c in self.rig.cameras.values()} | {truth.RATE_HZ}
         with CameraProcesses(self.model, self.sensor_rig, self.crowd, self.seed, self.mount_slips) as rendering:
-            after_ns = -1
-            images: Iterator[Sample] = iter(())
+            after_ns = -1  # so that the first chunk includes the instant 0
+            images: Iterator[Sample] = iter(())  # of the chunk before, rendered by other processes in the meantime
             while after_ns < end_ns:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
                 t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
@@ -252,7 +267,7 @@ class Twin:
                 yield [image]
 
     def film(self, fps: float, width: int, height: int) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        """Third-person film of the walk.
+        """Third-person film of the walk, frame by frame.
 
         Args:
             fps: Frames per second of the walk.
@@ -276,5 +291,6 @@ class Twin:
                 mujoco.mj_kinematics(self.model, data)
                 mujoco.mj_comPos(self.model, data)  # moving lights and the scene's culling read it
                 mujoco.mj_camlight(self.model, data)
+                # the camera looks at a point 0.3 m ahead of the walker, just below the pelvis, from the side
                 centre = [x[i] + 0.30 * np.cos(heading[i]), y[i] + 0.30 * np.sin(heading[i]), pose[2] - 0.10]
                 yield t, camera.frame(data, centre, 68.0 + np.degrees(heading[i]), -9.0, 3.2)

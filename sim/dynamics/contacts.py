@@ -63,6 +63,9 @@ def subtract_bias(
 ) -> None:
     """Subtracts J' q' from the reference acceleration of every contact; call it between `mj_step1` and `mj_step2`.
 
+    J' q' is the acceleration of the second geom's contact point relative to the first one's at zero joint acceleration,
+    in the axes of the contact. Contacts that make no constraint are left out.
+
     Args:
         body: (ngeom,) body of each geom; 0 for geoms fixed to the world.
         chain: (nbody, nv) degrees of freedom that move each body.
@@ -123,11 +126,11 @@ def sense_floor(
     for c in range(len(dist)):
         n = max(point[geoms[c, 0]], point[geoms[c, 1]])
         if n < 0:
-            continue
+            continue  # no sole takes part
         side = n // PER_FOOT
         early = swinging[side] and feet.until_landing[side] < _EARLY_S
         if swinging[side] and not early:
-            continue
+            continue  # a foot in the air that brushes against something
         upright = 0.0
         for axis in range(3):
             upright += frame[c, axis] * R_sole[side, axis, 2]
@@ -139,9 +142,9 @@ def sense_floor(
             above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]
         above -= 0.5 * dist[c] / R_sole[side, 2, 2]
         if abs(above) > _FLOOR_M:
-            continue
+            continue  # an edge, not the floor
         i = n % PER_FOOT
-        near = _LIFTS_M if before[side, i] else _BEARS_M
+        near = _LIFTS_M if before[side, i] else _BEARS_M  # hysteresis
         may_bear[side, i] = dist[c] < near and (early or feet.touching[side, i])
         total[side] += above
         count[side] += 1.0

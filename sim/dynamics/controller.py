@@ -69,7 +69,8 @@ class _Body(NamedTuple):
         point_chain: (2, points, n) which coordinates move a point.
         feet: (2,) bodies of the feet.
         foot_chain: (2, n) which coordinates move a foot.
-        force: (2, points, 4) N, forces along the edges of the friction cones; overwritten at each step.
+        force: (2, points, 4) N, forces of the control step before, along the four edges of each point's friction cone
+            (`_set_friction_cone`); overwritten at each step.
         assist: (6,) standard deviation of the root's assist, N and N m; 0 for none.
     """
 
@@ -86,7 +87,13 @@ class _Body(NamedTuple):
 
 
 class _Forces(NamedTuple):
-    """Generalised forces (nv,): the engine's bias and passive ones, and those of the couplings and motors."""
+    """Generalised forces at one instant, each (nv,), in N for translations and N m for rotations.
+
+    Attributes:
+        bias: Coriolis, centrifugal and gravity forces, of the engine.
+        passive: Springs and dampers of the model, of the engine.
+        known: Couplings and motors of the exoskeleton.
+    """
 
     bias: Array
     passive: Array
@@ -135,25 +142,35 @@ class Controller:
         layout: Coordinates of the model.
         gains: Tracking and weights.
         assist: Whether a soft wrench may help at the root.
-        mass_ratio: Every mass that the controller assumes, over that of the model.
+        mass_ratio: Mass that the controller assumes, divided by the model's mass. One factor for all bodies; 1 if the
+            controller knows the true masses.
     """
 
     def __init__(
         self, model: mujoco.MjModel, size: Wearer, layout: Coordinates, gains: Gains, assist: bool, mass_ratio: float
     ) -> None:
+        """Prepares the arrays of the control step: weights, rates, and the constants of body and contact points.
+
+        The arguments are explained at the class. `mass_ratio` is the assumed mass of every body over its mass in the
+        model; `assist` says whether a soft wrench may help at the root.
+        """
         self._model, self._gains, self._mass_ratio = model, gains, mass_ratio
+        # weight of the walker as the controller assumes it, N; `weights` below are those of the optimisation
         weight = mass_ratio * float(model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity))
-        self._max_help = gains.max_assist * weight
-        names = layout.names[6:]
+        self._max_help = gains.max_assist * weight  # N, largest force of the assist at the root
+        names = layout.names[6:]  # hinges; the six coordinates of the root come before them
+        # the controller moves the root and the wearer's joints; the exoskeleton's joints are free
         motor = np.array([not name.startswith("exo_") for name in names])
         driven, free = np.concatenate([np.arange(6), layout.dof[motor]]), layout.dof[~motor]
+        # weight of the deviation from the target acceleration, by degree of freedom: position and attitude of the root,
+        # then each joint by the first part of its name, as in `hip_flexion_l`
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
         of = {"lumbar": gains.lumbar, "toe": gains.toe} | dict.fromkeys(("shoulder", "elbow"), gains.arm)
         of |= dict.fromkeys(("hip", "knee", "ankle"), gains.leg)
         for name, dof in zip(names, layout.dof):
             weights[dof] = of.get(name.split("_")[0], gains.joint)
-        self._rate = np.full(model.nv, gains.joint_rate)
+        self._rate = np.full(model.nv, gains.joint_rate)  # rad/s, tracking rate of each degree of freedom
         self._rate[:6] = gains.root_rate
         self._rate[:2] = gains.sway_rate
         points = sole_points(size)
@@ -168,10 +185,13 @@ class Controller:
             point_chain=np.array([[chain_of(model, b)[driven] for b in row] for row in bodies]),
             feet=feet,
             foot_chain=np.array([chain_of(model, b)[driven] for b in feet]),
+            # last axis: the four edges of a point's friction cone, n + μ x, n − μ x, n + μ y, n − μ y
             force=np.zeros((len(SIDES), len(points), 4)),
+            # force (3) and torque (3); all 0 without assist
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
         )
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
+        # overwritten at each control step: mass matrix, and plan minus state in the degrees of freedom
         self._M = np.empty((model.nv, model.nv))
         self._error = np.empty(model.nv)
 
@@ -187,6 +207,8 @@ class Controller:
     ) -> Array:
         """Generalised forces (nv,) of the wearer at one control step: joint torques, and the assist at the root.
 
+        It stores the contact forces of this step; the next step limits their change.
+
         Args:
             data: State after `mj_step1`.
             state: Views of that state.
@@ -198,6 +220,7 @@ class Controller:
         """
         model, gains = self._model, self._gains
         mujoco.mj_fullM(model, data, self._M)
+        # plan minus state; a rotation vector for the attitude of the root
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
         h, target = _compute_targets(
             self._rate,
@@ -230,11 +253,25 @@ def _compute_targets(
     forces: _Forces,
     toes: NDArray[np.int64],
 ) -> tuple[Array, Array]:
-    """Bias minus the known forces, and the target accelerations; both (nv,).
+    """Right-hand side of the equations of motion and target accelerations of one control step.
 
-    The target of a coordinate is a + k² e + 2 k (v − q'), critically damped with the rate k and the error e; the root's
-    position adds the shift of the pelvis. The toes are held by their own springs, so their passive force is not
-    subtracted.
+    The target of a coordinate is a + k² e + 2 k (v − q'). It is critically damped with the rate k; e is the error. The
+    targets of the root's position follow the shift of the pelvis in the same way. The toes are held by their own
+    springs, so their passive force is not subtracted.
+
+    Args:
+        rate: (nv,) rad/s, tracking rate k of each degree of freedom.
+        error: (nv,) planned minus present position.
+        qvel: (nv,) present velocity q'.
+        v: (nv,) planned velocity.
+        a: (nv,) planned acceleration.
+        root: (3, 3) shift of the pelvis, its rate and acceleration, world axes.
+        mass_ratio: Mass that the controller assumes, divided by the model's.
+        forces: Bias, passive and known forces.
+        toes: (2,) degrees of freedom of the toe hinges.
+
+    Returns:
+        (nv,) bias minus passive and known forces; (nv,) target accelerations.
     """
     h, target = np.empty(len(a)), np.empty(len(a))
     for j in range(len(a)):
@@ -260,13 +297,23 @@ def _limit_torques(
     """(nv,) generalised forces within their limits, from the torques of the driven coordinates.
 
     The toes get the spring and damper that hold them to their plan. The root's wrench is scaled down until its force is
-    at most `max_help`, and each joint torque is clipped to ±`max_torque`.
+    at most `max_help`. Each joint torque is clipped to ±`max_torque`.
+
+    Args:
+        torque: (n,) generalised forces of the driven coordinates.
+        driven: (n,) these degrees of freedom.
+        toes: (2,) degrees of freedom of the toe hinges.
+        error: (nv,) planned minus present position.
+        v: (nv,) planned velocity. The damper's share of the present velocity acts in the model itself.
+        max_help: Largest force at the root, N.
+        max_torque: Largest joint torque, N m.
     """
     full = np.zeros(len(error))
     for i in range(len(driven)):
         full[driven[i]] = torque[i]
     for toe in toes:
         full[toe] += TOE_STIFFNESS * error[toe] + TOE_DAMPING * v[toe]
+    # entries 0 to 2 are the root's force, 3 to 5 its torque: one factor for both
     share = min(1.0, max_help / max(math.sqrt(full[0] ** 2 + full[1] ** 2 + full[2] ** 2), 1e-9))
     for j in range(len(full)):
         full[j] = share * full[j] if j < 6 else min(max(full[j], -max_torque), max_torque)
@@ -287,8 +334,8 @@ def _solve_step(
 ) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
 
-    The tasks are rows J q'' = target with weights: contact points of a stance foot decelerate (−d v − J' q'); the
-    attitude of a foot follows its plan with α + k² θ + 2 k Δω, with a lower weight where the sole lies flat; the
+    The tasks are rows J q'' = target with weights. Contact points of a stance foot decelerate (−d v − J' q'). The
+    attitude of a foot follows its plan with α + k² θ + 2 k Δω; its weight is lower where the sole lies flat. The
     position of a foot in the air follows its plan and its shift. The contact forces of this step are stored in
     `body.force` for the next one.
 
@@ -306,9 +353,11 @@ def _solve_step(
     n, per_foot = len(body.driven), body.bodies.shape[1]
     axes, axes_dot = state.cdof[body.driven], state.cdof_dot[body.driven]
     speed, target = state.qvel[body.driven], target[body.driven]
+    # at most three rows per sole point, and six per foot for its attitude and position; m tasks and k contact points
+    # are filled
     tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
-    last = np.empty((2 * per_foot, 4))
+    last = np.empty((2 * per_foot, 4))  # N, forces of the step before
     m, k = 0, 0
     for side in range(2):
         in_contact = False
@@ -326,6 +375,7 @@ def _solve_step(
             bias, _ = bias_acceleration(axes_dot, chain, speed, v, w, arm)
             _set_target(minus(times(-gains.contact_damping, v), bias), gains.contact, targets, weights, m)
             _set_friction_cone(feet.R_sole[side], gains.friction, edges[k])
+            # the less load a foot is planned to bear, the more expensive its force
             cost[k] = feet.force_weight[side, i] * gains.force / max(feet.share[side], 0.02) ** 2
             for e in range(4):
                 last[k, e] = body.force[side, i, e]
@@ -339,6 +389,7 @@ def _solve_step(
         v, w = velocity(state, b, p)
         jacobian(axes, chain, arm, tasks, -1, m)
         bias, rotation_bias = bias_acceleration(axes_dot, chain, speed, v, w, arm)
+        # small rotation from the present to the planned attitude: half the sum of the cross products of their axes
         R_planned, rotation = transposed(mat3(feet.R_foot[side])), (0.0, 0.0, 0.0)
         for axis in range(3):
             rotation = plus(rotation, times(0.5, cross(R[axis], R_planned[axis])))
@@ -347,6 +398,7 @@ def _solve_step(
         alpha = minus(plus(vec3(feet.dw_foot[side]), correction), rotation_bias)
         weight = gains.swing
         if in_contact:
+            # 0 where the sole lies flat, 1 where the foot rolls on its heel or ball
             rolling = min(_angle_between(feet.R_sole[side], feet.R_foot[side]) / gains.pivot_rad, 1.0)
             weight = gains.stance + rolling * (gains.pivot - gains.stance)
         _set_target(alpha, weight, targets, weights, m)
@@ -389,9 +441,9 @@ def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Arra
 
 @numba.njit(**INNER_KERNEL)
 def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
-    """Writes the four edges of a friction cone, n ± μ x and n ± μ y, into (4, 3).
+    """Writes the four edges of a friction cone into `edges` (4, 3): n + μ x, n − μ x, n + μ y, n − μ y.
 
-    x, y and the normal n are the columns of `R_sole`, the axes of the ground.
+    x, y and the normal n are the columns of `R_sole`, the axes of the ground under the foot; μ is `friction`.
     """
     for e in range(4):
         sign = friction if e % 2 == 0 else -friction
@@ -401,5 +453,5 @@ def _set_friction_cone(R_sole: Array, friction: float, edges: Array) -> None:
 
 @numba.njit(**INNER_KERNEL)
 def _angle_between(A: Array, B: Array) -> float:
-    """Angle between the third columns of two rotations that are nearly parallel, rad."""
+    """Angle between the third columns of two rotations, rad, for small angles: the length of their difference."""
     return math.sqrt((A[0, 2] - B[0, 2]) ** 2 + (A[1, 2] - B[1, 2]) ** 2 + (A[2, 2] - B[2, 2]) ** 2)

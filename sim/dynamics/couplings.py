@@ -49,11 +49,13 @@ class CouplingSet(NamedTuple):
 
 @_entry_kernel
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
-    """Generalised force (nv,) of all couplings; compiled, with the same law as `exo_couplings.wrench`.
+    """Generalised force (nv,) of all couplings; compiled, with the law of `exo_couplings.wrench`.
 
-    In the axes of the exoskeleton's body the force is K d + D d' and the moment Cᵀ (K_r r + D_r r'), with the
-    displacement d, the vector part r of the relative rotation R and C = ½ (tr(R) 1 − R). Both act at the wearer's point
-    and with the opposite sign on the wearer. Degrees of freedom that move both bodies get no force.
+    In the axes of the exoskeleton's body, the force is K d + D d' and the moment is Cᵀ (K_r r + D_r r'). Here d is the
+    displacement of the wearer's point, R the rotation of the wearer's body as seen from the exoskeleton's, r its vector
+    part, and C = ½ (tr(R) 1 − R). K, D, K_r and D_r are the four matrices of the law. Force and moment act on the
+    exoskeleton at the wearer's point, and with the opposite sign on the wearer. Degrees of freedom that move both
+    bodies get no force.
     """
     bodies, points, law, chain = couplings
     cdof, cvel = state.cdof, state.cvel
@@ -65,6 +67,7 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
         point = plus(vec3(state.xpos[limb]), matvec(axes_of(state, limb), vec3(points[c, 1])))
         arm = minus(point, vec3(state.centre))
         displacement = minus(matvec(to_exo, minus(point, vec3(state.xpos[exo]))), vec3(points[c, 0]))
+        # rates of displacement and rotation, of the wearer's body relative to the exoskeleton's
         w = minus(vec3(cvel[limb]), vec3(cvel[exo]))
         dv = cvel[limb, 3] - cvel[exo, 3], cvel[limb, 4] - cvel[exo, 4], cvel[limb, 5] - cvel[exo, 5]
         rate = matvec(to_exo, plus(dv, cross(w, arm)))

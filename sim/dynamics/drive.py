@@ -48,13 +48,15 @@ class DelayedFeedback:
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
+        """Starts with legs that have stood side by side for a quarter of a stride."""
         self._hips = [joints.index(f"hip_{side}") for side in SIDES]
+        # smoothed sin q_r − sin q_l of the last quarter of a stride, the oldest first
         self._apart = deque([0.0] * round(_QUARTER_STRIDE_S / PERIOD_S), maxlen=round(_QUARTER_STRIDE_S / PERIOD_S))
 
     def __call__(self, angle: Array) -> Array:
         """(n,) N m, torques of the motors for (n,) rad, angles of the powered joints; call it once per `PERIOD_S`."""
         left, right = angle[self._hips]
-        last = self._apart[-1]
+        last = self._apart[-1]  # first-order smoothing goes on from here
         help_nm = -_ASSIST_NM * self._apart[0]
         self._apart.append(last + (math.sin(right) - math.sin(left) - last) * PERIOD_S / _SMOOTHING_S)
         torque = np.zeros(len(angle))
@@ -75,6 +77,7 @@ class Drive:
     """
 
     def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: ControlLaw | None = None) -> None:
+        """Reads the modules' joints and limits; without a drive, all arrays are empty and no torque is applied."""
         mounted = {} if exo is None or (exo.drive == "idle" and law is None) else modules(exo)
         hinges = [model.joint("exo_{}_flexion_{}".format(*joint.split("_"))) for joint in mounted]
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
@@ -82,11 +85,14 @@ class Drive:
         self._law = DelayedFeedback(list(mounted)) if mounted and law is None else law
         self._max_torque = np.array([module.torque_max_nm for module in mounted.values()])
         self._max_speed = np.array([module.speed_max_radps for module in mounted.values()])
+        # shares that the drivers compensate, then the compensated inertia, dry and viscous friction of each joint
         rotor, friction = (_ROTOR, _FRICTION) if law is None else (_ROTOR_EXTERNAL, _FRICTION_EXTERNAL)
         self._compensated = rotor * np.array([module.reflected_inertia for module in mounted.values()])
         self._dry = friction * np.array([module.friction_nm for module in mounted.values()])
         self._viscous = friction * np.array([module.viscous_nms for module in mounted.values()])
+        # torques of the law: those that are applied now, and those demanded for the next period
         self._help, self._next_help = np.zeros(len(mounted)), np.zeros(len(mounted))
+        # the drivers' encoder: speed at the last call, and smoothed acceleration
         self._speed, self._acceleration = np.zeros(len(mounted)), np.zeros(len(mounted))
         self._calls, self._nv = 0, model.nv
 
@@ -94,14 +100,15 @@ class Drive:
         """(nv,) N m, torques of the motors until the next call, which is due `DRIVER_S` later.
 
         A motor applies the law's torque and compensates shares of its rotor's inertia and of its friction, within its
-        largest torque. At its highest speed it only brakes.
+        largest torque. At its highest speed it only brakes. The law is evaluated once per `PERIOD_S`, and its torques
+        are applied one period later. Calls are counted, and speed and acceleration are kept for the next call.
         """
         torques = np.zeros(self._nv)
         if self._law is not None and len(self._dof):
             if self._calls % round(PERIOD_S / DRIVER_S) == 0:
                 self._help, self._next_help = self._next_help, self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
-            if self._calls:
+            if self._calls:  # the first call has no speed before it
                 measured = (speed - self._speed) / DRIVER_S
                 self._acceleration += (measured - self._acceleration) * DRIVER_S / (_ACCELERATION_S + DRIVER_S)
             self._speed = speed

@@ -27,6 +27,7 @@ OMEGA = 3.2  # 1/s, sqrt(g / height of the centre of mass)
 _FOLLOW = 22.0  # rad/s, how fast a foot in the air follows its new foothold
 _PRESSURE_M = 0.02  # largest shift of the centre of pressure under a foot
 _BACK = 0.15  # share of the shift that each step removes, towards the planned footprints
+# largest shifts of a foothold along the way, away from the other foot, and towards it
 _FORWARD_M, _OUTWARD_M, _INWARD_M = 0.15, 0.12, 0.035
 _ON_EDGES_M = 0.0  # along the way near a riser: the toes already reach to the edge
 _COMMITTED_S = 0.05  # this long before landing, the foothold is fixed
@@ -101,10 +102,10 @@ def advance_shifts(
 ) -> None:
     """Advances the shifts of feet and pelvis by one control step.
 
-    With ξ the deviation of the divergent motion, the foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) −
-    1) b in the direction of ξ, T the time until landing and b what the centre of pressure corrects, plus most of the
-    shift of the other foot. It is limited along and across the way. The foot follows it critically damped; the pelvis
-    follows the feet that bear load at the rate ω.
+    Let ξ be the deviation of the divergent motion, T the time until landing, and b what the centre of pressure can
+    correct. The foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus
+    most of the shift of the other foot. This shift is limited along and across the way. The foot follows it critically
+    damped. The pelvis follows the feet that bear load at the rate ω.
 
     Args:
         shifts: Shifts at the step before, which are overwritten.
@@ -117,6 +118,7 @@ def advance_shifts(
     """
     foot, root, floor = shifts
     swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
+    # floor under each foot: as measured; for a foot in the air, as under the other one
     for k in range(2):
         if not np.isnan(measured[k]):
             floor[k] = measured[k]
@@ -134,6 +136,7 @@ def advance_shifts(
                 ahead += R_way[axis, 0] * off
                 left += R_way[axis, 1] * off
             reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
+            # limits of the shift to the left: the left foot may go farther to the left, the right one to the right
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
             ahead, left = min(max(ahead, -reach), reach), min(max(left, inner), outer)
         # the shifted footprint stays on the plane of the planned one, at the height of the floor
@@ -146,6 +149,7 @@ def advance_shifts(
             acceleration = _FOLLOW * _FOLLOW * (target[axis] - foot[k, 0, axis]) if is_following else 0.0
             acceleration -= 2.0 * _FOLLOW * rate
             rate += dt * acceleration
+            # a foot that should stand but does not press yet goes straight down
             if axis == 2 and not swinging[k] and not pressing[k]:
                 rate, acceleration = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
             foot[k, 2, axis], foot[k, 1, axis] = acceleration, rate

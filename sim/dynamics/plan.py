@@ -45,7 +45,7 @@ class Plan:
 
 
 def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
-    """Samples a reference at the control rate, with the poses of the feet and the parts of the soles that bear force.
+    """The plan of a walk: its reference at the control rate, the feet, and the parts of the soles that bear force.
 
     Args:
         reference: The planned motion.
@@ -58,7 +58,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
     com = np.empty((n, 2, 2))
     dp, w = np.empty((n, 2, 3)), np.empty((n, 2, 3))
     bodies = [model.body(f"foot_{side}").id for side in SIDES]
-    data, read = mujoco.MjData(model), np.empty(6)
+    data, read = mujoco.MjData(model), np.empty(6)  # `read`: angular, then linear velocity of a body
     for i in range(n):
         data.qpos, data.qvel = q[i], v[i]
         mujoco.mj_kinematics(model, data)
@@ -69,7 +69,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
         for k, body in enumerate(bodies):
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, read, 0)
             p[i, k], R[i, k], w[i, k], dp[i, k] = data.xpos[body], data.xmat[body].reshape(3, 3), read[:3], read[3:]
-    loads = reference.loads(t)
+    loads = reference.loads(t)  # (N, 8) of the left, then the right foot: share of the load (1), centre of pressure (3)
     heading = np.mean([np.interp(t, reference.grid, reference.paths[side].heading) for side in SIDES], axis=0)
     R_way = np.stack([np.cos(heading), -np.sin(heading), np.sin(heading), np.cos(heading)], -1).reshape(-1, 2, 2)
     touching, force_weight = np.zeros((n, 2, PER_FOOT), dtype=bool), np.ones((n, 2, PER_FOOT))
@@ -82,11 +82,13 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             swinging[air, k] = True
             until_landing[air, k] = after.t_touch - t[air]
             near_edge[air, k] = after.mode in ("SA", "SD") or after.departure != "push"
+        # the footprint on which the foot stands, or in the air the next one
         foot_steps = reference.steps[side]
         at = np.searchsorted([step.t_off for step in foot_steps], t)
         R_sole[:, k] = np.array([step.R_world_sole for step in foot_steps])[at]
         p_sole[:, k] = np.array([step.p_foot_in_world for step in foot_steps])[at]
         pitch = np.interp(t, reference.grid, reference.paths[side].pitch)
+        # toes up: only the heel bears force; toes down: only ball and toes; flat: all points
         for step in reference.steps[side]:
             on = (t >= step.t_touch) & (t <= step.t_off)
             flat = on & (np.abs(pitch) < _ON_GROUND_RAD)
@@ -94,6 +96,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             touching[on, k, :HEEL_POINTS] = pitch[on, None] < within
             touching[on, k, HEEL_POINTS:] = pitch[on, None] > -within
             toes = on & (pitch >= _ON_GROUND_RAD)
+            # planned centre of pressure along the foot
             x = (loads[toes, 4 * k + 1 : 4 * k + 4] - step.p_foot_in_world) @ step.R_world_sole[:, 0]
             force_weight[toes, k, HEEL_POINTS:] = toe_weights(reference.size, x)
     feet = PlannedFeet(

@@ -64,6 +64,7 @@ class Simulation:
         rng: np.random.Generator,
         law: ControlLaw | None = None,
     ) -> None:
+        """Prepares model, controller, couplings and drive, and places the walker at the start of the plan."""
         self._plan = plan
         self._push_forces, self._landing_offsets = push_forces(dynamics, plan), misstep_offsets(dynamics, plan)
         self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
@@ -79,15 +80,19 @@ class Simulation:
             mass_ratio=1.0 / (1.0 + dynamics.mass_error),
         )
         self._coupled = CouplingSet.of(model, exo_couplings(reference.size))
+        # number of steps of the walk, and of the next one; negative while the walker settles on their soles
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
         self._soles = sole_point_numbers(model)
         self._record = _Record(self._steps, model, self._soles)
+        # body of each geom, 0 for what is fixed to the world
         self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
-        self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])
+        self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])  # (nbody, nv)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
-        data.qpos[2] += max(dynamics.floor_offset_m, 0.0)
-        self._pushed = data.xfrc_applied[model.body("pelvis").id]
+        data.qpos[2] += max(dynamics.floor_offset_m, 0.0)  # not inside a floor that is higher than planned
+        self._pushed = data.xfrc_applied[model.body("pelvis").id]  # a view: writing to it pushes the pelvis
+        # results of the last control step: the wearer's generalised forces, and the shifts of feet and pelvis
         self._torque, self._shift = np.zeros(model.nv), StepReplan.none()
+        # (2, points) which sole points might bear force in the last control step
         self._touching = np.zeros((len(SIDES), PER_FOOT), dtype=bool)
         self.fell_at: float | None = None
 
@@ -102,13 +107,18 @@ class Simulation:
         return self._step * STEP_S
 
     def step(self) -> None:
-        """Advances the simulation by `STEP_S`: couplings, motors, the wearer's torques and contacts."""
+        """Advances the simulation by `STEP_S`: couplings, motors, the wearer's torques and contacts.
+
+        The controller runs at every `CONTROL_S`; its torques are held in between. States and contacts are recorded from
+        time 0 on. If the pelvis is far below its plan, `fell_at` is set, and the walk is over.
+        """
         model, data, plan, step = self._model, self._data, self._plan, self._step
+        # positions, velocities and contacts of this instant; `mj_step2` then computes forces and the next state
         mujoco.mj_step1(model, data)
         known = coupling_forces(self._coupled, self._state)
         motors = self._drive.torques(data)
         known += motors
-        i = min(max(step, 0) // _STEPS_PER_CONTROL, len(plan.t) - 1)
+        i = min(max(step, 0) // _STEPS_PER_CONTROL, len(plan.t) - 1)  # row of the plan
         if step % _STEPS_PER_CONTROL == 0:
             self._control_step(i, known)
         data.qfrc_applied = self._torque + known
@@ -123,7 +133,9 @@ class Simulation:
         self._step = step + 1
 
     def _control_step(self, i: int, known: Array) -> None:
-        """Computes the wearer's torques for the next control period.
+        """Computes the wearer's torques for the next control period, and sets the push on the pelvis.
+
+        It updates the touching sole points, the shifts of the footsteps, and the torques.
 
         Args:
             i: Row of the plan.
@@ -133,11 +145,13 @@ class Simulation:
         feet = plan.feet_at(i)
         self._touching, floor = sense_floor(self._soles, Contacts.of(data), feet, self._touching)
         mujoco.mj_subtreeVel(model, data)
+        # horizontal centre of mass and its velocity, minus the plan's
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
         pressing = np.logical_or.reduce(self._touching, axis=1)
         advance_shifts(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
+            # proportional to the torque
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
         self._pushed[:2] = self._push_forces[i]
 
@@ -152,7 +166,7 @@ class Simulation:
 
 
 def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjModel:
-    """Copy of a model with the true body mass, floor height and friction of the soles."""
+    """Copy of a model with the true body mass, floor height and friction of the soles, which the controller ignores."""
     model = copy.copy(model)
     model.body_mass *= 1.0 + dynamics.mass_error
     model.body_inertia *= 1.0 + dynamics.mass_error
@@ -182,13 +196,14 @@ def misstep_offsets(dynamics: Dynamics, plan: Plan) -> Array:
     """
     offsets = np.zeros((len(plan.t), len(SIDES), 2))
     for misstep in dynamics.missteps:
+        # (N, 2) s, time of the next landing of each foot in the air; inf for a foot on the ground
         landing = plan.t[:, None] + plan.feet.until_landing
         landing[~plan.feet.swinging | (landing < misstep.at_s)] = np.inf
         first = landing.min()
         if not np.isfinite(first):
             continue  # the last foot has already landed
         foot = int(landing.min(axis=0).argmin())
-        during = np.isclose(landing[:, foot], first)
+        during = np.isclose(landing[:, foot], first)  # the swing that ends with this landing
         offsets[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
     return offsets
 
@@ -207,9 +222,16 @@ def _set_physics_options(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 class _Record:
-    """States and contact loads of all steps of a simulation, in arrays that are filled as it runs."""
+    """States and contact loads of all steps of a simulation, in arrays that are filled as it runs.
+
+    Args:
+        n: Number of steps.
+        model: The simulated model.
+        soles: (ngeom,) numbers of the sole points (`sole_point_numbers`).
+    """
 
     def __init__(self, n: int, model: mujoco.MjModel, soles: NDArray[np.int64]) -> None:
+        """Allocates a row for each of `n` steps; `soles` (ngeom,) are the numbers of the sole points, -1 for others."""
         self._q, self._torque = np.empty((n, model.nq)), np.empty((n, model.nv))
         shape = n, len(SIDES), 3
         self._loads = FootRecord(
@@ -220,14 +242,14 @@ class _Record:
             cop=np.zeros(shape),
         )
         self._feet = np.array([model.body(f"foot_{side}").id for side in SIDES])
-        self._side = np.where(soles < 0, -1, soles // PER_FOOT)
+        self._side = np.where(soles < 0, -1, soles // PER_FOOT)  # foot of each geom, 0 or 1; -1 for other geoms
 
     def record_state(self, i: int, data: mujoco.MjData, torque: Array) -> None:
         """Stores the position and the (nv,) generalised forces at the start of step i."""
         self._q[i], self._torque[i] = data.qpos, torque
 
     def record_contacts(self, i: int, data: mujoco.MjData) -> None:
-        """Stores the contact loads at the start of step i; `mj_step2`, which comes first, computes their forces."""
+        """Stores the contact loads of step i, after `mj_step2`, which computes their forces."""
         _record_foot_loads(
             self._side, self._feet, data.xpos, data.xmat, Contacts.of(data), data.efc_force, self._loads.at(i)
         )
@@ -272,17 +294,17 @@ def _record_foot_loads(
     for c in range(len(address)):
         if address[c] < 0:
             continue
-        first = side[geoms[c, 0]] >= 0
+        first = side[geoms[c, 0]] >= 0  # whether the sole is the first of the two geoms
         s = side[geoms[c, 0]] if first else side[geoms[c, 1]]
         if s < 0:
-            continue
+            continue  # not a contact of a sole
         contact_force, point, normal_force = (0.0, 0.0, 0.0), vec3(pos[c]), efc_force[address[c]]
         for axis in range(3):
             f = efc_force[address[c] + axis]
             contact_force = plus(
                 contact_force, times(f, (frame[c, 3 * axis], frame[c, 3 * axis + 1], frame[c, 3 * axis + 2]))
             )
-        contact_force = times(-1.0 if first else 1.0, contact_force)
+        contact_force = times(-1.0 if first else 1.0, contact_force)  # the frame's first axis leaves the first geom
         store_vec3(plus(vec3(force[s]), contact_force), force[s])
         store_vec3(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), contact_force)), moment[s])
         store_vec3(plus(vec3(cop[s]), times(normal_force, point)), cop[s])

@@ -52,9 +52,10 @@ class SimulatedWalk(WalkMotion):
     Attributes:
         fell_at: When the walker fell, s, or None.
         t: (N,) s, the physics steps.
-        torque: (N, nv) N m, generalised forces of the joints; the root's six rows are the assist (world force, torque
-            in the pelvis' axes), 0 without it.
+        torque: (N, nv) N m, generalised forces of the joints; the root's six entries are the assist (world force,
+            torque in the pelvis' axes), 0 without it.
         loads: The feet, left and right, at these steps.
+        _pitch: (N, 2) rad, pitch of the left and the right foot against its ground, toes down positive.
     """
 
     fell_at: float | None
@@ -153,6 +154,8 @@ def control_spline(t: Array, x: Array) -> BSpline:
 def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_foot: Array) -> Footstep:
     """Footstep with the simulated times of contact and the simulated footprint, in place of the planned ones.
 
+    The planned footstep comes back if the simulated foot is never on the ground in that time.
+
     Args:
         step: The planned footstep.
         t: (N,) s.
@@ -173,7 +176,12 @@ def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_f
 
 
 def _project_on_ground(R_world_foot: Array, normal: Array) -> Array:
-    """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°."""
+    """(3, 3) rotation of a foot projected onto its ground: a loaded rubber sole is tilted by up to 0.3°.
+
+    Args:
+        R_world_foot: (3, 3) rotation of the foot.
+        normal: (3,) unit normal of the ground in the world; it becomes the z axis.
+    """
     forward = R_world_foot[:, 0] - (R_world_foot[:, 0] @ normal) * normal
     forward /= np.linalg.norm(forward)
     return np.column_stack([forward, np.cross(normal, forward), normal])
@@ -182,7 +190,10 @@ def _project_on_ground(R_world_foot: Array, normal: Array) -> Array:
 def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> float:
     """Time of the event nearest to a planned time, s; the planned time if none is within `_EARLY_OR_LATE_S`.
 
-    `events` are rows of `t`. A planned time of ±inf stays.
+    Args:
+        t: (N,) s.
+        events: (K,) rows of `t` at which such an event occurs.
+        planned: Planned time, s; ±inf, for feet that stand at the start or the end, comes back as it is.
     """
     if not np.isfinite(planned) or not len(events):
         return planned
@@ -191,8 +202,15 @@ def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> 
 
 
 def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
-    """(N,) rad, pitch of a foot with rotations (N, 3, 3) against the ground of its current or next footstep."""
+    """(N,) rad, pitch of one foot against the ground of its current or next footstep, toes down positive.
+
+    Args:
+        steps: Footsteps of the foot in order of time.
+        t: (N,) s.
+        R_foot: (N, 3, 3) rotation of the foot, foot to world.
+    """
     i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
+    # direction of the toes in the axes of the ground
     toes = np.einsum("nji,nj->ni", np.array([s.R_world_sole for s in steps])[i], R_foot[:, :, 0])
     return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))
 
@@ -201,7 +219,11 @@ class Replay(Player[SimulatedWalk]):
     """Player of a simulated walk, with the loads that the simulation recorded."""
 
     def loads(self, t_ns: NDArray[np.int64], motion: Motion) -> Loads:
-        """Contact loads and joint torques at (N,) instants; the residual is the assistance at the root alone."""
+        """Contact loads and joint torques at (N,) instants, as the simulation recorded them.
+
+        The residual is the assistance at the root alone. `motion` is not read: it is an argument because the loads of a
+        `Playback` follow from it.
+        """
         t = t_ns * 1e-9
         torque, force, moment = self._walk.efforts(t)
         names = self._walk.coordinates.names[6:]

@@ -65,11 +65,15 @@ def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
 
 
 def toe_weights(size: Wearer, x: Array) -> Array:
-    """(N, 4) weights of force at ball and tip that put the centre of pressure at (N,) m along the foot.
+    """(N, 4) weights of force at the two ball and two tip points of a foot, for a wanted centre of pressure.
 
-    The controller minimises the weighted squares of the forces, so that forces come out in inverse proportion to their
-    weights: the tip gets the share (x − x_hinge) / (x_tip − x_hinge) of the load, and the ball gets the rest, each at
+    The controller minimises the weighted squares of the forces. Forces are therefore in inverse proportion to their
+    weights. The tip gets the share (x − x_hinge) / (x_tip − x_hinge) of the load, and the ball gets the rest, each at
     least `_LEAST_SHARE`.
+
+    Args:
+        size: Wearer.
+        x: (N,) m, wanted centre of pressure along the foot, from the origin of the foot's frame.
     """
     ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
     share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]

@@ -42,7 +42,7 @@ class State(NamedTuple):
 
 
 def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
-    """(nv,) degrees of freedom that move a body."""
+    """(nv,) whether each degree of freedom moves a body: those of its own joints and of all bodies that carry it."""
     chain = np.zeros(model.nv, dtype=bool)
     while body > 0:
         first, count = model.body_dofadr[body], model.body_dofnum[body]
@@ -97,7 +97,9 @@ def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, line
 def bias_acceleration(
     cdof_dot: Array, chain: NDArray[np.bool_], qvel: Array, v_point: Vec3, w: Vec3, arm: Vec3
 ) -> tuple[Vec3, Vec3]:
-    """Acceleration J' q' of a point of a body at zero joint acceleration, m/s², and of the body's rotation, rad/s².
+    """Accelerations J' q' of a point of a body, m/s², and of the body's rotation, rad/s², at zero joint acceleration.
+
+    Both are in world axes.
 
     Args:
         cdof_dot: (nv, 6) rate of the motion axes (`State`).

@@ -71,17 +71,21 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
     variables, brought to zero by Newton's method with halved steps.
 
     Args:
-        B: (6, n).
-        d: (6,).
-        r: (n,) positive.
-        p: (n,) natural values of the forces.
+        B: (6, n) effect of each force on the root's six equations, scaled so that all six count alike.
+        d: (6,) what these equations need, in the same scale.
+        r: (n,) weights of the forces, positive.
+        p: (n,) values to which the second sum draws the forces.
+
+    Returns:
+        (n,) forces f; (6,) residual y.
     """
+    # `step` is the Newton step of y, `value` the convex function at y; the first trial, with step 0, is at y = d
     y, trial, f, value, largest = d.copy(), np.empty(6), np.empty(len(r)), 1e300, 0.0
     step, H = np.zeros((6, 1)), np.empty((6, 6))
     for i in range(6):
         largest = max(largest, abs(d[i]))
     for _ in range(_NEWTON_STEPS):
-        size = 1.0
+        size = 1.0  # share of the step, halved until the convex function does not grow
         while True:
             # value of the convex function at the trial point, and its forces
             new_value = 0.0
@@ -123,8 +127,9 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
 def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.int64]) -> tuple[Array, Array]:
     """Mass matrix (a, a) and bias (a,) of the driven coordinates after elimination of the free ones.
 
-    With the blocks A (driven), E (free) and X (coupling) of the mass matrix, they are A − Xᵀ E⁻¹ X and c − Xᵀ E⁻¹ e:
-    the free coordinates have neither motor nor contact.
+    The free coordinates have neither motor nor contact, so that their accelerations follow from the others. Let A
+    (driven), E (free) and X (coupling) be the blocks of the mass matrix, and c (driven) and e (free) the parts of the
+    bias. The results are A − Xᵀ E⁻¹ X and c − Xᵀ E⁻¹ e.
 
     Args:
         M: (nv, nv) mass matrix.
@@ -134,7 +139,7 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
     """
     a, b = len(driven), len(free)
     A, c = M[driven][:, driven], h[driven]
-    E, X = M[free][:, free], np.empty((b, a + 1))
+    E, X = M[free][:, free], np.empty((b, a + 1))  # the last column of X is the bias e
     X[:, :a], X[:, a] = M[free][:, driven], h[free]
     factorise_in_place(E)
     substitute_forward(E, X)  # A - Xᵀ E⁻¹ X = A - (L⁻¹ X)ᵀ (L⁻¹ X)
@@ -152,9 +157,9 @@ def solve_control_step(
 ) -> tuple[Array, Array, Array, Array]:
     """Accelerations, torques and contact forces of one control step.
 
-    With the Hessian H of all weighted squares and their linear term g, the accelerations are H⁻¹ (g + M_rᵀ λ), M_r the
-    root's six rows of the mass matrix. The multiplier is λ = S⁻¹ (F − (h_r + M_r H⁻¹ g)) with S = M_r H⁻¹ M_rᵀ +
-    diag(assist²) and the root's share F of the contact forces, which minimise what remains (`_solve_contact_forces`).
+    Let H be the Hessian of all weighted squares, g their linear term, and M_r the root's six rows of the mass matrix.
+    The accelerations are H⁻¹ (g + M_rᵀ λ). The multiplier is λ = S⁻¹ (F − (h_r + M_r H⁻¹ g)) with S = M_r H⁻¹ M_rᵀ +
+    diag(assist²). F is the root's share of the contact forces, which minimise what remains (`_solve_contact_forces`).
 
     Args:
         M: (n, n) mass matrix of the driven coordinates, the root's six first.
@@ -171,7 +176,7 @@ def solve_control_step(
     """
     rows, contacts, edges = tasks.rows, points.rows, points.edges
     n, k = len(h), len(points.weight)
-    # (n, 7) below: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. The tasks affect only
+    # (n, 7) `solution`: H⁻¹ of the first six columns of M and of the weighted targets, H the Hessian. Tasks affect only
     # root and legs; elsewhere the Hessian is the diagonal of the weights
     solution, columns = np.empty((n, 7)), _nonzero_columns(rows)
     solution[:, 6], solution[:, :6] = weight * target, M[:6].T
@@ -244,9 +249,11 @@ def _solve_contact_forces(L: Array, root_deficit: Array, points: ContactPoints) 
         points: Contact points.
     """
     k = len(points.weight)
+    # X: wrench at the root of a unit force along each edge, then the deficit in the last column. The weights of force
+    # and of its change become one weight r and one natural value p
     X, r, p = np.zeros((6, 4 * k + 1)), np.empty(4 * k), np.empty(4 * k)
     for j in range(4 * k):
-        i, e = j // 4, j % 4
+        i, e = j // 4, j % 4  # contact point and edge
         r[j] = points.weight[i] + points.change_weight
         p[j] = points.change_weight * points.last[i, e] / r[j]
         for m in range(6):

@@ -75,7 +75,10 @@ EventsOfTopic = tuple[Event, ...]
 """Events of one fault on one topic, in time order."""
 Events = Mapping[str, EventsOfTopic]
 Memory = dict[Any, Any]
-"""State of a fault on one topic between chunks."""
+"""State of a fault on one topic between chunks.
+
+Each kind of fault has its own entries, initially none. The entry `truth` is common: `arrivals` appends to it the
+samples of the ground truth that the fault asks for (`Fault.truth_topic`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,16 +111,22 @@ def arrivals(
 ) -> Iterator[SampleInTransit]:
     """Items as they arrive at the recorder, with faults applied in the given order.
 
+    Topics that no fault concerns pass unchanged, as blocks. When the items have ended, samples that faults still hold
+    back arrive last.
+
     Args:
         items: Blocks and samples that the sensors sent, in chunks by time.
         faults: Each fault with its events by topic (`plan_faults`).
     """
+    # by topic: the faults that its samples pass, one after the other, each with its events and its state on this topic
     lines: dict[str, list[tuple[Fault, EventsOfTopic, Memory]]] = {}
+    # by topic of the ground truth: states of the faults that need it; its samples are collected in memory["truth"]
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
         for topic, topic_events in events.items() if fault.on_samples else ():
             memory: Memory = {}
             lines.setdefault(topic, []).append((fault, topic_events, memory))
+            # "" for a fault that needs no truth; no item has this topic
             truth_readers.setdefault(fault.truth_topic(topic_events[0]), []).append(memory)
     for item in items:
         for memory in truth_readers.get(item.topic, ()):
@@ -125,10 +134,12 @@ def arrivals(
         if item.topic not in lines:
             yield SampleInTransit(item=item)
             continue
+        # chained generators: each sample passes all faults of the topic
         stream: Iterable[SampleInTransit] = _split_block(item)
         for fault, topic_events, memory in lines[item.topic]:
             stream = fault.process(stream, topic_events, memory)
         yield from _merge_samples(stream)
+    # the end of all streams: each fault releases what it holds back, and the faults after it still process that
     for line in lines.values():
         stream = ()
         for fault, topic_events, memory in line:
@@ -139,7 +150,14 @@ def arrivals(
 def _process_last(
     stream: Iterable[SampleInTransit], fault: Fault, events: EventsOfTopic, memory: Memory
 ) -> Iterator[SampleInTransit]:
-    """Arrivals after a fault for the last chunk of a stream, and those that it still held back."""
+    """Arrivals after a fault at the end of a stream: what the faults before it release, then what it holds back itself.
+
+    Args:
+        stream: Arrivals that the faults before it held back.
+        fault: The fault.
+        events: Its events on this topic.
+        memory: Its state on this topic.
+    """
     yield from fault.process(stream, events, memory)
     yield from fault.flush(memory)
 
@@ -151,7 +169,10 @@ def _split_block(item: Block[Sample] | Sample) -> Iterator[SampleInTransit]:
 
 
 def _merge_samples(stream: Iterable[SampleInTransit]) -> Iterator[SampleInTransit]:
-    """Arrivals of one topic merged to one block, with an arrival time for each sample; images stay single."""
+    """Arrivals of one topic merged to one block, with an arrival time for each sample; images stay single.
+
+    Nothing comes back for a stream without arrivals.
+    """
     arrivals = list(stream)
     if arrivals and isinstance(arrivals[0].item, IMAGES):
         yield from arrivals
@@ -192,13 +213,17 @@ class Fault:
         return stream.kind in self.sample_types
 
     def calibrate(self, sensor: Calibration) -> Calibration:
-        """Nominal calibration of a sensor with this fault, given the one without it; most faults change nothing."""
+        """Nominal calibration of a sensor with this fault, given the one without it.
+
+        Most faults do not change the calibration, so that by default it comes back as it is.
+        """
         return sensor
 
     def truth_topic(self, event: Event) -> str:
         """Topic of the ground truth that the fault needs at an event, "" for none.
 
-        `arrivals` collects the samples of that topic in the fault's memory under `truth`.
+        `arrivals` collects the samples of that topic in the fault's memory under `truth`. Most faults need none and do
+        not look at the event.
         """
         return ""
 
@@ -214,10 +239,11 @@ class Fault:
         """
         for arrival in stream:
             event = active_event(events, arrival)
+            # this default needs no memory; subclasses that do override the function
             yield from (arrival,) if event is None else self.corrupt(arrival, event)
 
     def flush(self, memory: Memory) -> Iterable[SampleInTransit]:
-        """Arrivals that the fault still holds back when the stream has ended."""
+        """Arrivals that the fault still holds back in `memory` when the stream has ended; most faults hold none."""
         return ()
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
@@ -241,7 +267,7 @@ class TimedFault(Fault):
 
 
 def active_event(events: EventsOfTopic, arrival: SampleInTransit) -> Event | None:
-    """The event that is active at the measurement time of a sample."""
+    """The event that is active at the measurement time of a sample, or None; `events` are in time order."""
     i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
 
@@ -293,6 +319,7 @@ def _streams_of_rig(rig: Rig) -> Iterator[SensorStream]:
     An RGB-D camera, its depth and its IMU share a housing, and so do an AHRS and the IMU inside it. An RGB-D camera
     also stands for the stream of estimated poses, `POSES`.
     """
+    # housing of the IMUs that share one, by their topic; other IMUs are their own housing
     case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
     case |= {t.replace("/ahrs", "/imu"): t for t, sensor in rig.others.items() if sensor.kind == "ahrs"}
     for t, c in rig.imus.items():
@@ -305,7 +332,7 @@ def _streams_of_rig(rig: Rig) -> Iterator[SensorStream]:
             )
     for t, sensor in rig.others.items():
         yield SensorStream(topic=t, kind=_OTHERS[sensor.kind], part=sensor.part, body=sensor.mount.body, housing=t)
-    for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:
+    for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:  # the first one alone estimates poses
         yield SensorStream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
@@ -364,6 +391,7 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
     for fault in faults:
         events: dict[str, EventsOfTopic] = {}
         for stream in _find_streams(fault, rig):
+            # topic, housing or body: streams that have it in common get the same random numbers
             shared_by = getattr(stream, fault.common_to)
             key = (_FAULTS, zlib.crc32(fault.full_name.encode()), zlib.crc32(shared_by.encode()))
             stream_events = tuple(_generate_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
@@ -396,6 +424,7 @@ class FaultPlan:
             duration_s: Length of the walk.
         """
         planned = plan_faults(faults, rig, seed, duration_s)
+        # each fault adds its error to the calibration of the sensors on which it has events
         for fault, events in planned:
             sensors: dict[str, Any] = {
                 group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
@@ -433,6 +462,7 @@ def _generate_events(
             return
         if until_s is None or isinstance(fault, LooseStrap):  # a slip is permanent
             until_s = math.inf
+        # an event that outlasts the walk ends just after its last instant, which it includes
         until_ns = end_ns + 1 if until_s * 1e9 > end_ns else round(until_s * 1e9)
         yield Event(
             kind=fault.kind,
@@ -447,9 +477,15 @@ def _generate_events(
 
 
 def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple[float, float | None]]:
-    """Begin and end of each event, s, endlessly for random times; an end of None is the end of the walk.
+    """Begin and end of each event of a fault, s; an end of None is the end of the walk.
 
-    Faults with a rate begin after exponentially distributed times without the fault.
+    A fault without times, or with a start time, has one event. A fault with a rate has endlessly many; each begins
+    after an exponentially distributed time without the fault. The caller stops at the end of the walk.
+
+    Args:
+        fault: The fault.
+        seed: Seed of the walk.
+        key: Child stream of the random numbers.
     """
     if not isinstance(fault, TimedFault):
         yield 0.0, None

@@ -43,7 +43,8 @@ class _ImageFault(TimedFault):
     ) -> Iterator[SampleInTransit]:
         """Arrivals with degraded images during events.
 
-        Images that share one read-only array, as empty views do, share one degraded array as well.
+        Images that share one read-only array, as empty views do, share one degraded array as well. For them `memory`
+        holds the last event, its clean image, and the corrupted one.
         """
         for arrival in stream:
             event = active_event(events, arrival)
@@ -77,7 +78,7 @@ class Occlusion(_ImageFault):
 
     def degrade(self, image: ImageArray, event: Event) -> ImageArray:
         """The image with one side covered; covered depth has no reading."""
-        side = int(event.rng().integers(4))
+        side = int(event.rng().integers(4))  # 0 left, 1 top, 2 right, 3 bottom
         covered = image.copy()
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
@@ -105,7 +106,7 @@ class LensDirt(_ImageFault):
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
             blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
-            each = math.prod(image.shape[2:])
+            each = math.prod(image.shape[2:])  # channels: 1 of a grey image
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
             smear(corrupted.reshape(-1, each).view(np.uint8), blurred.reshape(-1, each), *dirt)
@@ -192,13 +193,15 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
     """
     rng = event.rng()
     v, u = np.mgrid[:height, :width].astype(np.float32)
-    clear = np.ones((height, width), np.float32)
+    clear = np.ones((height, width), np.float32)  # weight of each pixel itself, 1 without dirt
     for _ in range(spots):
         row, column, stretch = rng.random(3)
+        # distance from the middle of the spot, in radii; the spot is an ellipse
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]
+    # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
     rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))
     y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
     down, across = y % 1, x % 1
@@ -231,6 +234,7 @@ class DepthNoise(TimedFault):
         height, width = depth.shape
         grid = (round(height / self.noise_correlation_px) + 1, round(width / self.noise_correlation_px) + 1)
         coarse = event.rng(arrival.taken_ns).standard_normal(grid, np.float32)
+        # deviates on a coarse grid, interpolated: correlated over `noise_correlation_px`, then scaled to unit variance
         noise = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
         noisy = depth + np.float32(self.noise_per_m) / noise.std() * depth**2 * noise
         return (arrival.with_values(depth=np.maximum(noisy, 0.0).astype(np.float32)),)
@@ -252,6 +256,7 @@ class HighView(TimedFault):
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The depth image without its lower rows."""
         depth = depth_field(arrival).copy()
+        # number of pixels within range from the top down to each row
         ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
         depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
         return (arrival.with_values(depth=depth),)
@@ -277,10 +282,11 @@ class PasserBy(TimedFault):
         """The image with the person in it."""
         name, image = image_field(arrival)
         height, width, *channels = image.shape
+        # place of the person, an ellipse: shift from the middle, and half height, both in pixels
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
-        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
+        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2  # 1 on the outline
         clothes = np.roll(_draw_clothes(event, image.shape), aside, axis=1)
         person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
         cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))
@@ -323,7 +329,11 @@ class MirrorFloor(TimedFault):
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
     ) -> Iterator[SampleInTransit]:
-        """Arrivals with mirrored floors during events; images without a true pose pass unchanged."""
+        """Arrivals with mirrored floors during events; images without a true pose pass unchanged.
+
+        `memory["truth"]` are the true poses of the camera's IMU, which `arrivals` collects; only the last ones are
+        kept.
+        """
         for arrival in stream:
             event, truth = active_event(events, arrival), memory.get("truth")
             if event is None or not truth:
@@ -334,10 +344,16 @@ class MirrorFloor(TimedFault):
             yield arrival.with_values(depth=self._mirror(depth_field(arrival), pose, event))
 
     def _mirror(self, depth: NDArray[np.float32], pose: Odometry, event: Event) -> NDArray[np.float32]:
-        """(H, W) m, depth image of a mirroring floor, from the exact one and the true pose of the camera's IMU.
+        """(H, W) m, depth image of a mirroring floor; 0 without a reading.
 
-        A pixel counts as floor if its depth is within `_FLAT` of that of the plane z = 0. By the rank of its cell of
-        the floor it loses its depth, or gets that of the ceiling's mirror image, z (h_eye + h_ceiling) / h_eye.
+        A pixel counts as floor if its depth is within `_FLAT` of that of the plane z = 0. The floor is divided into
+        cells. Pixels in cells of high rank lose their depth. Pixels in cells of low rank get the depth of the ceiling's
+        mirror image, z (h_eye + h_ceiling) / h_eye.
+
+        Args:
+            depth: (H, W) m, exact depth image.
+            pose: True pose of the camera's IMU, nearest in time.
+            event: The event, which draws the ranks.
         """
         camera = _camera(event)
         T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
@@ -345,6 +361,7 @@ class MirrorFloor(TimedFault):
 
         R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
+        # depth at which each ray meets the plane z = 0; inf for rays that do not go down
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
         ranks = _draw_shine_ranks(event)

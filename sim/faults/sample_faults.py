@@ -82,7 +82,7 @@ class Freeze(TimedFault):
     ) -> Iterator[SampleInTransit]:
         """Arrivals whose values stop changing during events, with their own stamps.
 
-        A stream that begins during an event repeats its first value.
+        A stream that begins during an event repeats its first value. `memory["last"]` is the value that is repeated.
         """
         for arrival in stream:
             if active_event(events, arrival) is None:
@@ -109,7 +109,7 @@ class Nan(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with NaN for every value."""
-        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}
+        values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}  # after topic and time
         return (arrival.with_values(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
 
 
@@ -126,7 +126,10 @@ class Late(TimedFault):
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
     ) -> Iterator[SampleInTransit]:
-        """Arrivals that are delayed during events: their stamps do not change, and they never overtake each other."""
+        """Arrivals that are delayed during events: their stamps do not change, and they never overtake each other.
+
+        `memory["free"]` is the arrival time of the last one, before which none may arrive.
+        """
         for arrival in stream:
             late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
@@ -140,7 +143,10 @@ class OutOfOrder(TimedFault):
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
     ) -> Iterator[SampleInTransit]:
-        """Arrivals of which, during events, the second of every two overtakes the first; both then arrive together."""
+        """Arrivals of which, during events, the second of every two overtakes the first; both then arrive together.
+
+        `memory["held"]` is a first one that waits for its second.
+        """
         for arrival in stream:
             overtaken = memory.pop("held", None)
             if overtaken is not None:
@@ -191,8 +197,8 @@ class Saturation(TimedFault):
         return stream.kind in self.sample_types and bool(full_scales(stream.part))
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
-        """The sample with clipped values."""
-        scales = full_scales(event.part)
+        """The sample with clipped values: those of the levels that are set, or all at `fraction` of the full scale."""
+        scales = full_scales(event.part)  # by field of the sample
         levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
         limits = {n: level for n, level in levels.items() if n in scales and level is not None}
         limits = limits or {n: self.fraction * scale for n, scale in scales.items()}
@@ -272,7 +278,10 @@ class DeadCell(TimedFault):
     def process(
         self, stream: Iterable[SampleInTransit], events: EventsOfTopic, memory: Memory
     ) -> Iterator[SampleInTransit]:
-        """Arrivals in which, during events, the cell reads 0 or its value at the start of the event."""
+        """Arrivals in which, during events, the cell reads 0 or its value at the start of the event.
+
+        `memory` holds that value by event.
+        """
         cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
         for arrival in stream:
             event = active_event(events, arrival)
@@ -310,7 +319,7 @@ class Miscalibration(Fault):
 
     def applies_to(self, stream: SensorStream) -> bool:
         """Whether the sensor has every quantity with an error: a clock offset, ranges or links."""
-        is_off = {
+        is_off = {  # errors by the kind of stream that alone has them
             Image: self.clock_offset_s,
             Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
             Encoder: self.thigh_m or self.shank_m,
@@ -318,7 +327,7 @@ class Miscalibration(Fault):
         return stream.kind in self.sample_types and all(stream.kind is kind for kind, error in is_off.items() if error)
 
     def calibrate(self, sensor: Calibration) -> Calibration:
-        """The nominal calibration with the errors of mount, clock and ranges."""
+        """The nominal calibration with the errors of mount, clock and ranges, as far as the sensor has them."""
         from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
         T = np.eye(4)

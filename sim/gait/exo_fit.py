@@ -82,16 +82,18 @@ class ExoLeg:
     """
 
     def __init__(self, size: Wearer, side: str) -> None:
+        """Collects joints, stops and couplings of the leg `side` (`l` or `r`) as arrays for the compiled loops."""
         self.frame = frame = leg_frame(size, side)
         self.is_standard = isinstance(size.exo, ExoLinks)
         cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
-        self._coupled_bodies = [c.body[:-2] for c in cuffs]
+        self._coupled_bodies = [c.body[:-2] for c in cuffs]  # of the wearer, without the side: thigh, shank, foot
         self.kernel = exo_fit_kernel.CoupledLeg(
             offsets=frame.offsets,
             axes=frame.axes,
             last=np.array([frame.bodies.index(c.exo_body) for c in cuffs]),
             p_in_exo=np.array([c.p_in_exo for c in cuffs]),
             p_in_body=np.array([c.p_in_body for c in cuffs]),
+            # entries of a law: stiffness, damping, rotational stiffness, rotational damping
             stiffness=np.array([c.law[[0, 2]] for c in cuffs]),
             damping=np.array([c.law[[1, 3]] for c in cuffs]),
             stops=frame.stops,
@@ -99,10 +101,17 @@ class ExoLeg:
         )
 
     def strains(self, q: Array, wearer: LegPose) -> tuple[Array, Array]:
-        """Strains (N, 6 C) of the couplings at (N, J) rad, and their Jacobian (N, 6 C, J).
+        """Strains of the leg's C couplings at N instants, and their Jacobian by the joint angles.
 
-        For each coupling they are the displacement, m, and the rotation (sine of the angle) in the axes of the
-        exoskeleton's body.
+        The six strains of a coupling are the displacement, m, and the rotation (sine of the angle) of the wearer's body
+        in the axes of the exoskeleton's body.
+
+        Args:
+            q: (N, J) rad, angles of the exoskeleton's leg.
+            wearer: Pose of the wearer's leg at these instants.
+
+        Returns:
+            (N, 6 C) strains; (N, 6 C, J) their Jacobian.
         """
         return exo_fit_kernel.strains(self.kernel, q, *self.attachment_poses(wearer))
 
@@ -190,7 +199,9 @@ def solve_leg_dynamics(
     """Angles of both legs with their weight, inertia, rotors and friction.
 
     Solves M δ'' + C δ' + K δ + stops(q + δ) = −(loads + gradient) for the difference δ from the angles q, initially at
-    rest (Newmark's method with constant average acceleration), and linearises again about the result.
+    rest, by Newmark's method with constant average acceleration. Then it linearises again about the result. M, C and K
+    are mass, damping and stiffness of the leg on its couplings. The gradient is that of the couplings' elastic energy.
+    The loads are weight, inertia, damping, rotors and friction.
 
     Args:
         legs: Statics by side.
@@ -206,6 +217,8 @@ def solve_leg_dynamics(
         (N, J) rad by side.
     """
     dt = float(t[1] - t[0])
+    # the part of the model that carries both legs of the exoskeleton; their bodies in it and their joints in the model,
+    # (2, J) each
     full_tree = Tree.of(model)
     names = [legs[side].frame.bodies for side in SIDES]
     tree = full_tree.subtree([full_tree.index_of(model.body(name).id) for bodies in names for name in bodies])
@@ -216,7 +229,7 @@ def solve_leg_dynamics(
     viscous, friction = model.dof_damping[dofs], model.dof_frictionloss[dofs] / FRICTION_SPEED_RADPS
     q, v, a = layout.evaluate(splines, t)
     attachments = {side: legs[side].attachment_poses(wearers[side]) for side in SIDES}
-    angles = np.stack([start[side] for side in SIDES], 1)
+    angles = np.stack([start[side] for side in SIDES], 1)  # (N, 2, J)
     for _ in range(rounds):
         # inertial loads and weight of the legs on their present motion
         angle_splines = make_interp_spline(t, angles, k=5)

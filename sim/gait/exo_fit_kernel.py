@@ -106,7 +106,7 @@ def fit_angles(leg: CoupledLeg, q: Array, p: Array, R: Array, iterations: int) -
     step, hessian, last_step, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
     for i in range(len(q)):
         guess[:] = q[i]
-        q[i] += last_step
+        q[i] += last_step  # as far from its start value as the instant before
         for _ in range(iterations):
             _compute_strain(leg, q[i], p[i], R[i], value, jacobian, pivots, rotations, axes)
             _project_instant(leg.last, leg.stiffness, jacobian, value, step, hessian)
@@ -146,7 +146,7 @@ def project_on_joints(leg: CoupledLeg, law: Array, jacobian: Array, value: Array
 def integrate_motion(
     leg: CoupledLeg, mass: Array, damp: Array, stiff: Array, force: Array, angles: Array, dt: float, iterations: int
 ) -> Array:
-    """(N, J) solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in static balance.
+    """(N, J) rad, solution x of M x'' + C x' + K x + stops(angles + x) = f, from rest in static balance.
 
     Newmark's method with constant average acceleration (β = 1/4, γ = 1/2): each step solves (4/Δt² M + 2/Δt C + K) x₁ +
     stops(angles + x₁) = f + M (4/Δt² x₀ + 4/Δt v₀ + a₀) + C (2/Δt x₀ + v₀) by Newton's method, where the stops are the
@@ -154,15 +154,16 @@ def integrate_motion(
 
     Args:
         leg: The leg, for its stops.
-        mass: (N, J, J) kg m².
-        damp: (N, J, J) N m s/rad.
-        stiff: (N, J, J) N m/rad.
-        force: (N, J) N m.
+        mass: (N, J, J) kg m², M.
+        damp: (N, J, J) N m s/rad, C.
+        stiff: (N, J, J) N m/rad, K.
+        force: (N, J) N m, f.
         angles: (N, J) rad, angles about which the motion is linearised.
         dt: Time between rows, s.
         iterations: Most Newton iterations per step.
     """
     n, dofs = force.shape
+    # x, v and a belong to the row before, `new` is the position of the present row
     path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
     matrix, right, new = np.empty((dofs, dofs)), np.empty(dofs), np.zeros(dofs)
     residual, jacobian = np.empty(dofs), np.empty((dofs, dofs))
@@ -192,8 +193,14 @@ def integrate_motion(
 def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     """Torque of a joint's stops, N m, and its slope by the angle, N m/rad.
 
-    It is k w (ln(1 + exp(over)) − ln(1 + exp(under))), the gradient of a smooth energy: `over` and `under` are the
-    distances beyond the upper and the lower stop in widths w, and k is the stiffness.
+    It is k w (ln(1 + exp(over)) − ln(1 + exp(under))), the gradient of a smooth energy. `over` and `under` are the
+    distances beyond the upper and the lower stop in widths w, and k is the stiffness. The torque is positive beyond the
+    upper stop: it stands on the left side of the equations of motion.
+
+    Args:
+        leg: The leg.
+        j: Number of the joint.
+        angle: rad.
     """
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
@@ -217,10 +224,17 @@ def _solve_with_stops(
     jacobian: Array,
     iterations: int,
 ) -> None:
-    """Moves x (J,) to the solution of A x + stops(angles + x) = b by Newton's method.
+    """Moves x to the solution of A x + stops(angles + x) = b by Newton's method.
 
-    `matrix` is A (J, J) and `right` is b (J,). `residual` (J,) and `jacobian` (J, J) are buffers, so that the loop over
-    time allocates nothing.
+    Args:
+        leg: The leg, for its stops.
+        matrix: (J, J) A.
+        right: (J,) b, N m.
+        angles: (J,) rad, from which x counts.
+        x: (J,) rad, first guess, which is overwritten by the solution.
+        residual: (J,) buffer, so that the loop over time allocates nothing.
+        jacobian: (J, J) buffer.
+        iterations: Most iterations.
     """
     dofs = len(x)
     for _ in range(iterations):
@@ -260,11 +274,19 @@ def _compute_strain(
 ) -> None:
     """Writes the strains (6 C,) of the couplings and their Jacobian (6 C, J) at one instant.
 
-    The leg's angles are (J,) rad; the wearer's bodies are at (C, 3) m with (C, 3, 3) rotations in the pelvis' frame.
-    For each coupling the displacement is R_eᵀ (p_point − p_e) − p_in_exo and the rotation is the vector part of R =
-    R_eᵀ R_body, ½ (R₃₂ − R₂₃, R₁₃ − R₃₁, R₂₁ − R₁₂), both in the axes of the exoskeleton's body e. The buffers `pivots`
-    (J, 3), `rotations` (J, 3, 3) and `axes` (J, 3) receive the frames and joint axes of the leg's bodies in the pelvis'
-    frame.
+    For each coupling the displacement is R_eᵀ (p_point − p_e) − p_in_exo. The rotation is the vector part of
+    R = R_eᵀ R_body, ½ (R₃₂ − R₂₃, R₁₃ − R₃₁, R₂₁ − R₁₂). Both are in the axes of the exoskeleton's body e.
+
+    Args:
+        leg: The leg.
+        q: (J,) rad, its angles.
+        p: (C, 3) m, origin of the wearer's body at each coupling, in the pelvis' frame.
+        R: (C, 3, 3) rotation of that body.
+        value: (6 C,) output, strains.
+        jacobian: (6 C, J) output; entries of joints beyond a coupling's body stay 0.
+        pivots: (J, 3) buffer for the origins of the leg's bodies in the pelvis' frame, m.
+        rotations: (J, 3, 3) buffer for their rotations.
+        axes: (J, 3) buffer for the joint axes in the pelvis' frame.
     """
     # frames and joint axes of the leg's bodies, from the pelvis outwards
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -300,7 +322,18 @@ def _compute_strain(
 def _project_instant(
     last: NDArray[np.int64], law: Array, jacobian: Array, value: Array, torque: Array, matrix: Array
 ) -> None:
-    """Writes Jᵀ L x (J,) and Jᵀ L J (J, J) of one instant; a coupling moves only the joints up to its body `last`."""
+    """Writes Jᵀ L x into `torque` (J,) and Jᵀ L J into `matrix` (J, J), for one instant.
+
+    A coupling acts only on the joints up to the body that it holds.
+
+    Args:
+        last: (C,) body of the leg that each coupling holds.
+        law: (C, 2, 3, 3) gains L of displacement and rotation.
+        jacobian: (6 C, J) of the strains.
+        value: (6 C,) strains or their rates x.
+        torque: Output.
+        matrix: Output, symmetric.
+    """
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
         for part in range(2):

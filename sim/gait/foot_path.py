@@ -45,8 +45,8 @@ def min_jerk_height(rise: float, lower_bound: Array) -> tuple[BSpline, float]:
         Height over the start, m, as a spline on [0, 1], and the mean square of its third derivative by that parameter.
     """
     n = len(lower_bound)
-    inner = slice(_REST, n - _REST)
-    third, Q, free = _min_jerk_system(n)
+    inner = slice(_REST, n - _REST)  # samples that are not at rest
+    third, Q, free = _min_jerk_system(n)  # D, Q and R⁻¹
     z = np.zeros(n)
     z[-_REST:] = rise
     z[inner] = free @ (Q.T @ (-third @ z))
@@ -67,8 +67,8 @@ def _min_jerk_system(n: int) -> tuple[Array, Array, Array]:
     """Linear system of the smoothest path of n samples.
 
     Returns:
-        (n − 3, n) third difference D, and Q and R⁻¹ of the QR factorisation of its inner columns, those of the samples
-        that are not at rest.
+        (n − 3, n) third difference D; Q and R⁻¹ of the QR factorisation of its inner columns, which are those of the
+        samples that are not at rest.
     """
     third = np.diff(np.eye(n), 3, axis=0)
     Q, R = np.linalg.qr(third[:, _REST : n - _REST])
@@ -143,6 +143,7 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
             to = steps[i + 1]
             air = (t > step.t_off) & (t < to.t_touch)
             p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
+            # arc length and heading of a foot in the air go smoothly from footprint to footprint
             share = ease((t[air] - step.t_off) / (to.t_touch - step.t_off))
             s[air] = step.s + share * (to.s - step.s)
             heading[air] = step.heading + share * (to.heading - step.heading)
@@ -168,7 +169,7 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
         late = (t[on] - step.t_off) / _RISE_FADE_S
-        # at toe-off the foot is back on its path, so that the swing does not change
+        # at toe-off the foot is back on its path, so that the swing does not change; `late` is time after it, in fades
         fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
@@ -180,10 +181,18 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
 
 
 def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Array, Array]:
-    """Poses of a foot on the ground at (N,) pitches `theta`: (N, 3) m, (N, 3, 3) rotations, (N,) rad of toe extension.
+    """Poses of a foot on the ground, from its pitches θ.
 
-    The foot rotates about the heel's edge while θ < 0 and about the toe hinge, with flat toes, while θ ≥ 0: p = p_sole
-    + R_sole (c − R_y(θ) c) with the pivot c.
+    The foot rotates about the heel's edge while θ < 0. While θ ≥ 0 it rotates about the toe hinge, with flat toes. Its
+    position is p = p_sole + R_sole (c − R_y(θ) c) with the pivot c.
+
+    Args:
+        step: Its footprint.
+        shoe: Its sole.
+        theta: (N,) rad, pitch θ against the ground, toes down positive.
+
+    Returns:
+        (N, 3) m, positions; (N, 3, 3) rotations, foot to world; (N,) rad, toe extension.
     """
     base, tilt = step.R_world_sole, rot_y(theta)
     pivot = np.where(theta[:, None] < 0.0, *_pivots(shoe))
@@ -218,12 +227,12 @@ def _swing_poses(
         size: Wearer.
         t: (N,) s, between toe-off and touch-down.
         theta: (N,) rad, pitch of the foot at these instants.
-        pitch: Pitch at any instants.
+        pitch: Pitch of the foot, rad, at any (N,) s.
         height: Height of the ground, m, at (..., 2) points.
     """
     if len(t) == 0:
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
-    s = (t - a.t_off) / (b.t_touch - a.t_off)
+    s = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
     toes = _toe_ends(a, b, pitch)
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
     fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
@@ -233,6 +242,7 @@ def _swing_poses(
     )
 
     def shortfall(forward: tuple[float, float]) -> Array:
+        """(61,) m, missing height at the shares `_FINE` of swing, if the foot moves forward in this window."""
         return _clearance_shortfall(
             _swing_positions(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m
         )
@@ -255,11 +265,17 @@ def _swing_poses(
 
 
 def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tuple[float, float, float, float]:
-    """Toe extension and its rate by the share of swing at toe-off, then at touch-down.
+    """Toe extension at both ends of swing: its value, rad, and rate by the share of swing at toe-off, then at landing.
 
-    The toes are flat on the ground at toe-off, raised in the air, and at the pitch of the landing at touch-down.
+    The toes are flat on the ground at toe-off, so that they are extended by the foot's pitch. At a landing on the heel
+    they are straight, otherwise extended by the pitch of the landing.
+
+    Args:
+        a: Footstep that the foot leaves.
+        b: Footstep that it reaches.
+        pitch: Pitch of the foot, rad, at (N,) s.
     """
-    h = 1e-4
+    h = 1e-4  # s, for one-sided differences: after toe-off and before touch-down
     ends = np.array([a.t_off, b.t_touch])
     (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
     rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)
@@ -288,7 +304,7 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
     """
     forward_share, upward_share = soft_ease((s - forward[0]) / (forward[1] - forward[0])), soft_ease(s)
     heel, hinge = _pivots(size.shoe)
-    landing = heel if b.arrival == "heel" else hinge
+    landing = heel if b.arrival == "heel" else hinge  # pivot of the landing
     pivot_in_foot = hinge + soft_ease((s - _PIVOT_FROM) / _PIVOT_LASTS)[:, None] * (landing - hinge)
     start: Array = a.p_foot_in_world + a.R_world_sole @ hinge
     end = b.p_foot_in_world + b.R_world_sole @ landing
@@ -302,10 +318,15 @@ def _swing_positions(a: Footstep, b: Footstep, size: Wearer, s: Array, R: Array,
 
 
 def _swing_shape(style: Style, s: Array, base: Array) -> Array:
-    """(N, 3) m per leg length, offset of a swinging foot from its smooth path at (N,) shares of swing, world axes.
+    """(N, 3) in leg lengths, offset of a swinging foot from its smooth path, world axes.
 
     Forward and lift are polynomials in 2 s − 1 with the coefficients of the style, times a bump, so that both ends
     rest.
+
+    Args:
+        style: Style of the step.
+        s: (N,) shares of swing, 0-1.
+        base: (3, 3) rotation of the footprint that the foot reaches.
     """
     powers = np.vander(2 * s - 1, len(style.forward), increasing=True).T
     ahead, above = style.forward @ powers, style.lift @ powers
@@ -344,13 +365,14 @@ def _clearance_shortfall(
         clearance: Clearance in mid-swing, m.
     """
     points = p[:, None] + sole[0] + sole[1]  # (N, points, 3)
+    # highest ground before, under and behind each point; the wanted clearance fades to 0 at both ends of the swing
     ground = np.max(height(points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]), axis=0)
     clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
     return np.where(_FINE_BUMP > 0.03, (ground + clearances - points[..., 2]).max(1), -np.inf)
 
 
 def _bump_amplitude(shortfall: Array) -> float:
-    """Amplitude of the bump that lifts the foot by the missing height at `_FINE`."""
+    """Amplitude of the bump that lifts the foot by the missing height at `_FINE`, m; `shortfall` is (61,) m."""
     has_limit = np.isfinite(shortfall)
     return float(max(0.0, np.max(shortfall[has_limit] / _FINE_BUMP[has_limit])))
 

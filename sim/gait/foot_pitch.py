@@ -115,9 +115,9 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         steps: The footsteps of this foot, in order.
         t_end: End of the walk, s.
     """
-    flat = -10.0
-    knots: list[tuple[float, float]] = [(flat, 0.0)]
-    flats: list[tuple[float, float]] = []
+    flat = -10.0  # s, since when the foot is flat on its present footprint
+    knots: list[tuple[float, float]] = [(flat, 0.0)]  # (s, pitch)
+    flats: list[tuple[float, float]] = []  # (first, last instant) with a flat foot, for each footprint
     for a, b in pairwise(steps):
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
         toe_off, landing = _toe_off(a, b.style), _landing(b)
@@ -161,6 +161,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
     first, last = np.array(flats).T
 
     def pitch(t: Array) -> Array:
+        """(N,) rad at (N,) s: the smoothed pitch, faded out while the sole is flat."""
         i = np.searchsorted(first, t, side="right") - 1  # the stance in which it may lie flat
         lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
         return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot

@@ -131,7 +131,7 @@ class Tempo:
 
         It is the preferred speed, but never above √(v² + 2 a d) at a distance d from a place with the speed limit v.
         """
-        away = np.abs(np.asarray(s, dtype=float)[..., None] - self.slow)
+        away = np.abs(np.asarray(s, dtype=float)[..., None] - self.slow)  # (..., K) m, distance to each limited place
         most = np.sqrt(np.min(self.most**2 + 2 * _MAX_ACCELERATION_MPS2 * away, axis=-1))
         return np.minimum(self.gait.speed_mps * np.interp(s, self.grid, self.share), most)
 
@@ -258,11 +258,11 @@ def _plan_on_strip(
         ConfigError: The strip is shorter than a shoe.
     """
     profile, strip = layout.profile, layout.profile[k]
-    heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x
+    heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x  # m, from the foot's origin back and forward, both positive
     last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0
     end = strip.s1 - RUN_OUT_M if last_strip else strip.s1
     if strip.s1 <= 0.0:
-        return []
+        return []  # behind the start
     both = gait.stairs == "step_by_step"
     if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
         _MAX_ONE_PACE_TREAD * float(tempo.step_length(strip.s0)), heel + toe + _MIN_SECOND_FOOTPRINT_M
@@ -273,6 +273,7 @@ def _plan_on_strip(
         return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
     def step(s: Array) -> Array:
+        """(N,) m, step length on this strip at (N,) arc lengths; shorter on ramps."""
         share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step_length(s) * (share if strip.terrain == "ramp" else 1.0)
 
@@ -303,6 +304,8 @@ def _plan_on_strip(
         if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1
         return [Foothold(foot=_foot_of_step(first + i), s=middle, strip=strip) for i in range(count)]
+    # number of steps, and their relative lengths; the first foothold is at `start`, but where the walker already stands
+    # there, it is a shorter step away
     lead = _FIRST_STEP if first_strip else 0.0
     along, paces = count_steps(layout.way, start, stop, step)
     if first_strip:
@@ -317,6 +320,7 @@ def _plan_on_strip(
     weights[0] *= lead
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
+    # places on the strip: shares of the number of steps, which is not proportional to the distance
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:
@@ -328,7 +332,10 @@ def _plan_on_strip(
 
 
 def _inner_depth_share(foot: str, curvature: float) -> float:
-    """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds."""
+    """Depth of a tread at the inner edge of a foot, relative to the middle of the way, where the stair winds.
+
+    It is 1 on a straight stair and under the outer foot. `curvature` is that of the way, 1/m, left positive.
+    """
     return 1.0 - max(curvature if foot == "l" else -curvature, 0.0) * _INNER_EDGE_M
 
 

@@ -85,6 +85,7 @@ def check_gait(gait: Gait) -> None:
     sways = {"yaw": gaze.sway_yaw_rad, "pitch": gaze.sway_pitch_rad}
     seldom, often = SWAY_RANGE_HZ
     fastest = 2 * math.pi * gaze.sway_hz * max(sways.values())
+    # name of a field, its value, whether that is valid, and what is valid in words
     for field, value, valid, range_in_words in (
         ("pattern", gait.pattern, gait.pattern in PATTERNS, ", ".join(PATTERNS)),
         ("speed_mps", gait.speed_mps, slow <= gait.speed_mps <= fast, f"{slow}-{fast} m/s"),
@@ -142,7 +143,7 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
     for i in range(1, len(holds)):
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
-            before = holds[i - 2]
+            before = holds[i - 2]  # a foot that is placed beside the other one makes the same riser
         rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
@@ -157,7 +158,7 @@ def _step_durations(
     with the ratio of the step's length to the usual one, and it is longer in curves and on ramps. A random error of up
     to `_MAX_TIME_ERROR` is added, and neighbouring steps are averaged: people do not change cadence abruptly.
     """
-    durations, previous = [], 0.0
+    durations, previous = [], 0.0  # `previous` is the arc length of the foothold before
     for i, (hold, rise) in enumerate(zip(holds, rises)):
         s = hold.s
         middle = (s + previous) / 2
@@ -188,11 +189,18 @@ def _step_durations(
 
 
 def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: Array, size: Wearer) -> list[Style]:
-    """Style of each step by its own speed; steps over risers get the double support and the swing time of stairs."""
+    """Style of each step by its own speed; steps over risers get the double support and the swing time of stairs.
+
+    Args:
+        holds: (N) footholds in order.
+        rises: (N) m, height of the riser of each step, 0 for none.
+        durations: (N,) s, duration of each step.
+        size: Wearer.
+    """
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
     styles = []
-    for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
+    for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):  # `before`: last rise
         style = style_at(pace(speed, size))
         if rise:
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
@@ -266,11 +274,12 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
+    # all footprints in order: first the two on which the walker stands
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
-        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
+        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)  # of the same foot
         t_off = np.inf if following is None else off[following - 2]
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
@@ -281,7 +290,15 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
 
 @dataclass(frozen=True)
 class _Row:
-    """A footprint with its time and style, before its pose in the world is known."""
+    """A footprint with its time and style, before its pose in the world is known.
+
+    Attributes:
+        foot: `l` or `r`.
+        s: Arc length along the way, m.
+        strip: Strip of ground there.
+        t_touch: Touch-down, s; -inf for the feet that stand at the start.
+        style: Style of the step that ends here.
+    """
 
     foot: str
     s: float
@@ -321,6 +338,7 @@ def _footstep(
     """
     slope, heading = row.strip.slope, float(way.heading(row.s))
     rise_before, rise_after = _riser_height(before.strip, row.strip), _riser_height(row.strip, after.strip)
+    # riser since the footprint before of this foot, if the foot is placed beside the other one
     rise_of_foot = (
         _riser_height(before_of_foot.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     )
@@ -380,12 +398,18 @@ class Rhythm:
         end = np.array([s.t_touch for s in order])
         first_off = min(s.t_off for s in all_steps)
         share = float(order[0].style.double_support)
+        # the first step has no touch-down before it: it begins such that the first toe-off ends its double support
         begin = np.concatenate([[(first_off - share * end[0]) / (1.0 - share)], end[:-1]])
         return cls(steps=order, begin=begin, end=end)
 
     def phase(self, t: Array) -> Array:
-        """(N,) number of steps made until (N,) uniform s, smooth; constant before the first step and after the last."""
+        """(N,) number of steps made until (N,) uniform s, smooth.
+
+        It is 0 when the first step begins. It goes on for one more step before that and after the last step, and is
+        constant beyond.
+        """
         knots = np.concatenate([[self.begin[0]], self.end])
+        # one more step at each end, so that the slope is that of the steps there
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
         count = np.arange(-1.0, len(knots) - 1.0)

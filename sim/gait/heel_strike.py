@@ -137,14 +137,26 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
 
 @numba.njit(**INNER_KERNEL)
 def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
-    """s(τ) exp(-τ/T), and its time derivative."""
+    """Envelope s(τ) exp(-τ/T) of a vibration at τ s after its strike, and its time derivative, 1/s.
+
+    It has the rise s of `vibration`, for a mode of `hz` with the decay time T = `decay_s`.
+    """
     length = RISE_PERIODS / hz
     rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, math.exp(-tau / decay_s)
     return rise * decay, decay * (rising - rise / decay_s)
 
 
 class _Vibrations(NamedTuple):
-    """E strikes of one mode each: time, s; frequency, Hz; decay time, s; (E, 6) amplitudes, m and rad, and phases."""
+    """E vibrations, each of one mode after one strike.
+
+    Attributes:
+        begin: (E,) s, the strike.
+        end: (E,) s, when the vibration is over.
+        hz: (E,) frequency.
+        decay_s: (E,) decay time to 1/e.
+        amplitude: (E, 6) displacement, m, and rotation, rad, along and about forward, left, up.
+        phase: (E, 6) rad.
+    """
 
     begin: Array
     end: Array
@@ -155,7 +167,13 @@ class _Vibrations(NamedTuple):
 
 
 class _Rocks(NamedTuple):
-    """S stances: time, s; (S, M, 3) phases of the sines."""
+    """S stances in which the upper rocks.
+
+    Attributes:
+        begin: (S,) s, touch-down.
+        end: (S,) s, when the upper is still again.
+        phase: (S, M, 3) rad, phases of the M sines about each axis.
+    """
 
     begin: Array
     end: Array
@@ -168,6 +186,9 @@ class UpperMotion:
 
     Attributes:
         pivot: (3,) m in the foot's frame, pivot of the upper's rotation.
+        _parameters: Modes and amplitudes.
+        _vibrations: Vibrations after all strikes of the walk.
+        _rocks: Rocking in all stances.
     """
 
     pivot: Array
@@ -197,6 +218,8 @@ class UpperMotion:
         """
         landings = [step for step in steps if np.isfinite(step.t_touch)]
         speeds = speed(np.array([step.t_touch for step in landings]) - BEFORE_S)
+        # phases of the modes, common to all strikes of this foot, and amplitudes of displacement and rotation: those of
+        # acceleration over ω², those of angular rate over ω
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
         shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * parameters.blow_s  # the ground first pushes up
         omega = 2 * np.pi * parameters.mode_hz[:, None]
@@ -231,8 +254,12 @@ class UpperMotion:
         )
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Displacement (N, 3) m and rotation vector (N, 3) rad, at (N,) increasing s, and the rates of both."""
-        value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))
+        """Motion of the upper relative to its foot at (N,) increasing s, in the axes of the foot.
+
+        Returns:
+            (N, 3) m, displacement of the pivot; (N, 3) rad, rotation vector; (N, 3) m/s and (N, 3) rad/s, their rates.
+        """
+        value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))  # displacement, then rotation
         shoe = self._parameters
         rows = np.searchsorted(t, [self._rocks.begin, self._rocks.end])
         _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value, rate)
@@ -300,6 +327,7 @@ def _add_rocks(
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - rocks.begin[e]
+            # window of the fades, and its rate `changing`
             begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
             window = ease(begun) * ease(left)
             changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s
@@ -313,9 +341,14 @@ def _add_rocks(
 
 
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
-    """Time at which the sole of a heel-first step slaps down, s: the first instant with a pitch below `flat_rad`.
+    """Time at which the sole slaps down after touch-down, s: the first instant with a pitch below `flat_rad`.
 
-    The touch-down itself, if the foot does not become flat within 0.4 s.
+    It is the touch-down itself if the foot does not become flat within 0.4 s.
+
+    Args:
+        step: The footstep.
+        pitch: Pitch of the sole relative to the ground, rad, at (N,) s.
+        flat_rad: Magnitude of the pitch below which the sole counts as flat.
     """
     t = np.arange(step.t_touch, min(step.t_off, step.t_touch + 0.4), 0.002)
     down = np.abs(pitch(t)) < flat_rad

@@ -75,6 +75,7 @@ def solve_leg(
     distance = np.linalg.norm(r, axis=1)
     within = np.minimum(distance, reach(size, min_knee))
     knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
+    # angle at the ankle between the shank and the line to the hip
     lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
     dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg
     R_world_shank = R_world_foot @ rot_x(-inversion) @ rot_y(dorsiflexion)

@@ -48,6 +48,8 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
     for foot, foot_steps in steps.items():
         other_steps = [s for f in steps if f != foot for s in steps[f]]
         for step in foot_steps:
+            # double support ends with the other foot's toe-off after this touch-down, and begins again with the other
+            # foot's touch-down before this toe-off
             other_off = min((s.t_off for s in other_steps if s.t_off > step.t_touch), default=np.inf)
             following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
             up, down = np.ones_like(t), np.ones_like(t)
@@ -75,16 +77,19 @@ def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Foot
 
 
 def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
-    """(N,) planned centre of pressure under one foot by (N,) time alone, as a share of the toe hinge's x."""
+    """(N,) planned centre of pressure under one foot at (N,) s, along the foot, as a share of the toe hinge's x.
+
+    It follows from the time in stance and the kind of landing alone; `pressure_centres` limits it to the contact area.
+    """
     x = np.empty(len(t))
     for step, on in _rows_of_steps(steps, t):
         knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
         if np.isfinite(step.t_touch) and np.isfinite(step.t_off):
-            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)
+            u = np.clip((t[on] - step.t_touch) / (step.t_off - step.t_touch), 0.0, 1.0)  # share of stance
             x[on] = PchipInterpolator(knots[:, 0], knots[:, 1])(u)
-        elif np.isfinite(step.t_off):
+        elif np.isfinite(step.t_off):  # a foot that stands at the start: from quiet stance to the end of a stance
             x[on] = _STANDING_X + (knots[-1, 1] - _STANDING_X) * ease(
                 (t[on] - step.t_off + WEIGHT_SHIFT_S) / WEIGHT_SHIFT_S
             )
@@ -125,7 +130,7 @@ def _rows_of_steps(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footst
 
 
 def _tip_overhangs(step: Footstep, shoe: Shoe, height: Callable[[Array], Array]) -> bool:
-    """Whether a shoe longer than the tread overhangs its edge."""
+    """Whether the tip of a shoe that is longer than its tread has no ground of that tread below it."""
     tip = step.p_foot_in_world + step.R_world_sole[:, 0] * (shoe.flat_tip_x + _MIN_TIP_ON_TREAD_M)
     return float(tip[2] - height(tip[:2])) > _MAX_DROP_M
 
@@ -145,7 +150,7 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
     """
     stance = np.flatnonzero((t >= step.t_touch) & (t <= step.t_off))
     if not len(stance):
-        return x
+        return x  # these rows have no stance
     tilt = np.abs(pitch)
     flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
     if flat[0] > stance[0]:
@@ -161,16 +166,23 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
 
 
 def _flat_time(t: Array, tilt: Array, i: int, flat: int) -> float:
-    """Time between a tilted and a flat row at which the tilt falls below the limit of flatness."""
+    """Time at which the tilt of a foot passes `_FLAT_RAD`, s, between two neighbouring rows.
+
+    Args:
+        t: (N,) s.
+        tilt: (N,) rad, magnitude of the pitch.
+        i: Row in which the foot is tilted.
+        flat: Row beside it in which the foot is flat.
+    """
     share = (tilt[i] - _FLAT_RAD) / max(tilt[i] - tilt[flat], 1e-9)
     return float(t[i] + min(share, 1.0) * (t[flat] - t[i]))
 
 
 def _load_share(step: Footstep, s: Array) -> Array:
-    """Share of the load on the foot of `step` after a share s of double support.
+    """(...) share of the load on the foot of `step`, 0-1, at the shares s (...) of the double support that it begins.
 
-    A cubic, not the smoother quintic: people load the heel at once, and a foot that hardly presses at touch-down
-    bounces.
+    The load moves within the share `transfer` of double support. It is a cubic of s, not the smoother quintic: people
+    load the heel at once, and a foot that hardly presses at touch-down bounces.
     """
     s = np.clip(s / float(step.style.transfer), 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

@@ -40,9 +40,12 @@ def solve_cart_table(zmp: Array, kappa: Array, dt: float) -> Array:
     Δt²; at both ends c = p.
 
     Args:
-        zmp: (N, k) zero-moment point p, m; at rest at both ends.
+        zmp: (N, d) zero-moment point p in d directions, m; at rest at both ends.
         kappa: (N,) κ = (z_com - z_zmp) / (g + z_com''), s².
         dt: Time Δt between rows, s.
+
+    Returns:
+        (N, d) path c, m.
     """
     n = len(zmp)
     k = kappa / dt**2
@@ -70,7 +73,7 @@ def max_pelvis_height(
         sign = 1.0 if side == "l" else -1.0
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
         ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
-        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)
+        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)  # m², horizontal distance from hip to ankle
         limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away, 0.04)))
     return np.minimum(*limits)
 
@@ -80,7 +83,7 @@ def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
 
     It is larger on stairs and uphill, there also for the next two steps, until the rear foot has left the ground.
     """
-    uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])
+    uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])  # rad, by step
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
     bent = np.array([of_mode.get(step.mode, _MIN_KNEE_RAD) for step in rhythm.steps])
     bent = np.minimum(bent + _KNEE_BY_SLOPE * uphill, np.maximum(bent, _MAX_KNEE_BY_SLOPE_RAD))
@@ -103,6 +106,7 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     Returns:
         (N,) mean height in the world, m; (N,) oscillation about it, m; and (N,) share of level ground, 0-1.
     """
+    # 1 for a step on level ground whose neighbours are on level ground, too
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
     footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
@@ -118,19 +122,24 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
 
 
 def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
-    """(N,) m, smooth height close to a goal and below a limit, both (N,) m.
+    """(N,) m, smooth height close to a goal and below a limit.
 
     It minimises Σ w (z − target)² + `_SMOOTHNESS`² Σ (z''')². The target is the goal with w = 1; where z would exceed
     the limit, it is the limit with w = `_ABOVE_REACH_WEIGHT`. The set of these rows is found by iteration.
+
+    Args:
+        goal: (N,) m, wanted height.
+        limit: (N,) m, largest height within reach of the legs.
+        dt: Time between rows, s.
     """
     n = len(limit)
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)
-    bands = np.zeros((4, n))
+    bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
     for offset, row in zip(penalty.offsets, penalty.data):
         if offset >= 0:
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
-    above = np.zeros(n, dtype=bool)
+    above = np.zeros(n, dtype=bool)  # rows whose target is the limit
     z = goal
     for _ in range(40):
         system = bands.copy()

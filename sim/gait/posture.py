@@ -76,7 +76,7 @@ def plan_gaze(
         rng: Draws the directions of a wandering gaze; other kinds do not use it.
     """
     dt = float(t[1] - t[0])
-    usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)
+    usual = _LEVEL_PITCH_RAD + _PITCH_BY_CLIMB * np.abs(climb)  # pitch of a head that looks along the path
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
         toward_ground = smooth_gaussian(_ground_gaze_pitch(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
@@ -84,7 +84,7 @@ def plan_gaze(
     elif gaze.kind == "wandering":
         away, yaw = _draw_gaze_shifts(t, rng)
         pitch = usual + away
-    if gaze == Gaze():
+    if gaze == Gaze():  # along the path: the chest does not follow, and the neck is far from its limit
         return GazeMotion(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
     phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
@@ -195,6 +195,7 @@ def plan_posture(
     dt = float(t[1] - t[0])
     heading = smooth_gaussian((paths["l"].heading + paths["r"].heading) / 2, _TURN_SMOOTHING_S, dt)
     apart = paths["r"].p_foot_in_world - paths["l"].p_foot_in_world
+    # how far the right foot is in front of the left one, in leg lengths
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
     # a side of the pelvis is highest early in its stance
@@ -232,13 +233,17 @@ def plan_posture(
 
 
 def _advance_in_time(x: Array, lead_s: float, dt: float) -> Array:
-    """(N,) value of x after `lead_s`; constant at the end."""
+    """(N,) values of x `lead_s` s later; x has rows every `dt` s and is constant after its end."""
     rows = np.arange(len(x))
     return np.interp(rows + lead_s / dt, rows, x)
 
 
 def _hinge_angles(name: str, R: Array) -> dict[str, Array]:
-    """Angles of the hinges flexion (y), bending (x), rotation (z), in this order, that give (N, 3, 3) rotations."""
+    """(N,) rad by joint name, angles of the three hinges of a joint that give (N, 3, 3) rotations.
+
+    The hinges are flexion (about y), bending (x) and rotation (z), from the body that carries them outwards. `name` is
+    the first part of the joint names, `lumbar` or `neck`.
+    """
     return {
         f"{name}_flexion": np.arctan2(R[:, 0, 2], R[:, 2, 2]),
         f"{name}_bending": -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0)),

@@ -44,9 +44,13 @@ from stridetwin.streams.samples import Array
 
 
 def solve_legs(size: Wearer, p_pelvis: Array, R_pelvis: Array, paths: Mapping[str, FootPath]) -> dict[str, LegAngles]:
-    """Angles of both legs that bring the feet to their paths, by side.
+    """Angles of both legs that bring the feet to their paths, by side; `LegAngles.stretch` reports feet out of reach.
 
-    The pelvis is at (N, 3) m with rotations (N, 3, 3). Feet out of reach are reported by `LegAngles.stretch`.
+    Args:
+        size: Wearer.
+        p_pelvis: (N, 3) m, pelvis in the world.
+        R_pelvis: (N, 3, 3) its rotation.
+        paths: Paths of the feet by side.
     """
     return {
         side: solve_leg(
@@ -76,10 +80,10 @@ def stack_coordinates(
         exo: (N, J) rad, angles of the exoskeleton's legs by side; empty without exoskeleton.
         paths: Paths of the feet, for the extension of the toes.
     """
-    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))
+    columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))  # (N,) values by name
     columns |= pose.joints
     for side in SIDES:
-        for joint in LEG_JOINTS[:-1]:
+        for joint in LEG_JOINTS[:-1]:  # the last one is the toes' hinge, which follows from the foot's path
             columns[f"{joint}_{side}"] = getattr(legs_[side], joint)
         columns[f"toe_extension_{side}"] = paths[side].toe_extension
         if side in exo:
@@ -195,7 +199,7 @@ def plan_reference(
     """
     footsteps, duration = plan_footsteps(terrain.layout, size, config.gait, rng)
     steps = {side: [s for s in footsteps if s.foot == side] for side in SIDES}
-    # the grid extends beyond the walk, so that boundary effects of the splines stay outside
+    # the grid of all quantities; it extends beyond the walk, so that boundary effects of the splines stay outside
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end with the fine one
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
@@ -221,6 +225,7 @@ def plan_reference(
         if round_ == 0:  # expensive, so not in every round
             exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _ROUGH_STRIDE)
         elif round_ in (_WEIGHED_ROUND, _ZMP_ROUNDS - 1):
+            # with the frame's weight; the last round starts from the result of the earlier one
             start = exo if round_ > _WEIGHED_ROUND else None
             exo = _fit_exoskeleton(size, t, p_pelvis, R_pelvis, paths, legs_, _STRIDE, (model, layout, pose), start)
         splines = make_interp_spline(t, stack_coordinates(size, layout, p_pelvis, pose, legs_, exo, paths), k=5)
@@ -235,12 +240,13 @@ def plan_reference(
             error = solve_cart_table(planned_zmp[::_STRIDE, :2] - zmp, kappa, _STRIDE * GRID_S)
             over_ground = over_ground + _ZMP_GAIN * make_interp_spline(coarse, error, k=5)(t)
         if round_ in _HEEL_ROUNDS:
+            # the heels rise where the ankles would bend too far; the centres of pressure follow
             paths = {
                 side: with_heel_rise(paths[side], steps[side], size.shoe, t, legs_[side].ankle_dorsiflexion)
                 for side in SIDES
             }
             centres, planned_zmp = _centres_of_pressure(steps, paths, shares, travels, size, t, terrain.height)
-    worst = max(float(leg.stretch.max()) for leg in legs_.values())
+    worst = max(float(leg.stretch.max()) for leg in legs_.values())  # m, by which a foot is out of reach
     if worst > _REACH_TOLERANCE_M:
         side = max(legs_, key=lambda s: legs_[s].stretch.max())
         when = t[legs_[side].stretch.argmax()]
@@ -269,7 +275,20 @@ def _centres_of_pressure(
     t: Array,
     height: Callable[[Array], Array],
 ) -> tuple[dict[str, Array], Array]:
-    """(N, 3) centre of pressure under each foot, by side, and (N, 3) of both feet, m in the world."""
+    """Planned centres of pressure: under each foot, and of both feet together.
+
+    Args:
+        steps: Footsteps by side.
+        paths: Paths of the feet by side.
+        shares: (N,) share of the load by side.
+        travels: (N,) centre of pressure along the foot by time alone, by side (`cop_travel`).
+        size: Wearer.
+        t: (N,) s.
+        height: Height of the ground, m, at (..., 2) points of the world.
+
+    Returns:
+        (N, 3) m in the world, by side; (N, 3) m, their mean weighted by the shares.
+    """
     centres = {
         side: pressure_centres(steps[side], size.shoe, t, travels[side], paths[side].pitch, height) for side in SIDES
     }
@@ -305,7 +324,7 @@ def _fit_exoskeleton(
     if size.exo is None:
         return {}
     k = slice(None, None, stride)
-    to_pelvis = np.swapaxes(R_pelvis[k], 1, 2)
+    to_pelvis = np.swapaxes(R_pelvis[k], 1, 2)  # world to pelvis
     frames, wearers, coarse = {}, {}, {}
     for side in SIDES:
         sign, leg, path = (1.0 if side == "l" else -1.0), legs[side], paths[side]

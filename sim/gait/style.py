@@ -163,6 +163,7 @@ def style_at(pace: float) -> Style:
         )
     if pace >= slowest:
         return style
+    # below the table: ratios of step length and of step time to the slowest style of the table
     shorter = float(walk_growth(pace) / walk_growth(slowest))
     longer = shorter * slowest / max(pace, 1e-6)
     style = _scale_amplitudes(style, max(shorter, _MIN_AMPLITUDE_SHARE))

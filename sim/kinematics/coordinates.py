@@ -98,9 +98,17 @@ def _fill_position_velocity(
     """Fills (N, nq) qpos and (N, nv) qvel from (N, names) coordinates and their rates.
 
     The root's quaternion is R_z(yaw) R_y(pitch) R_x(roll), with w >= 0; its angular velocity is in its own axes.
+
+    Args:
+        x: (N, names) coordinates: x, y, z, yaw, pitch, roll of the root, then the hinges.
+        dx: (N, names) their rates.
+        qpos: (J,) address of each hinge in a row of `q`.
+        dof: (J,) address of each hinge in a row of `v`.
+        q: Output.
+        v: Output.
     """
     for i in range(len(x)):
-        y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
+        y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]  # half angles of yaw, pitch and roll
         pose = multiply((math.cos(y), 0.0, 0.0, math.sin(y)), (math.cos(p), 0.0, math.sin(p), 0.0))
         pose = multiply(pose, (math.cos(r), math.sin(r), 0.0, 0.0))
         w, qx, qy, qz = pose

@@ -74,12 +74,12 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> Tree:
-        """Tree of a model's wearer: all bodies below its first joint that have mass or carry mass."""
+        """Tree of a model's wearer: the body of its first joint, the free root, and all that it carries with mass."""
         root = int(model.jnt_bodyid[0])
         ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
         index = {int(body): i for i, body in enumerate(ids)}
         joints = [list(range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])) for b in ids[1:]]
-        ends = np.cumsum([0, 0, *map(len, joints)])
+        ends = np.cumsum([0, 0, *map(len, joints)])  # number of hinges before each body; the root has none
         flat = np.array([j for body_joints in joints for j in body_joints], dtype=np.int64)
         R = np.empty((len(ids), 9))
         for row, quat in zip(R, model.body_iquat[ids]):
@@ -107,10 +107,13 @@ class Tree(NamedTuple):
     def subtree(self, bodies: Sequence[int]) -> Tree:
         """The part of the tree that carries some bodies or is carried by them.
 
-        The arguments are indices in this tree. The motion of the remaining bodies is that of the whole tree.
+        The motion of its bodies is that in the whole tree.
+
+        Args:
+            bodies: The bodies, as indices in this tree.
         """
         kept = set(bodies)
-        for body, up in enumerate(self.parent):
+        for body, up in enumerate(self.parent):  # parents come first, so one pass finds all that they carry
             if up in kept:
                 kept.add(body)
         for body in sorted(kept, reverse=True):
@@ -281,7 +284,8 @@ def hinge_torques(
 def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravity: Array) -> tuple[Array, Array]:
     """Mass matrices of chains of bodies that hang on the tree, and the torques for their motion and weight.
 
-    The composite-rigid-body method gives the matrices. Rotors and friction of the joints are not included.
+    The torques are those of the whole motion, that of the carrying bodies included. The composite-rigid-body method
+    gives the matrices. Rotors and friction of the joints are not included.
 
     Args:
         tree: The bodies.
@@ -292,10 +296,10 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
         gravity: (3,) m/s².
 
     Returns:
-        (N, C, L, L) kg m² and (N, C, L) N m.
+        (N, C, L, L) kg m², mass matrix of the hinges of each chain; (N, C, L) N m, their torques.
     """
     n, bodies, motions = len(q), len(tree.parent), _allocate_bodies(tree)
-    count, length = chains.shape
+    count, length = chains.shape  # C, L
     p, axes = motions.p, motions.axes
     mass, load = np.empty((n, count, length, length)), np.empty((n, count, length))
     # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
@@ -337,8 +341,14 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
 def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     """Writes poses, velocities and accelerations of all bodies at one instant, from the root outwards.
 
-    `q` (nq,), `v` (nv,) and `a` (nv,) are in MuJoCo's layout. Each hinge adds its rotation, its rate and its
-    acceleration, ω × axis included, about its anchor.
+    Each hinge adds its rotation, its rate and its acceleration, ω × axis included, about its anchor.
+
+    Args:
+        tree: The bodies.
+        q: (nq,) positions in MuJoCo's layout.
+        v: (nv,) velocities; the root's angular velocity is in its own axes.
+        a: (nv,) accelerations, likewise.
+        bodies: Output.
     """
     p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
@@ -396,6 +406,12 @@ def _point_acceleration(r: Vec3, w: Vec3, dv: Vec3, dw: Vec3) -> Vec3:
 def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tuple[Vec3, Vec3, Vec3]:
     """Wrench that the motion of one body needs, without those that it carries.
 
+    Args:
+        tree: The bodies.
+        b: Index of the body.
+        bodies: Motion of all bodies.
+        gravity: g in the world, m/s².
+
     Returns:
         Force m (a_com − g), N; moment about the body's origin, arm × force + R (I ω̇ + ω × I ω), N m; and the arm from
         the origin to the centre of mass, m. All are in world axes.
@@ -411,7 +427,15 @@ def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tupl
 
 @numba.njit(**INNER_KERNEL)
 def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
-    """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m²."""
+    """Writes a body's inertia about its own origin in world axes: R I Rᵀ + m (|arm|² 1 − arm armᵀ), kg m².
+
+    Args:
+        tree: The bodies.
+        b: Index of the body.
+        R: (B, 3, 3) rotations of all bodies, body to world.
+        arm: From the body's origin to its centre of mass, world axes, m.
+        out: (3, 3) output.
+    """
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
     for k in range(3):
         store_vec3(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
@@ -420,10 +444,10 @@ def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
 
 @numba.njit(**INNER_KERNEL)
 def _add_to_carrier(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inertia: Array, to_first: Array) -> None:
-    """Adds the inertia of a composite body at d from its carrier's origin to that of the carrier, about that origin.
+    """Adds first moment and inertia of a composite body to those of its carrier, about the carrier's origin.
 
-    With h the composite's first moment of mass about its own origin, the carrier gains the first moment h + m d and the
-    inertia I + (d·h' + d·h) 1 − d h'ᵀ − h dᵀ, h' = h + m d.
+    Let h be the composite's first moment of mass about its own origin, m its mass, and d its place. The carrier gains
+    the first moment h' = h + m d and the inertia I + (d·h' + d·h) 1 − d h'ᵀ − h dᵀ.
 
     Args:
         inertia: (3, 3) kg m² of the composite about its own origin.

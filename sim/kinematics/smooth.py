@@ -10,7 +10,7 @@ from scipy.special import betainc
 
 from stridetwin.streams.samples import Array
 
-_SOFTNESS = 3.4
+_SOFTNESS = 3.4  # exponent of the steps and bumps; see `soft_ease`
 
 
 @overload
@@ -43,7 +43,8 @@ def ease_rate(s: Array | float) -> Array | float:
 
 def soft_ease(s: Array | float) -> Array:
     """Step from 0 at s = 0 to 1 at s = 1 with smoother ends than `ease`, without a jump of the jerk."""
-    return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))  # 3: minimum jerk, 4: minimum snap
+    # an exponent of 3 is the minimum-jerk step, of 4 the minimum-snap step
+    return np.asarray(betainc(_SOFTNESS, _SOFTNESS, np.clip(s, 0.0, 1.0)))
 
 
 def bump(s: Array) -> Array:
@@ -53,7 +54,10 @@ def bump(s: Array) -> Array:
 
 
 def quintic(s: Array, x0: float, v0: float, x1: float, v1: float) -> Array:
-    """Quintic at (N,) s in [0, 1] from value x0 and slope v0 to x1 and v1, its second derivative 0 at both ends."""
+    """(N,) values of a quintic at (N,) s in [0, 1]; its second derivative is 0 at both ends.
+
+    It has the value x0 and the slope v0 by s at s = 0, and x1 and v1 at s = 1.
+    """
     d = x1 - x0
     c3, c4, c5 = 10 * d - 6 * v0 - 4 * v1, -15 * d + 8 * v0 + 7 * v1, 6 * d - 3 * (v0 + v1)
     return x0 + v0 * s + s**3 * (c3 + s * (c4 + s * c5))

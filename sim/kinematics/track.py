@@ -114,9 +114,15 @@ class Track:
 
 @_entry_kernel
 def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
-    """Columns of a frame at `lever` (3,) m with the attitude `q_body_sensor` (4,) on a body.
+    """Columns of a frame that is rigidly mounted on a body: p + R l, q ⊗ q_bs, v + R (ω × l), and R_bsᵀ ω.
 
-    p + R l, q ⊗ q_bs, v + R (ω × l), and R_bsᵀ ω.
+    Args:
+        p: (N, 3) m, position of the body in the world.
+        q: (N, 4) its attitude, body to world.
+        v: (N, 3) m/s, its velocity, world axes.
+        w: (N, 3) rad/s, its angular rate ω, own axes.
+        q_body_sensor: (4,) q_bs, attitude of the mounted frame on the body.
+        lever: (3,) m, l, its origin on the body.
     """
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
@@ -143,11 +149,23 @@ def _displace(
     velocity: Array,
     rotation_rate: Array,
 ) -> _Columns:
-    """Columns of a frame with a small motion relative to the body; arguments as columns of `Track.displace`, (N, 3).
+    """Columns of a frame with a small motion relative to the body (`Track.displace`).
 
-    With the rotation vector φ, E = Exp(φ) and the pivot c, the frame's origin is at r = c + d − E c in the body, and
-    its relative rate is u = J_r(φ) φ̇, the right Jacobian to second order. So the position is p + R r, the velocity is
-    v + R (ω × r + ḋ − E (u × c)), and the rate in the frame's own axes is Eᵀ ω + u.
+    Let φ be the rotation vector, E = Exp(φ), c the pivot and d the translation. The frame's origin is at
+    r = c + d − E c in the body. Its relative rate is u = J_r(φ) φ̇, with the right Jacobian to second order. So the
+    position is p + R r, the velocity is v + R (ω × r + ḋ − E (u × c)), and the rate in the frame's own axes is
+    Eᵀ ω + u.
+
+    Args:
+        p: (N, 3) m, position of the body in the world.
+        q: (N, 4) its attitude, body to world, R as a matrix.
+        v: (N, 3) m/s, its velocity, world axes.
+        w: (N, 3) rad/s, its angular rate ω, own axes.
+        pivot: (3,) m, body axes.
+        translation: (N, 3) m, body axes.
+        rotation: (N, 3) rad, rotation vector.
+        velocity: (N, 3) m/s, rate of the translation.
+        rotation_rate: (N, 3) rad/s, rate of the rotation vector.
     """
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))

@@ -108,7 +108,7 @@ def word(key: str, *words: str, ideal: str | None = None) -> str:
 
 
 def _field(entry: Figure, default: Any) -> Any:
-    """Dataclass field with a `Figure` in its metadata."""
+    """Dataclass field with a `Figure` in its metadata; `dataclasses.MISSING` as default makes it a required one."""
     metadata = {FIGURE: entry}
     if default is dataclasses.MISSING:
         return dataclasses.field(metadata=metadata)
@@ -119,7 +119,11 @@ D = TypeVar("D")
 
 
 def make_ideal(part: D) -> D:
-    """Noise-free version of a part: with its rate, size and place, but without error, limit or delay."""
+    """Noise-free version of a part: with its rate, size and place, but without error, limit or delay.
+
+    Each figure that has an ideal value gets it; the others, and what is no figure, stay. `part` may also be a dataclass
+    inside a part, such as a gyroscope.
+    """
     changes: dict[str, Any] = {}
     for entry in dataclasses.fields(part):  # type: ignore[arg-type]
         value = getattr(part, entry.name)

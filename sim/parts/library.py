@@ -63,7 +63,7 @@ def full_scales(text: str) -> Mapping[str, float]:
 
 def _find_described_part(text: str) -> Part | None:
     """Part of the library with this description, otherwise the one with the longest name in the text; None for none."""
-    plain = text.replace("-", " ")
+    plain = text.replace("-", " ")  # descriptions may write a name with spaces
     parts = [load_part(name) for name in part_files()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]
     same = [p for p in parts if p.description == text]

@@ -100,7 +100,10 @@ def _noise(topic: str, what: str, seed: int) -> Noise:
 
 
 def _sonar(part: SonarPart) -> Parameters:
-    """Parameters of a sonar: its range and the SD of a reading, with the rounding to steps."""
+    """Parameters of a sonar: its range and the SD of a reading, with the rounding to steps.
+
+    A uniform error of one step has the SD step / √12.
+    """
     return {
         "beam_rad": part.beam,
         "range_min_m": part.range_min,
@@ -123,7 +126,10 @@ def _ahrs(part: AhrsPart) -> Parameters:
 
 
 def _encoder(part: EncoderPart) -> Parameters:
-    """Parameters of an encoder: counts per turn, and the SD of its angle."""
+    """Parameters of an encoder: counts per turn, and the SD of its angle.
+
+    The nonlinearity is the amplitude of a sine, whose SD is the amplitude / √2.
+    """
     return {
         "counts": 2.0 ** (part.bits or _BITS_WITHOUT_COUNTING),
         "angle_sd_rad": math.hypot(part.nonlinearity / math.sqrt(2), part.index_offset),

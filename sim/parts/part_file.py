@@ -24,7 +24,10 @@ D = TypeVar("D")
 
 
 def _figure_type(entry: Figure) -> Any:
-    """Type of a figure in the file: the bare value, or `{value: ..., source: ...}`."""
+    """Type of a figure in the file: the bare value, or `{value: ..., source: ...}`.
+
+    It checks the bounds and converts from the file's unit to SI.
+    """
     if entry.choices:
         bare: Any = Annotated[str, OneOf(entry.choices)]
     else:
@@ -40,7 +43,10 @@ def _type_with_source(bare: Any) -> Any:
 
 
 def _strip_source(node: object) -> object:
-    """Value of a figure that may be written with its source; rejects other keys and a missing value."""
+    """Bare value of a figure that may be written with its source; rejects other keys and a missing value.
+
+    `node` is what the file has: a mapping with the value, or the value itself, which comes back unchanged.
+    """
     if not isinstance(node, dict):
         return node
     for key in node:
@@ -92,6 +98,7 @@ def build_part(kind: type[D], read: BaseModel, **attributes: Any) -> D:
     """
     hints = get_type_hints(kind)
     values = {name: getattr(read, name) for name in type(read).model_fields}
+    # dataclasses inside it, which the file has as nested mappings
     inner = {name: build_part(hints[name], v) for name, v in values.items() if isinstance(v, BaseModel)}
     return kind(**values | inner | attributes)
 

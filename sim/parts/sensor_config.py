@@ -112,7 +112,9 @@ class SensorConfig:
 def part_of(
     fittings: Mapping[str, SensorConfig], group: str, every_ideal: bool, standard: str | None = None
 ) -> tuple[Part, Part]:
-    """The simulated part of a group, and its data sheet; a noise-free part keeps the data sheet of the real one.
+    """The part of a group that is simulated, and the part whose figures estimators get.
+
+    They differ only where the simulated one is noise-free: estimators still get the figures of the real part.
 
     Args:
         fittings: Differences from the standard, by group.

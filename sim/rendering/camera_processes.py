@@ -66,6 +66,7 @@ class CameraProcesses:
         mount_slips: MountSlips | None = None,
         processes: int | None = None,
     ) -> None:
+        """Starts the processes; the scene is sent to each before its first batch."""
         self._cameras = list(sensor_rig.rig.cameras.values())
         self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
@@ -75,8 +76,10 @@ class CameraProcesses:
         for worker in self._workers:
             self._idle.put(worker)
         self._threads = ThreadPoolExecutor(max(count, 1))
+        # batches in order of time: those not yet submitted, with their numbers of images, and those in progress
         self._waiting: deque[tuple[_Poses, int]] = deque()
         self._running: deque[Future[list[Image | Depth | Patch]]] = deque()
+        # image sensors of the cameras with automatic exposure, which this process applies in order of time
         self._sensors = {
             c.topic: make_image_sensor(sensor_rig, c.topic, seed)
             for c in self._cameras
@@ -104,7 +107,7 @@ class CameraProcesses:
             The images in order of time with the stamps of their clocks; take them before those of the next request.
         """
         due: list[FrameRequest] = []
-        stamps: dict[tuple[str, int], int] = {}
+        stamps: dict[tuple[str, int], int] = {}  # by topic and true time; also of the depth images
         for camera in self._cameras:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
             stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())
@@ -171,9 +174,14 @@ class CameraProcesses:
 
 
 class _Worker:
-    """This side of one process; one thread at a time uses it."""
+    """This side of one process; one thread at a time uses it.
+
+    Args:
+        scene: Pickled arguments of `Cameras`, which are sent before the first batch.
+    """
 
     def __init__(self, scene: bytes) -> None:
+        """Starts the process; `scene` is the pickled tuple of the arguments of `Cameras`."""
         self._process = subprocess.Popen(
             [sys.executable, "-m", "stridetwin.sim.rendering.rendering"],
             stdin=subprocess.PIPE,
@@ -187,6 +195,7 @@ class _Worker:
 
     @property
     def pid(self) -> int:
+        """Number of the process."""
         return self._process.pid
 
     def images(self, poses: _Poses, count: int) -> list[Image | Depth | Patch]:

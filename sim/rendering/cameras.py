@@ -57,7 +57,7 @@ class Patch:
 
     Attributes:
         topic, t_ns: Topic and time of the image.
-        whole: (H, W) size of the full image.
+        shape: (H, W) size of the full image.
         pixels: (h, w) grey values of the rendered part.
         row, column: Upper left pixel of that part.
     """
@@ -105,7 +105,9 @@ class Cameras:
         seed: int,
         mount_slips: MountSlips | None = None,
     ) -> None:
+        """Creates a renderer per camera, and the views in which they draw."""
         self._model = model = copy.copy(model)  # a copy, because the uppers of the shoes are moved in it
+        # renderers by topic, and views by whether they have shadows: cameras of one kind share a view
         self._data, self._crowd, self._mount_slips = mujoco.MjData(model), crowd, mount_slips or MountSlips()
         self._cameras = {t: _Camera(sensor_rig, t, seed) for t in sensor_rig.rig.cameras}
         self._views = {shadows: self._make_view(shadows) for shadows in {c.shadows for c in self._cameras.values()}}
@@ -128,7 +130,7 @@ class Cameras:
             qpos: (len(due), nq) generalised position at each.
             uppers: (len(due), 7) pose of the shoes' uppers by foot; uppers without a pose lie on the feet.
         """
-        posed_ns = None
+        posed_ns = None  # instant whose pose the model has: cameras often share one
         for i, (item, pose) in enumerate(zip(due, qpos)):
             if posed_ns != item.t_ns:
                 for foot, on_foot in (uppers or {}).items():
@@ -178,16 +180,32 @@ def _imager(sensor_rig: SensorRig, topic: str) -> Imager:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _VisibleBoard:
-    """A board in an image: the rows and columns around it, and its motion relative to the camera."""
+    """A board in an image.
+
+    Attributes:
+        box: Rows and columns around it, motion blur included.
+        sweep: Its motion relative to the camera.
+    """
 
     box: tuple[slice, slice]
     sweep: Sweep
 
 
 class _Camera:
-    """Renderer of one camera of the rig: lens, motion during the exposure, image sensor and depth."""
+    """Renderer of one camera of the rig: lens, motion during the exposure, image sensor and depth.
+
+    Args:
+        sensor_rig: The sensors with their true calibration.
+        topic: Topic of the camera.
+        seed: Seed of the walk, for the noise.
+
+    Attributes:
+        shadows: Whether the sun casts shadows in its images.
+        lens: Its lens.
+    """
 
     def __init__(self, sensor_rig: SensorRig, topic: str, seed: int) -> None:
+        """Prepares lens, image sensor and depth of the camera with this topic."""
         mounted = sensor_rig.sensors[topic]
         assert isinstance(mounted.calibration, CameraCalibration)
         assert isinstance(mounted.part, CameraPart | RgbdPart)
@@ -196,10 +214,12 @@ class _Camera:
         self._board = board_seen_by(sensor_rig, topic)
         self._grey = self._imager.colour == "grey"
         self.shadows = mounted.sensor_config.shadows
+        # None with automatic exposure: such images are exposed elsewhere, in order of time
         self._sensor = None if has_auto_exposure(sensor_rig, topic) else make_image_sensor(sensor_rig, topic, seed)
         self.lens = RenderedLens(calibration)
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
+        # whether only the board and its surroundings are rendered
         self._around_board = (
             mounted.sensor_config.frames == "board" and self._board is not None and self._grey and self.lens.straight
         )
@@ -227,6 +247,7 @@ class _Camera:
             yield self._render_board(view, data, due, T_world_camera, board)
             return
         size = self.lens.width, self.lens.height
+        # `away`: distance of the scene, which stands for one plane across the view as regards motion blur
         if self._depth is None:
             rgb, away = view.color(data, T_world_camera, self.lens.intrinsics, size), _SURROUNDINGS_M
         else:
@@ -277,15 +298,22 @@ class _Camera:
         return sweep.blur(clean, self._imager.exposure_s) if self._imager.exposure_s else clean
 
     def _find_board(self, data: mujoco.MjData, due: FrameRequest, T_world_camera: Array) -> _VisibleBoard | None:
-        """Pixels around the board and its motion in the middle of the exposure; None when it is out of view."""
+        """Pixels around the board and its motion in the middle of the exposure; None when it is out of view.
+
+        Args:
+            data: State of the model, kinematics up to date.
+            due: The frame, with the twists of the bodies that carry the camera and the board.
+            T_world_camera: (4, 4) pose of the camera's optical frame.
+        """
         if self._board is None:
             return None
+        # the board in the camera's axes: normal, centre, and the corners of a box around it
         T_world_board = mount_pose(data, self._board.mount)
         R = T_world_camera[:3, :3].T
         normal, centre = R @ T_world_board[:3, 2], R @ (T_world_board[:3, 3] - T_world_camera[:3, 3])
         points = _AROUND_BOARD @ (R @ T_world_board[:3, :3]).T + centre
         if points[:, 2].min() < _LEAST_M:
-            return None
+            return None  # behind the camera or too close
         pixels = points @ self._K.T
         uv = pixels[:, :2] / pixels[:, 2:]
         low, high = uv.min(axis=0), uv.max(axis=0)
@@ -295,6 +323,7 @@ class _Camera:
         away = float(normal @ centre)
         if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
+        # motion of the board's plane where the camera is
         v, w = _point_velocity(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
         margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))

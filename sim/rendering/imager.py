@@ -40,10 +40,15 @@ class ImageSensor:
     """
 
     def __init__(self, shape: tuple[int, ...], imager: Imager, light: float, noise: Noise) -> None:
+        """Prepares the bank of noise, the variance of a level, and the vignetting.
+
+        `shape` is (H, W) or (H, W, 3); `light` is the brightness of the scene relative to the camera's setting. An
+        infinite full well stands for a sensor without noise.
+        """
         self.shape, self._imager, self._light, self._noise = shape, imager, light, noise
         self._noisy = math.isfinite(imager.full_well)
         height, width, self._channels = (*shape, 1)[:3]
-        self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)
+        self._bank = np.zeros((height + SPARE, (width + SPARE) * self._channels), np.float32)  # unit deviates
         self._variance = np.zeros(2, np.float32)
         if self._noisy:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
@@ -51,8 +56,10 @@ class ImageSensor:
             per_electron = 255 / (imager.full_well * light)
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
         # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
+        # tan² is the sum of a share of the row and one of the column
         across = ((1 - imager.vignetting) ** -0.5 - 1) / (height**2 + width**2)
         self._tan2 = [(across * (2 * np.arange(n) - (n - 1)) ** 2).astype(np.float32) for n in (height, width)]
+        # automatic exposure: gain of the next image, None before the first one, and time of the last image
         self._gain: float | None = None if imager.auto_exposure_s else 1.0
         self._before_ns = 0
 
@@ -71,6 +78,7 @@ class ImageSensor:
         gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
             return clean
+        # another crop of the noise bank for each image
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
         each, (height, width) = self._channels, clean.shape[:2]
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
@@ -85,7 +93,11 @@ class ImageSensor:
         """Gain of this image over the nominal one; updates the gain of the next image.
 
         The automatic exposure wants a mean of `_TARGET` times white. The logarithm of the gain approaches that of the
-        wanted gain with the lag of the control.
+        wanted gain with the lag of the control. Without automatic exposure the gain is 1.
+
+        Args:
+            t_ns: Time of the image.
+            clean: (h, w, ...) noise-free levels.
         """
         lag = self._imager.auto_exposure_s
         if not lag:
@@ -142,6 +154,9 @@ class RenderedLens:
 
     A pinhole image that covers all rays of the camera is rendered; `distort` then resamples it.
 
+    Args:
+        calibration: True calibration of the camera.
+
     Attributes:
         straight: Whether there is no distortion.
         width, height: Size of the pinhole image to render, pixels.
@@ -152,6 +167,7 @@ class RenderedLens:
     """
 
     def __init__(self, calibration: CameraCalibration) -> None:
+        """Finds the pinhole image that covers all rays, and where each pixel of the camera lies in it."""
         self.straight = calibration.distortion_model == "radtan" and not any(calibration.distortion)
         self.width, self.height, self.intrinsics = calibration.width, calibration.height, calibration.intrinsics
         if self.straight:
@@ -166,6 +182,7 @@ class RenderedLens:
             valid = "coefficients with which every pixel is well below 90 deg off the axis"
             raise ConfigError(calibration.topic, "distortion", list(calibration.distortion), valid)
         self.intrinsics = fu, fv, pu - left, pv - top
+        # (H, W) column and row of the pinhole image that each pixel of the camera shows
         self._maps = (u - left).astype(np.float32), (v - top).astype(np.float32)
 
     def distort(self, image: NDArray[NumberT], interpolation: int = cv2.INTER_LINEAR) -> NDArray[NumberT]:

@@ -78,9 +78,17 @@ _FILM = _Quality(shadow_size=1024, slices=16, stacks=10)
 
 
 class _OffScreen:
-    """OpenGL context and scene for one image size; freed by `close` or at the end of a `with` block."""
+    """OpenGL context and scene for one image size; freed by `close` or at the end of a `with` block.
+
+    Args:
+        model: The scene.
+        width: Of the largest image, pixels.
+        height: Of the largest image, pixels.
+        quality: Render settings.
+    """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> None:
+        """Creates the context; it takes image size and quality from the model, which has them only meanwhile."""
         self.model, self.width, self.height = model, width, height
         self._gl = _gl_context(width, height)
         self._gl.make_current()
@@ -96,7 +104,7 @@ class _OffScreen:
         self._option.sitegroup[:] = 0
 
     def update(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> None:
-        """Copies the poses of the bodies to the scene."""
+        """Copies the poses of the bodies and of the camera to the scene."""
         mujoco.mjv_updateScene(
             self.model, data, self._option, None, camera, mujoco.mjtCatBit.mjCAT_ALL.value, self.scene
         )
@@ -141,10 +149,11 @@ class SensorView(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
+        """Creates the context with bounded planes, and reads the sky from the model."""
         self._endless, self._shadows = _endless_planes(model), shadows
         with _bound_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
-        self._anywhere = mujoco.MjvCamera()
+        self._anywhere = mujoco.MjvCamera()  # only for `update`; `_place_camera` then sets the pose itself
         self._glass = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM.value, f"scenery_{GLASS}")  # -1: none
         self.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False
         self._sky = _Sky.of(model, FAR_M)
@@ -161,7 +170,7 @@ class SensorView(_OffScreen):
         Args:
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
-            intrinsics: Of the image.
+            intrinsics: (fu, fv, pu, pv) of the image, pixels.
             size: (W, H) of the image, up to the view's own, which is the default.
 
         Returns:
@@ -209,7 +218,10 @@ class SensorView(_OffScreen):
     def _render_view(
         self, data: mujoco.MjData, T_world_camera: ArrayLike, intrinsics: Intrinsics, width: int, height: int
     ) -> tuple[Rgb, DepthImage]:
-        """Colours (height, width, 3), and depth (height, width), inf where nothing is rendered."""
+        """Colours (height, width, 3), and depth along the optical axis (height, width), m.
+
+        Depth is inf where nothing is rendered. Glass is drawn in colour, but depth is that of what lies behind it.
+        """
         rgb, z = np.empty((height, width, 3), np.uint8), np.empty((height, width), np.float32)
         rect = mujoco.MjrRect(0, 0, width, height)
         self._place_camera(data, T_world_camera, intrinsics, width, height)
@@ -273,6 +285,7 @@ class FilmCamera(_OffScreen):
     """
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
+        """Creates a context of `_FILM_SCALE` times the size of the images, which are scaled down."""
         self._endless, self._size = _endless_planes(model), (width, height)
         with _bound_planes(model, self._endless, _FILM_GROUND_M):
             super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
@@ -360,6 +373,7 @@ def _find_geoms_in_view(
         height: Of the image, pixels.
     """
     fu, fv, pu, pv = intrinsics
+    # inward normals of the left, right, upper and lower side of the frustum, and of the plane through the camera
     inward = np.array([
         [fu, 0.0, pu + 0.5], [-fu, 0.0, width - 0.5 - pu], [0.0, fv, pv + 0.5], [0.0, -fv, height - 0.5 - pv],
         [0.0, 0.0, 1.0],
@@ -450,11 +464,13 @@ class _Sky:
             return None
         width, first = int(model.tex_width[boxes[0]]), int(model.tex_adr[boxes[0]])
         faces = model.tex_data[first : first + 18 * width * width].reshape(6, width, width, 3)
+        # sine of the elevation of each pixel of the six faces of the sky box, a cube of half edge 1
         along = (2 * np.arange(width) + 1) / width - 1
         column, row = np.meshgrid(along, along)
         length = np.sqrt(1 + column**2 + row**2)
         rise = np.empty((6, width, width))
         rise[_SIDES, :], rise[_UP], rise[_DOWN] = -row / length, 1 / length, -1 / length
+        # mean colour of all pixels of one elevation
         at, whose = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
         bands = [np.bincount(whose, faces[..., i].ravel()) / np.bincount(whose) for i in range(3)]
         colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), at, band) for band in bands], axis=1)
@@ -473,9 +489,13 @@ class _Sky:
         T_world_camera: Array,
         intrinsics: tuple[float, float, float, float],
     ) -> None:
-        """Colours in place the pixels of an image (H, W, 3) where nothing was rendered, and the far ground.
+        """Colours in place the pixels of an image where nothing was rendered, and the far ground.
 
-        The depth, (H, W) m along the optical axis, is inf where nothing was rendered; intrinsics as in `SensorView`.
+        Args:
+            rgb: (H, W, 3) image, which is painted on.
+            depth: (H, W) m along the optical axis, inf where nothing was rendered.
+            T_world_camera: (4, 4) pose of the optical frame.
+            intrinsics: (fu, fv, pu, pv) of the image, pixels.
         """
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(
@@ -530,6 +550,7 @@ def _paint(
             if away < near:
                 continue
             x = (np.float32(column) - middle) * across
+            # the ray (x, y, 1): its vertical part, squared length, and horizontal part
             up, squared = slope * x + level, x * x + base
             flat = np.sqrt(squared - up * up)
             if away * flat > edge:

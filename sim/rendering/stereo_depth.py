@@ -37,8 +37,11 @@ class DepthModel:
     def __init__(
         self, shape: tuple[int, int], focal: float, centre: tuple[float, float], part: DepthSensor, noise: Noise
     ) -> None:
+        """Draws the banks of noise, and computes the depth of each count and the rays of the pixels."""
         self._shape, self._part, self._noise = shape, part, noise
+        # step of the inverse depth, 1/m: disparities are counted in it
         self._step = part.disparity_step or _FINEST_STEP_PER_M
+        # banks of disparity errors, in counts, and of unit deviates for flying pixels (`_measure_depth`)
         self._bank = self._mixed = np.zeros(shape, np.float32)
         if part.noise:
             self._bank = _noise_bank(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
@@ -47,7 +50,8 @@ class DepthModel:
         if part.resolution:
             depth = part.resolution * np.round(depth / part.resolution)
         depth[(depth < part.range_min) | (depth > part.range_max)] = 0.0
-        self._depth_of_count = depth.astype(np.float32)
+        self._depth_of_count = depth.astype(np.float32)  # m; 0 out of range
+        # rays of every second pixel: x / z, y / z, and length for depth 1
         v, u = np.mgrid[: shape[0] : 2, : shape[1] : 2]
         x, y = (u - centre[0]) / focal, (v - centre[1]) / focal
         self._rays = tuple(a.astype(np.float32) for a in (x, y, np.sqrt(1 + x * x + y * y)))
@@ -67,10 +71,11 @@ class DepthModel:
             measured[(measured < part.range_min) | (measured > part.range_max)] = 0
             return measured
         counts = _disparity_counts(depth, np.float32(1 / self._step))
-        near = np.ascontiguousarray(counts[::2, ::2])
+        near = np.ascontiguousarray(counts[::2, ::2])  # at half the resolution
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
         unmatched = self._mask_unmatched(near, mean, grey)
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
+        # nearest and farthest surface in the matching window, between which flying pixels lie
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp
@@ -186,7 +191,7 @@ def _measure_depth(
 
 
 def _noise_bank(noise: Noise, shape: tuple[int, int], alike_px: float) -> NDArray[np.float32]:
-    """Unit normal deviates, larger than the image by `SPARE`, that are correlated over `alike_px` pixels."""
+    """(H + SPARE, W + SPARE) unit normal deviates that are correlated over `alike_px` pixels, for images (H, W)."""
     height, width = shape[0] + SPARE, shape[1] + SPARE
     coarse = noise.normal(1.0, (round(height / alike_px) + 1, round(width / alike_px) + 1)).astype(np.float32)
     if alike_px == 1:

@@ -83,6 +83,7 @@ class Sweep:
         """
         height, width = image.shape[:2]
         v, u = np.mgrid[:height, :width].astype(np.float32)
+        # where each pixel moves in the whole readout time; a row gets a share of it, from -0.5 at the top to 0.5
         x, y, z = np.einsum("ij,jhw->ihw", self.homography(readout_s), np.stack([u, v, np.ones_like(u)]))
         late = v / max(height - 1, 1) - 0.5
         from_u, from_v = u - late * (x / z - u), v - late * (y / z - v)
@@ -94,9 +95,10 @@ class Sweep:
 def _homographies(K: Array, normal: Array, distance: float, velocity: Array, rate: Array, dt: Array) -> Array:
     """(N, 3, 3) homographies K (R + t nᵀ / d) K⁻¹ after (N,) `dt` s, lower right element 1; K is upper triangular.
 
-    R = Exp(ω dt) to second order and t = v dt.
+    R = Exp(ω dt) to second order and t = v dt. The other arguments are the attributes of `Sweep`: the plane's unit
+    normal n (3,), its distance d, m, its velocity v (3,), m/s, and its angular rate ω (3,), rad/s.
     """
-    inverse = np.zeros((3, 3))
+    inverse = np.zeros((3, 3))  # K⁻¹
     inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1 / K[0, 0], 1 / K[1, 1], 1.0
     inverse[0, 1] = -K[0, 1] / (K[0, 0] * K[1, 1])
     inverse[0, 2] = (K[0, 1] * K[1, 2] / K[1, 1] - K[0, 2]) / K[0, 0]

@@ -69,6 +69,7 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
         "inertial": [(i, inertial) for i, body in enumerate(bodies, 1) for inertial in body.findall("inertial")],
         **{kind: list(enumerate(world.iter(kind))) for kind in ("geom", "joint", "site", "camera", "light")},
     }
+    # `rows` has, by tag, each element and its row in the compiled model's arrays; body 0 is the world
     _check_order(rows["body"] + rows["geom"], [*spec.bodies[1:], *spec.geoms])
     for kind, arrays in _OF_MODEL.items():
         for row, node in rows[kind]:
@@ -111,6 +112,10 @@ def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
 
     Not every element has a name, so the rows of the compiled model's arrays are assigned by order.
 
+    Args:
+        rows: Row and element of the XML, in the order of the file.
+        items: Elements of the spec, in the order of the model.
+
     Raises:
         ValueError: A name differs.
     """
@@ -122,8 +127,12 @@ def _check_order(rows: list[tuple[int, Element]], items: list[Any]) -> None:
 def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
     """Writes exact numbers to attributes of an element.
 
-    Attributes that the element lacks are skipped, except for poses, which `to_xml` omits where six digits round them to
-    their defaults.
+    Attributes that the element lacks are skipped. Poses are an exception: `to_xml` omits them where six digits round
+    them to their defaults. A pose that is exactly the default is removed.
+
+    Args:
+        node: The element.
+        values: Values by name of the attribute; of a longer array, as many are written as the element has.
     """
     for name, value in values.items():
         text = node.get(name)

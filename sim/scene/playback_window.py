@@ -105,11 +105,11 @@ def play(twin: Twin) -> None:
     """
     model = compile_model(scene_spec(twin.config))
     data = mujoco.MjData(model)
-    walk, pressed = twin.walk, queue.SimpleQueue[int]()
+    walk, pressed = twin.walk, queue.SimpleQueue[int]()  # the viewer's thread puts the keys into the queue
     before = threading.enumerate()
     head = Playhead(walk.duration_s, (FOLLOW, *(model.camera(i).name for i in range(model.ncam))))
     with _launch_viewer(model, data, pressed) as window:
-        shown, last = -1, time.monotonic()
+        shown, last = -1, time.monotonic()  # number of the camera that is shown, and time of the last frame
         while window.is_running():
             start = time.monotonic()
             while not pressed.empty():

@@ -94,7 +94,7 @@ def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, 
         size: Edge of the images, pixels.
     """
     files: dict[str, bytes] = {}
-    painted: dict[bytes, str] = {}
+    painted: dict[bytes, str] = {}  # path by pixels: equal textures share a file
     for texture in spec.textures:
         data = bytes(texture.data)
         if not data:
@@ -122,7 +122,7 @@ def _obj(mesh: mujoco.MjsMesh) -> str:
     normals = np.reshape(np.asarray(mesh.usernormal, np.float32), (-1, 3))
     uv = np.reshape(np.asarray(mesh.usertexcoord, np.float32), (-1, 2))
     uv[:, 1] = 1.0 - uv[:, 1]  # MuJoCo reverses that of OBJ files
-    lines, corners = [], []
+    lines, corners = [], []  # `corners`: for v, vt and vn, the number of each corner's row, from 1 on
     for key, rows in (("v", vertices), ("vt", uv), ("vn", normals)):
         index: dict[str, int] = {}
         corners.append([index.setdefault(format_numbers(row), len(index) + 1) for row in rows])
@@ -144,9 +144,11 @@ def _split_off_wearer(root: Element) -> Element:
     wearer.append(find_section(root, "compiler"))
     body = next(node for node in world if node.get("name") == _ROOT)
     wearer_assets = ElementTree.SubElement(wearer, "asset")
+    # names of the materials, meshes and textures that the wearer's shapes use
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
     used |= {str(node.get("texture")) for node in assets.iter("material") if node.get("name") in used}
     _move([node for node in assets if node.get("name") in used], assets, wearer_assets)
+    # what follows the wearer goes behind the include, so that the order of bodies stays
     later = list(world)[list(world).index(body) + 1 :]
     _move([body], world, ElementTree.SubElement(wearer, "worldbody"))
     for tag in _WEARERS:

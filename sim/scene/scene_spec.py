@@ -135,6 +135,7 @@ def _add_servos_and_keyframe(composition: Composition, config: TwinConfig) -> No
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     _add_cuffs(composition)
     _add_actuators(spec, config)
+    # the keyframe: the wearer stands, and bystanders stand around the start (a walk of 1 s that stays there)
     model = compile_model(spec)
     data = mujoco.MjData(model)
     crowd = plan_bystanders(
@@ -180,6 +181,7 @@ def _add_actuators(spec: mujoco.MjSpec, config: TwinConfig) -> None:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE and not joint.name.startswith("exo_"):
             servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            # by the first part of the name, as in `neck_flexion`; legs and lumbar spine have the trunk's stiffness
             kp = _SERVO_NM_RAD.get(joint.name.partition("_")[0], _TRUNK_NM_RAD)
             servo.set_to_position(kp=kp, dampratio=_DAMPING_RATIO)
     if config.exo is None:

@@ -31,13 +31,14 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
     """
 
     def __init__(self, calibration: OtherSensor, part: AhrsPart, noise: Noise) -> None:
+        """Draws the constant errors and the start values; the arguments are those of `SensorModel`."""
         super().__init__(calibration, part, noise)
-        self._bias = noise.normal(part.tilt_bias, 2)
-        self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))
-        self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]
-        self._heading = float(noise.normal(part.heading_bias, 1)[0])
-        self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)
-        self._rate_bias = noise.at(0).normal(part.rate_bias, 3)
+        self._bias = noise.normal(part.tilt_bias, 2)  # rad, constant errors of roll and pitch
+        self._keep = math.exp(-1 / (calibration.rate_hz * _TILT_S))  # share of the tilt error after one sample
+        self._tilt = self._keep * noise.normal(part.tilt_still, 2)[None]  # (1, 2), its state, as `lfilter` needs it
+        self._heading = float(noise.normal(part.heading_bias, 1)[0])  # rad, error so far without the drift
+        self._drift = part.heading_drift * float(2 * noise.uniform(1)[0] - 1)  # rad/s, either way
+        self._rate_bias = noise.at(0).normal(part.rate_bias, 3)  # rad/s
         self._wander = Wander(np.full(3, part.rate_instability), np.zeros(3), calibration.rate_hz, noise.at(1))
 
     def read(self, body: Track) -> Block[Ahrs]:
@@ -51,6 +52,8 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
 
     def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
         """(N, 3) rad, rotation vectors of the attitude error in the world: two of tilt, then the heading error.
+
+        The tilt error (`_tilt`) and the walk of the heading (`_heading`) continue from call to call.
 
         Args:
             rate: (N,) rad/s, magnitude of the angular rate, which sets the share of full motion.
@@ -72,10 +75,11 @@ class EncoderModel(SensorModel[OtherSensor, EncoderPart]):
     """Joint angle in whole counts, with an error of the zero position and an error that repeats every turn."""
 
     def __init__(self, calibration: OtherSensor, part: EncoderPart, noise: Noise) -> None:
+        """Draws the constant errors of one encoder; the arguments are those of `SensorModel`."""
         super().__init__(calibration, part, noise)
-        self._offset = noise.normal(part.index_offset, 1)[0]
-        self._step = 2 * math.pi / 2**part.bits if part.bits else 0.0
-        self._phase = 2 * math.pi * noise.normal(1.0, 1)[0]
+        self._offset = noise.normal(part.index_offset, 1)[0]  # rad
+        self._step = 2 * math.pi / 2**part.bits if part.bits else 0.0  # rad per count; 0 for an ideal encoder
+        self._phase = 2 * math.pi * noise.normal(1.0, 1)[0]  # rad, of the error that repeats every turn
 
     def read(self, t_ns: Instants, angle: Array) -> Block[Encoder]:
         """The next samples, from the true angle (N,), rad, at (N,) instants."""

@@ -25,9 +25,10 @@ _FULL_COUNT = 4095
 class ForceCells:
     """Several cells of one part: creep, hysteresis, noise, quantisation and filter, in this order.
 
-    The hysteresis is a play whose width grows with the force: (1 − 0.1) F under rising load and (1 + 0.1) F under
-    falling load, and a share of the difference to F is measured. The counts x of the converter follow from the
-    calibration curve F = b₁ x + b₂ x² (kgf, x in thousands), which also converts them back.
+    The hysteresis is a play whose width grows with the force F: its output is (1 − 0.1) F under rising load and
+    (1 + 0.1) F under falling load. The difference from F is scaled to the hysteresis of the part. The converter rounds
+    the counts x that follow from the calibration curve F = b₁ x + b₂ x² (kgf, x in thousands). The same curve converts
+    them back to a force.
 
     Args:
         part: Parameters of the cells.
@@ -37,30 +38,38 @@ class ForceCells:
     """
 
     def __init__(self, part: ForceCellPart, count: int, rate_hz: float, noise: Noise) -> None:
+        """Draws the gain errors and sets the state of `count` cells to unloaded; `rate_hz` is the sample rate."""
         from scipy.signal import butter  # takes long to import, so only when a sensor filters
 
         self._part, self._noise = part, noise
-        self._gain = 1 + noise.normal(part.gain, count)
+        self._gain = 1 + noise.normal(part.gain, count)  # (count,)
+        # creep: a first-order low-pass for each time constant; `_keep` is the share of its value after one sample
         self._keep = [math.exp(-1 / (rate_hz * tau)) for tau in _CREEP_S]
-        self._crept = np.zeros((len(_CREEP_S), 1, count))
-        self._play = np.zeros(count)
+        self._crept = np.zeros((len(_CREEP_S), 1, count))  # their states, as `lfilter` needs them
+        self._play = np.zeros(count)  # N, last output of the hysteresis
+        # low-pass behind the converter; None above half the sample rate, where it would not filter
         cut = part.filter_hz
         self._sos = butter(2, cut, fs=rate_hz, output="sos") if cut < 0.5 * rate_hz else None
-        self._filter = np.zeros((1, 2, count))
+        self._filter = np.zeros((1, 2, count))  # its state: one section with two values per cell
 
     def read(self, load: Array) -> Array:
-        """(N, count) N, measured forces for the next true loads (N, count), N; the state is kept between calls."""
+        """(N, count) N, measured forces for the next true loads (N, count), N.
+
+        The calls are consecutive: the states of creep (`_crept`), hysteresis (`_play`) and filter (`_filter`) are kept.
+        """
         from scipy.signal import lfilter, sosfilt
 
         bare = self._gain * load
         measured = bare.copy()
+        # creep: the load, delayed by a low-pass of each time constant, adds a share of itself
         for i, keep in enumerate(self._keep):
             late, self._crept[i] = lfilter([1 - keep], [1.0, -keep], bare, axis=0, zi=self._crept[i])
             measured += self._part.drift * late
         if self._part.hysteresis:
+            # the loop of the play has the width 2 * _PLAY times the load, that of the part `hysteresis` times the load
             measured += self._part.hysteresis / (2 * _PLAY) * (_apply_play(self._play, measured) - measured)
         measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
-        if any(self._part.curve):
+        if any(self._part.curve):  # (b₁, b₂); both 0 for a part without a converter
             measured = _quantize(measured, *self._part.curve)
         if self._sos is not None:
             measured, self._filter = sosfilt(self._sos, measured, axis=0, zi=self._filter)
@@ -83,7 +92,13 @@ def _apply_play(last: Array, load: Array) -> Array:
 
 
 def _quantize(force: Array, b1: float, b2: float) -> Array:
-    """Force in N after the converter: the inverse of the calibration curve, rounded to counts, and the curve again."""
+    """Forces in N after the converter: whole counts by the inverse of the calibration curve, and the curve again.
+
+    Args:
+        force: (...) N, not negative.
+        b1: Slope of the curve F = b₁ x + b₂ x², kgf per 1000 counts; x are thousands of counts.
+        b2: Its quadratic coefficient; 0 for a straight line.
+    """
     kgf = force / G
     x = (-b1 + np.sqrt(np.maximum(b1**2 + 4 * b2 * kgf, 0.0))) / (2 * b2) if b2 else kgf / b1
     counts = np.clip(np.round(1000 * x), 0, _FULL_COUNT) / 1000
@@ -98,8 +113,9 @@ class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
     """Forces on the cells heel, lateral ball, medial ball and toe, whose weighted mean is the centre of pressure."""
 
     def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        """Reads the places of the cells from the calibration; the arguments are those of `SensorModel`."""
         super().__init__(calibration, part, noise)
-        self._places = np.asarray(calibration.parameters["cells_m"], dtype=float)
+        self._places = np.asarray(calibration.parameters["cells_m"], dtype=float)  # (4, 2) m, x and y on the foot
         self._cells = ForceCells(part, len(self._places), calibration.rate_hz, noise)
 
     def read(self, foot: Track, force_in_world: Array, torque_in_world: Array) -> Block[Insole]:
@@ -112,6 +128,7 @@ class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
         """
         to_foot = foot.rotation.inv()
         force, torque = to_foot.apply(force_in_world), to_foot.apply(torque_in_world)
+        # centre of pressure on the sole, x and y: the point about which the moment has no horizontal part
         load = np.maximum(force[:, 2], 0.0)
         cop = np.stack([-torque[:, 1], torque[:, 0]], axis=-1) / np.maximum(load, _UNLOADED_N)[:, None]
         return self._block(Insole, foot.t_ns, force=self._cells.read(load[:, None] * cell_shares(self._places, cop)))
@@ -135,6 +152,7 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
             force: (N,) N, positive where the cuff presses on the limb's front.
         """
         by_cell = np.stack([force, -force], axis=-1)
+        # each cell bears half of the force on top of its preload, until the other one is free and it bears all
         load = np.maximum(self._part.preload + 0.5 * by_cell, np.maximum(by_cell, 0.0))
         return self._block(Interaction, t_ns, force=self._cells.read(load))
 
@@ -154,8 +172,8 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     # A right foot's outline is clockwise.
     sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
     inside = _clamp_to_outline(corner, after, sense, cop)
-    # Twice the area of the triangle of each side with the point; for four corners the weight is the product of the two
-    # far sides.
+    # Twice the area of the triangle of each side with the point. The weight of a corner is the area of its triangle
+    # with both neighbours, times the areas of the two sides that do not touch it.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
     weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
@@ -172,8 +190,8 @@ def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -
         sense: 1 if the corners run anticlockwise, -1 if clockwise.
         point: (N, 2) points.
     """
-    side = after - corner
-    to = point[:, None] - corner
+    side = after - corner  # (K, 2)
+    to = point[:, None] - corner  # (N, K, 2)
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
     nearest = corner + share[..., None] * side
     best = np.argmin(np.linalg.norm(point[:, None] - nearest, axis=-1), axis=-1)

@@ -68,7 +68,17 @@ def _compute_increments(
 ) -> tuple[Array, Array, Array]:
     """Durations (N,) s, rates (N, 3) and specific forces (N, 3) of the intervals; see `compute_increments`.
 
-    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). The first interval starts at `t0`.
+    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). Index 0 is the start of an interval,
+    index 1 its end; each interval starts at the end of the one before.
+
+    Args:
+        t0: (1,) ns, start of the first interval.
+        q0: (1, 4) attitude there, sensor to world.
+        v0: (1, 3) m/s, velocity there, world axes.
+        t: (N,) ns, ends of the intervals.
+        q: (N, 4) attitudes there.
+        v: (N, 3) m/s, velocities there.
+        gravity: (3,) g in the world, m/s².
     """
     n = len(t)
     dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
@@ -154,10 +164,12 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     def __init__(
         self, calibration: ImuCalibration, part: ImuPart, noise: Noise, gravity: float = NOMINAL_GRAVITY_MPS2
     ) -> None:
+        """Draws the constant errors of one unit; six-vectors are three axes of rate, then three of specific force."""
         super().__init__(calibration, part, noise)
         self._gravity = np.array([0.0, 0.0, -gravity])
         self.rate_hz = part.rate_hz
         self._range, bandwidth = _six_axes(part, "range"), _six_axes(part, "bandwidth_hz")
+        # inner steps per sample; a part with unlimited bandwidth is ideal and needs none
         self.steps = math.ceil(INNER_HZ / part.rate_hz) if np.isfinite(bandwidth).any() else 1
         self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
         self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
@@ -173,13 +185,15 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
     def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
         """The next samples.
 
+        Biases, filters and the end of the last track (`_last`) are kept for the next call.
+
         Args:
             body: Track of the body that carries the sensor, at the ends of the inner steps of every sample (`steps` per
                 sample, one for the very first), `delay_s` after their stamps; it continues the previous track.
             t_ns: (N,) instants of the samples.
         """
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
-        if self._last is None:
+        if self._last is None:  # the first call: steady motion before it
             past = extrapolate_back(sensor, self.steps, 1 / (self.steps * self.rate_hz))
             sensor, self._last = past[1:].append_track(sensor), past[:1]
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)
@@ -195,7 +209,10 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         return self._block(Imu, t_ns, angular_rate=measured[:, :3], specific_force=measured[:, 3:])
 
     def _filter(self, true: Array) -> Array:
-        """(N, 6) rate and specific force after the errors and the low-pass filters, whose state is kept."""
+        """(N, 6) rate and specific force at the inner steps, after the errors and the low-pass filters.
+
+        `true` (N, 6) are the true ones. The state of the filters is kept for the next call.
+        """
         sensed = true @ self._mix.T + self._bias
         for axis, low_pass in enumerate(self._filters):
             sensed[:, axis] = low_pass(sensed[:, axis])
@@ -203,9 +220,20 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
 
 
 class _LowPass:
-    """Second-order Butterworth filter that keeps its state between chunks; it starts in a steady state."""
+    """Second-order Butterworth filter that keeps its state between chunks; it starts in a steady state.
+
+    A cut-off that is not well below half the sample rate, such as inf, makes a filter that changes nothing.
+
+    Args:
+        cut_hz: Cut-off frequency.
+        rate_hz: Sample rate.
+
+    Attributes:
+        delay_s: Delay of slow motion, s; 0 of a filter that changes nothing.
+    """
 
     def __init__(self, cut_hz: float, rate_hz: float) -> None:
+        """Designs the filter for a cut-off and a sample rate; a high cut-off leaves it out."""
         self._sos, self.delay_s = None, 0.0
         self._state: Array | None = None
         if cut_hz < 0.45 * rate_hz:
@@ -216,6 +244,7 @@ class _LowPass:
             self.delay_s = math.sqrt(2) / (2.0 * rate_hz * math.tan(math.pi * cut_hz / rate_hz))
 
     def __call__(self, x: Array) -> Array:
+        """(N,) filtered values of the next (N,) samples; the state is kept for the next call."""
         if self._sos is None:
             return x
         from scipy.signal import sosfilt, sosfilt_zi

@@ -43,14 +43,23 @@ class SensorModel(Generic[CalibrationT, PartT]):
 
 
 def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
-    """Whole sample times k / rate with after < t <= until, rounded to nanoseconds."""
+    """(N,) ns, whole sample times k / rate with after < t <= until, rounded to nanoseconds; none is possible."""
     first, last = np.floor(after_ns * 1e-9 * rate_hz), np.ceil(until_ns * 1e-9 * rate_hz)
     t = np.round(np.arange(first, last + 1) * (1e9 / rate_hz)).astype(np.int64)
     return t[(t > after_ns) & (t <= until_ns)]
 
 
 def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
-    """Ends of the steps of consecutive samples at (N,) whole sample times: `steps` per sample, one for the one at 0."""
+    """(M,) ns, ends of the inner steps of a sensor that reads the motion more often than it sends samples.
+
+    Each sample has `steps` inner steps, the last of which ends at the sample. The sample at time 0 has a single one,
+    since the walk has no motion before.
+
+    Args:
+        rate_hz: Sample rate.
+        steps: Inner steps per sample.
+        t_ns: (N,) consecutive whole sample times.
+    """
     samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
     first = max(steps * (int(samples[0]) - 1) + 1, 0)
     return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
@@ -67,14 +76,18 @@ class Stamps:
 
     def __init__(self, clock: Clock, rate_hz: float, noise: Noise) -> None:
         self._clock, self._noise = clock, noise
-        self._most = _MOST_JITTER / rate_hz
+        self._most = _MOST_JITTER / rate_hz  # s, largest jitter of one stamp
 
     def stamp(self, t_ns: Instants) -> Instants:
-        """(N,) stamps of the next samples, from their (N,) true times; −1 for stamps before the recording's start."""
+        """(N,) ns, stamps of the next samples, from their (N,) true times; −1 for stamps before the recording's start.
+
+        A stamp differs from the true time by the clock's constant shift, its drift since the start of the walk, and a
+        random jitter. The jitter is at most `_most`, so that stamps keep their order.
+        """
         clock = self._clock
-        if clock == Clock():
+        if clock == Clock():  # an exact clock
             return t_ns
-        late = clock.shift_s + 1e-6 * clock.drift_ppm * (t_ns * 1e-9)
+        late = clock.shift_s + 1e-6 * clock.drift_ppm * (t_ns * 1e-9)  # s
         if clock.jitter_s:
             late = late + np.clip(self._noise.normal(clock.jitter_s, len(t_ns)), -self._most, self._most)
         stamps = t_ns + np.round(late * 1e9).astype(np.int64)

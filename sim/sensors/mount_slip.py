@@ -43,7 +43,7 @@ class Slip:
 
     def mount_track(self, body: Track) -> Track:
         """Track of a frame on a body that coincides with the body's frame before the slip and moves with it."""
-        share, rate = (x[:, None] for x in self._share(body.t_ns))
+        share, rate = (x[:, None] for x in self._share(body.t_ns))  # (N, 1), completed share of the slip
         p, phi = self.translation, self.rotation
         return body.displace(self.pivot, share * p, share * phi, rate * p, rate * phi)
 
@@ -119,7 +119,15 @@ class MountSlips:
 
 
 def _draw_slip(fault: LooseStrap, event: Event, pivot: Array) -> Slip:
-    """Slip of an event, about a random axis and in a random direction; without a duration it lasts the whole event."""
+    """Slip of an event, about a random axis and in a random direction.
+
+    Args:
+        fault: The loose strap, which gives angle, distance and duration; without a duration the slip takes as long as
+            the event.
+        event: The event, which draws axis and direction.
+        pivot: (3,) m on the body, about which all sensors on the strap rotate.
+    """
+    # normal deviates in each axis give uniformly distributed directions
     axis, direction = (v / np.linalg.norm(v) for v in event.rng().standard_normal((2, 3)))
     length = event.until_ns - event.from_ns if fault.duration_s is None else round(fault.duration_s * 1e9)
     return Slip(
@@ -141,6 +149,6 @@ def _topics_by_body(events: Events, rig: Rig) -> dict[str, list[str]]:
 
 
 def _mounts(rig: Rig) -> dict[str, tuple[str, Array]]:
-    """Body and position (3,) m of every sensor by topic; a camera's depth image has the entry of its colour topic."""
+    """Body and position (3,) m on it of every sensor, by topic; a camera is listed once, under its colour topic."""
     mounts = {topic: sensor.mount for group in (rig.imus, rig.cameras, rig.others) for topic, sensor in group.items()}
     return {topic: (mount.body, mount.T_body_sensor[:3, 3]) for topic, mount in mounts.items()}

@@ -20,7 +20,7 @@ SHOE = np.array([[-0.005, 0.0, 0.040, 0.038], [0.060, 0.0, 0.040, 0.036], [0.125
 # A smooth face reflects sound back only where the beam meets it near its normal: a floor at an oblique angle gives no
 # echo.
 _ECHO_SLANT_RAD = math.radians(40.0)
-_RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))
+_RINGS = ((0.0, 1), (1 / 3, 6), (2 / 3, 12), (1.0, 18))  # rays of the beam: share of its half angle, number
 
 
 class SonarModel(SensorModel[OtherSensor, SonarPart]):
@@ -38,9 +38,10 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
     """
 
     def __init__(self, calibration: OtherSensor, part: SonarPart, terrain: Terrain, crowd: Crowd, noise: Noise) -> None:
+        """Keeps the surroundings, and computes the rays of the beam."""
         super().__init__(calibration, part, noise)
         self._terrain, self._crowd = terrain, crowd
-        self._luck = noise.at(0)
+        self._luck = noise.at(0)  # random numbers of the ghosts, apart from the noise
         self._half_beam, self._fan = part.beam / 2, _beam_rays(part.beam / 2)
 
     def read(self, body: Track, other_foot: Track) -> Block[Range]:
@@ -51,6 +52,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
             other_foot: Track of the other foot's frame, whose shoe reflects.
         """
         T_world_sensor = body.to_sensor(self._calibration.mount.T_body_sensor).poses()
+        # spheres of the other shoe in the world, then those of each bystander
         shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         shoe += other_foot.p_body_in_world[:, None]
         nearest = self._range_of_terrain(T_world_sensor)
@@ -61,6 +63,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
     def _measure(self, nearest: Array) -> Array:
         """(N,) m, readings for the distance of the nearest echo (N,), inf for none, with ghosts, noise and steps."""
         part = self._part
+        # whether a reading is a ghost, and where the ghost lies between the least and the largest range
         luck, position = self._luck.uniform((len(nearest), 2)).T
         ghost = part.range_min + position * (part.range_max - part.range_min)
         nearest = np.where(luck < part.ghost, ghost, nearest)
@@ -73,7 +76,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
 
         Rays that meet a face farther than `_ECHO_SLANT_RAD` from its normal give no echo.
         """
-        n, m = len(T_world_sensor), len(self._fan)
+        n, m = len(T_world_sensor), len(self._fan)  # instants, and rays of the beam
         rays = np.einsum("nij,mj->nmi", T_world_sensor[:, :3, :3], self._fan).reshape(-1, 3)
         distance, normal = self._terrain.ray_hit(np.repeat(T_world_sensor[:, :3, 3], m, axis=0), rays)
         echo = -np.sum(rays * normal, axis=-1) > math.cos(_ECHO_SLANT_RAD)
@@ -106,13 +109,13 @@ def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
     away = np.linalg.norm(centre, axis=-1)
     off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
     slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray
-    depth = radius**2 - (away * np.sin(slant)) ** 2
+    depth = radius**2 - (away * np.sin(slant)) ** 2  # squared half chord of that ray in the sphere; negative for a miss
     hit = (depth >= 0) & (off_axis - half_beam < math.pi / 2)
     return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(depth, 0.0)), np.inf)
 
 
 def _beam_rays(half_beam: float) -> Array:
-    """Unit rays (M, 3) that fill the cone about x in rings."""
+    """(M, 3) unit rays that fill a cone about x in rings; `half_beam` is its half angle, rad."""
     rays = []
     for share, count in _RINGS:
         about, off = 2 * math.pi * np.arange(count) / count, share * half_beam

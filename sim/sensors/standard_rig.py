@@ -139,6 +139,7 @@ def _select_part(config: TwinConfig, group: str, standard: str | Part | None = N
     sensor_config = _group_config(config, group)
     if not isinstance(standard, Part):
         return *part_of(config.fittings, group, config.ideal, standard), sensor_config
+    # a part from a rig file stands in for that of the group, unless the scenario names another one
     configs = (
         config.fittings if sensor_config.part else {**config.fittings, group: replace(sensor_config, part=standard)}
     )
@@ -256,7 +257,7 @@ def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
-    """(3,) position, m, and (3,) viewing direction in the foot's frame."""
+    """(3,) position, m, and (3,) viewing direction in the foot's frame; `seat` is mirrored for the right foot."""
     forward, inward, up = seat.position_m
     towards, upward = seat.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
@@ -282,6 +283,7 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
     seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
         position, out = _shoe_place(seat, side)
+        # axes of the board: z out of it, y as far up as possible
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
         pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)
@@ -430,12 +432,17 @@ def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
 
 
 def _direction(left: float, up: float) -> Array:
-    """Unit vector rotated from forward to the left and then up, rad."""
+    """(3,) unit vector in a body's frame: forward (x), turned by `left` rad to the left and by `up` rad upwards."""
     return np.array([math.cos(up) * math.cos(left), math.cos(up) * math.sin(left), math.sin(up)])
 
 
 def _viewing_rotation(forward: Array, roll: float) -> Array:
-    """Rotation of an optical frame with viewing direction `forward`, upright and then rolled clockwise."""
+    """(3, 3) rotation of an optical frame (x right, y down, z along the view), upright and then rolled.
+
+    Args:
+        forward: (3,) unit viewing direction in the body's frame, not vertical.
+        roll: rad, clockwise as the camera sees it.
+    """
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)

@@ -38,6 +38,7 @@ class SensorSuite:
     def __init__(
         self, sensor_rig: SensorRig, terrain: Terrain, crowd: Crowd, seed: int, mount_slips: MountSlips | None = None
     ) -> None:
+        """Makes the model and the clock of every sensor, each with its own random numbers of the walk."""
         self._mount_slips = mount_slips or MountSlips()
         self._models: list[tuple[MountedSensor, Any, Stamps]] = []
         for topic, sensor in sensor_rig.sensors.items():
@@ -70,7 +71,7 @@ class SensorSuite:
         for sensor, model, stamps in self._models:
             t_ns = instants(sensor.calibration.rate_hz, after_ns, until_ns)
             if not len(t_ns):
-                continue
+                continue  # a slow sensor has no sample in this chunk
             if isinstance(sensor.calibration, ImuCalibration):
                 ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
                 carrier = player.track(sensor.calibration.mount.body, ends)
@@ -136,5 +137,11 @@ def _read_block(
 
 
 def _interpolate(at_ns: Instants, values: Array, t_ns: Instants) -> Array:
-    """(N, 3) linear interpolation, at (N,) instants, of values at known ones."""
+    """(N, 3) linear interpolation of vectors.
+
+    Args:
+        at_ns: (K,) instants of the values.
+        values: (K, 3).
+        t_ns: (N,) instants of the result.
+    """
     return np.column_stack([np.interp(t_ns, at_ns, column) for column in values.T])

@@ -107,6 +107,7 @@ def anthropometry(person: Person) -> Anthropometry:
     table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
 
     def length(name: str) -> float:
+        """Length of a segment of this person, m."""
         return table[name][1] * 1e-3 * k
 
     def segment(name: str, z_proximal: float) -> MassProperties:
@@ -129,7 +130,7 @@ def anthropometry(person: Person) -> Anthropometry:
         segment("upper_trunk", middle + length("upper_trunk") - lumbar),
     )
     foot = segment("foot", 0.0)
-    toe_mass = 0.12 * foot.mass
+    toe_mass = 0.12 * foot.mass  # share of the foot in front of the toe hinge, and shares of its inertia: by hand
     about = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])  # the foot lies: its long axis is x
     inertials = {
         "pelvis": segment("lower_trunk", lower),

@@ -44,7 +44,7 @@ def fit_wearer(person: Person, with_exo: bool = True) -> Wearer:
     """
     body = anthropometry(person)
     girth = float(np.sqrt((person.mass_kg / 73.0) / (person.height_m / 1.741)))  # mass ~ height x girth²
-    k = body.shoe_length_m / 0.270
+    k = body.shoe_length_m / 0.270  # relative to the shoe of the leaf files
     shoe = Shoe(
         heel_back_x=-0.045,
         toe_hinge_x=0.145 * k,
@@ -84,6 +84,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
         size = replace(size, exo=exo.user_exo)
     body, girth = size.body, size.girth
     root = spec.worldbody.add_body(name="root", pos=[0, 0, body.thigh_m + body.shank_m + body.ankle_height_m])
+    # divisors here and below are the lengths of the leaf files' bodies, m
     trunk_scale = body.trunk_m / 0.826
     attach(
         root, _scale_leaf("trunk", {"pelvis": trunk_scale, "torso": trunk_scale, "head": trunk_scale}, girth), "pelvis"
@@ -134,14 +135,14 @@ def _scale_leaf(name: str, length_scale: dict[str, float], girth: float) -> mujo
             child.pos = np.asarray(child.pos) * k
         for geom in body.geoms:
             geom.pos = np.asarray(geom.pos) * k
-            if length_scale:
+            if length_scale:  # the shoes keep their shapes: `_stretch_foot` fits them
                 is_capsule = geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE
                 geom.size = np.asarray(geom.size) * ([girth, k, 1.0] if is_capsule else [girth, girth, k])
     return spec
 
 
 def _stretch_foot(shoe: mujoco.MjSpec, k: float) -> None:
-    """Stretches the shoe along the foot; the heel stays as it is, so that heel mounts fit every shoe."""
+    """Stretches a shoe by the factor `k` along the foot; the heel stays as it is, so heel mounts fit every shoe."""
     for geom in [g for b in shoe.bodies for g in b.geoms]:
         stretch = 1.0 if geom.name in ("sole_heel", "upper_heel", "ankle") else k
         geom.pos = np.asarray(geom.pos) * [stretch, 1.0, 1.0]

@@ -62,9 +62,10 @@ def add_exoskeleton(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float, modul
 
 
 def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
-    """Back panel of the exoskeleton from the leaf `exo_back`, fitted to a person."""
+    """Back panel of the exoskeleton from the leaf `exo_back`, fitted to a person of a `girth` relative to the mean."""
     spec = read_leaf("exo_back")
     panel = spec.body("exo_back")
+    # the panel's centre of mass moves to its distance behind the hips; plate, box and brackets move as far
     moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
     for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
         spec.geom(name).pos[0] += moved
@@ -75,11 +76,14 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
 
 
 def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
-    """Left leg of the exoskeleton from the leaf `exo_leg`, fitted to a person."""
+    """Left leg of the exoskeleton from the leaf `exo_leg`, fitted to a person of a `girth` relative to the mean.
+
+    Body offsets follow from the links' lengths; visual shapes and centres of mass are moved with them.
+    """
     spec = read_leaf("exo_leg")
     for name, offset in zip(EXO_LEG_BODIES, chain(links, "l")[0]):
         spec.body(name).pos = offset
-    arm, beside = -links.hip6, links.hip2
+    arm, beside = -links.hip6, links.hip2  # x of the hinge behind the hip; y of the bars beside the leg
     spec.geom("exo_hip_hinge").fromto[[0, 3]] += arm - spec.geom("exo_hip_arm").fromto[0]
     spec.geom("exo_hip_arm_out").fromto = [arm, 0, 0, arm, beside, links.hip3]
     spec.geom("exo_hip_arm").fromto = [arm, beside, links.hip3, 0, beside, links.hip3]
@@ -131,10 +135,11 @@ def _lay_strap(
     boxes = [geom for geom in spec.geoms if geom.name.startswith(f"{name}_")]
     angle = 2 * math.pi * (np.arange(len(boxes) + 1) + 0.5) / len(boxes)
     half_x, half_y = band.half_x * girth + band.clearance, band.half_y * girth + band.clearance
+    # corners of a polygon around the ellipse; each of its sides is one box
     ring = np.column_stack([half_x * np.cos(angle), half_y * np.sin(angle)]) / math.cos(math.pi / len(boxes))
     for box, (a, b) in zip(boxes, pairwise(ring)):
         at, along = 0.5 * (a + b), b - a
-        yaw = 0.5 * math.atan2(along[1], along[0])
+        yaw = 0.5 * math.atan2(along[1], along[0])  # half of it, for the quaternion
         box.pos = [band.middle_x + at[0], y + at[1], box.pos[2] if z is None else z]
         box.size[0] = 0.5 * float(np.hypot(*along))
         box.quat = [math.cos(yaw), 0.0, 0.0, math.sin(yaw)]
@@ -192,8 +197,8 @@ def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> Non
 def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco.MjsBody:
     """Adds the body of a link with its inertia and visual shapes, without its joint."""
     body = parent.add_body(name=link.name, pos=link.offset)
-    inertia, axes = np.linalg.eigh(link.inertia)
-    if np.linalg.det(axes) < 0:
+    inertia, axes = np.linalg.eigh(link.inertia)  # principal moments and axes
+    if np.linalg.det(axes) < 0:  # a reflection, not a rotation
         axes[:, 0] *= -1
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, axes.ravel())

@@ -121,6 +121,7 @@ def wrench(c: Coupling, exo: BodyState, body: BodyState) -> tuple[Array, Array, 
     """
     displacement, rotation, change, point = strain(c, exo.p, exo.R, body.p, body.R)
     relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
+    # rates of displacement and rotation in the axes of the exoskeleton's body
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     rotation_rate = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     stiffness, damping, rotation_stiffness, rotation_damping = c.law
@@ -230,7 +231,7 @@ def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
     Raises:
         ConfigError: A cuff that is too far from its limb.
     """
-    origins = {exo.base.name: exo.base.offset}
+    origins = {exo.base.name: exo.base.offset}  # of each link in the pelvis' frame, all joints at zero, m
     for leg in exo.legs.values():
         parent = exo.base.name
         for link in leg:
@@ -276,6 +277,7 @@ def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, 
     """
     eigenvalues, modes = np.linalg.eigh(stiffness)
     if eigenvalues[0] < _LOOSEST * eigenvalues[-1]:
+        # the joint that moves most in the loosest mode
         joint = exo.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
         raise ConfigError(exo.rig, "cuffs", f"none that hold {joint}", "cuffs beyond every joint of a leg")
     fastest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.max()) / (2 * np.pi))
@@ -289,7 +291,7 @@ def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, 
 
 
 def _origins(size: Wearer, side: str) -> dict[str, Array]:
-    """(3,) m, origin of each body of a leg in the pelvis' frame, while the wearer stands upright."""
+    """(3,) m by body, `thigh`, `shank` and `foot`: its origin in the pelvis' frame, while the wearer stands upright."""
     y, knee = size.body.hip_half_width_m * outward(side), size.body.thigh_m
     return {
         "thigh": np.array([0.0, y, 0.0]),
@@ -299,7 +301,7 @@ def _origins(size: Wearer, side: str) -> dict[str, Array]:
 
 
 def _limb(size: Wearer, body: str) -> tuple[Array, Array]:
-    """(3,) m, lowest and highest point of a limb's axis in its frame."""
+    """Lowest and highest corner, (3,) m each, of a box around the axis of a limb in its frame; a foot has a height."""
     if body == "foot":
         return np.zeros(3), np.array([size.shoe.toe_tip_x, 0.0, size.body.ankle_height_m])
     return np.array([0.0, 0.0, -{"thigh": size.body.thigh_m, "shank": size.body.shank_m}[body]]), np.zeros(3)

@@ -74,7 +74,8 @@ def _mirror(spec: mujoco.MjSpec) -> None:
         for geom in body.geoms:
             geom.pos = np.asarray(geom.pos) * [1, -1, 1]
             geom.quat = np.asarray(geom.quat) * [1, -1, 1, -1]
-            geom.fromto = np.asarray(geom.fromto) * [1, -1, 1, 1, -1, 1]  # NaN where a pose is given
+            # two points, from and to; NaN where a pose is given
+            geom.fromto = np.asarray(geom.fromto) * [1, -1, 1, 1, -1, 1]
         for joint in body.joints:
             joint.pos = np.asarray(joint.pos) * [1, -1, 1]
             joint.axis = np.asarray(joint.axis) * [-1, 1, -1]

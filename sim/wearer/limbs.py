@@ -55,7 +55,7 @@ class Limbs:
         Args:
             model: Compiled model of the wearer.
             q: (N, nq) positions.
-            v: (N, nv) velocities, which have no effect.
+            v: (N, nv) velocities, which `body_motion` needs; the shapes do not depend on them.
         """
         tree = Tree.of(model)
         shapes_ = find_shapes(model, set(tree.ids.tolist()))
@@ -128,10 +128,16 @@ class LimbShape:
 
 
 def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShape]:
-    """Shapes on the given bodies and on bodies that are fixed to these without a joint."""
+    """Shapes on the given bodies and on bodies that are fixed to these without a joint.
+
+    Args:
+        model: Compiled model of the wearer.
+        bodies: Numbers of the bodies.
+    """
     shapes = []
     for geom in range(model.ngeom):
         body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], from_quaternion(model.geom_quat[geom])
+        # from carrier to carrier, with the pose in each one's frame
         while body and body not in bodies and not model.body_jntnum[body]:
             turn = from_quaternion(model.body_quat[body])
             p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
@@ -156,8 +162,17 @@ def _find_occluded(
 ) -> NDArray[np.bool_]:
     """(M, K) whether a shape occludes each line of sight.
 
-    The arguments are the fields of `Limbs`, then those of `Limbs.occludes`. Shapes whose bounding sphere the segment
-    misses are skipped.
+    Shapes whose bounding sphere the segment misses are skipped.
+
+    Args:
+        kind: (G,) number of `mjtGeom`.
+        size: (G, 3) m, as in MuJoCo.
+        reach: (G,) m, radius of the bounding sphere.
+        p: (N, G, 3) m, middles in the world.
+        R: (N, G, 3, 3), shape to world.
+        rows: (M,) instants.
+        origins: (M, 3) m in the world, an eye for each instant.
+        targets: (M, K, 3) m in the world.
     """
     occluded = np.zeros(targets.shape[:2], np.bool_)
     for m in range(len(rows)):
@@ -167,6 +182,7 @@ def _find_occluded(
             d = minus(vec3(targets[m, k]), eye)
             length = dot(d, d)
             for g in range(len(kind)):
+                # point of the segment nearest to the middle of the shape
                 to = minus(eye, vec3(p[n, g]))
                 share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
                 near = plus(to, times(share, d))
@@ -184,12 +200,19 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     """Whether a shape occludes the segment from o to o + d, in its own frame.
 
     It does not if it begins nearer than `NEAR_M`, or if o is less than `SUNK_M` inside it; images omit it, too.
+
+    Args:
+        kind: Number of `mjtGeom`.
+        size: m, as in MuJoCo.
+        o: The eye, m.
+        d: From the eye to the target, m.
     """
     enters, leaves = _inside_interval(kind, size, o, d)
     if enters > leaves or enters >= 1.0 or leaves <= 0.0:
         return False
     if enters > 0.0:
         return enters * enters * dot(d, d) > NEAR_M * NEAR_M
+    # the eye is inside: everything is occluded if it is deep inside, in the shape that is thinner by `SUNK_M`
     length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
     core = (size[0] - SUNK_M, length, size[2] - SUNK_M)
     thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))
@@ -201,7 +224,11 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
 
 @numba.njit(**INNER_KERNEL)
 def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, float]:
-    """Interval of t in which the line o + t d is inside a shape, in the shape's own frame; (inf, -inf) for none."""
+    """Interval of t in which the line o + t d is inside a shape, in the shape's own frame; (inf, -inf) for none.
+
+    `kind` and `size` are as in MuJoCo: a box has three half edges, an ellipsoid three half axes, a sphere a radius, and
+    a capsule or cylinder a radius and half its length along z. A shape of another kind is never hit.
+    """
     if kind == _BOX:
         enters, leaves = -math.inf, math.inf
         for i in range(3):

@@ -89,11 +89,15 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     owners = _owners(path, model, root)
     chains = _chains(path, model, root, owners)
     _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
+    # rotation from the model's world to the pelvis' axes, and origin of each link in that world: its joint's anchor
     to_pelvis = R_base @ data.xmat[root].reshape(3, 3).T
     origin = {root: data.xpos[root]} | {b: data.xanchor[model.body_jntadr[b]] for leg in chains for b in leg}
 
     def link(b: int, parent: int | None) -> Link:
-        """The link of body b with all bodies merged into it, in the pelvis' axes; the base has no parent."""
+        """The link of body b with all bodies merged into it, in the pelvis' axes.
+
+        `parent` is the body of the link that carries it; None for the base, which has no joint.
+        """
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
         merged = [i for i, owner in owners.items() if owner == b]
@@ -170,7 +174,7 @@ def _text(path: Path) -> str:
 
 def _is_urdf(text: str) -> bool:
     """Whether the root element is a robot; comments and declarations may contain any name."""
-    before, *comments = text.split("<!--")
+    before, *comments = text.split("<!--")  # each of `comments` begins inside a comment, which ends at "-->"
     root = re.search(r"<(\w+)", before + "".join(after.partition("-->")[2] for after in comments))
     return root is not None and root[1] == "robot"
 
@@ -304,10 +308,16 @@ def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
 def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
     """For each of the two legs, its bodies with a joint from the base to the tip.
 
+    Args:
+        path: The model's file, for messages.
+        model: The exoskeleton's model.
+        root: The base.
+        owners: For each body, the body that it is merged into (`_owners`).
+
     Raises:
         ConfigError: A leg branches, or the model has not two legs of the same number of joints.
     """
-    below: dict[int, list[int]] = {}
+    below: dict[int, list[int]] = {}  # bodies with a joint that hang on a link or on what is merged into it
     for b in range(1, model.nbody):
         if model.body_jntnum[b]:
             below.setdefault(owners.get(int(model.body_parentid[b]), root), []).append(b)
@@ -357,7 +367,19 @@ def _mass_properties(
 def _shapes(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> list[Shape]:
-    """Visual shapes of bodies; of a URDF, its visual elements if there are any."""
+    """Visual shapes of the bodies that are merged into one link; of a URDF, its visual elements if there are any.
+
+    Args:
+        path: The model's file, for messages.
+        model: The exoskeleton's model.
+        data: Its state with all joints at zero.
+        bodies: The bodies.
+        origin: (3,) m, origin of their link in the model's world.
+        to_pelvis: (3, 3) rotation from the model's world to the pelvis' axes.
+
+    Raises:
+        ConfigError: A shape that cannot be worn, or too many faces.
+    """
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
     if path.suffix == ".urdf":
         geoms = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]] or geoms

@@ -80,6 +80,7 @@ def _check_short_names(valid: str, *more: str) -> AfterValidator:
     """
 
     def check(named: dict[str, object]) -> dict[str, object]:
+        """The mapping, unchanged, if its keys are valid."""
         for name in named:
             if name not in more and not _SHORT.fullmatch(name):
                 raise field_error(name, f"names such as {valid}")
@@ -97,8 +98,11 @@ def _check_unique(joints: dict[str, str]) -> dict[str, str]:
 
 
 def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
-    """Refuses short names of joints that the file's `joints` does not have."""
-    joints = info.data.get("joints")
+    """The names, unchanged; refuses short names of joints that the file's `joints` does not have.
+
+    `names` is a sequence of short names, or a mapping by short name.
+    """
+    joints = info.data.get("joints")  # None if that field is invalid itself
     for i, name in enumerate(names):
         if joints is not None and name not in joints:
             below = () if isinstance(names, dict) else (i,)
@@ -290,7 +294,7 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
         if sides.setdefault(side, leg) != leg or any(s != side and k == leg for s, k in sides.items()):
             valid = f"a link of the leg that other cuffs tie to the wearer's {side} leg"
             raise ConfigError(rig, place, cuff.link, valid)
-        T = chains.T_carrier[cuff.link]
+        T = chains.T_carrier[cuff.link]  # the named link may be merged into another one
         cuffs.append(
             Cuff(
                 body=body,

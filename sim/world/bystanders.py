@@ -88,10 +88,15 @@ class Bystander:
     size: float
 
     def parts(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
-        """Frames of `PARTS` at (M,) s: (M, 11, 3) origins in the world and (M, 11, 3, 3) axes; limbs along -z."""
+        """Frames of the eleven `PARTS` at (M,) s, in their order; limbs extend along -z of their frames.
+
+        Returns:
+            (M, 11, 3) m, origins in the world; (M, 11, 3, 3) rotations, part to world.
+        """
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
+        # lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):
             ankle, R_foot, reach = self._foot(steps, odd)
@@ -142,13 +147,13 @@ class Bystander:
             (M, 3) m, ankle in the world; (M, 3, 3) axes of the foot; (M,) m, how far the foot is in front of the hips.
         """
         count = steps - odd
-        cycle = np.floor((count + _SUPPORT) / 2)
+        cycle = np.floor((count + _SUPPORT) / 2)  # strides of this foot so far; r is the number of steps in this one
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
-        at = (2 * cycle + odd - self.first).astype(int)
+        at = (2 * cycle + odd - self.first).astype(int)  # row of the foothold that the foot stands on, or leaves
         a, b = self.holds[at], self.holds[at + 2]
         share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)
         rise = b[:, 2] - a[:, 2]
-        sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)
+        sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
         pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
@@ -206,7 +211,7 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     """
     way, profile = terrain.layout.way, terrain.profile
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
-    low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6
+    low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6  # ends of the way for bystanders
     s = _smooth(np.clip(along + _MAX_AHEAD_M * np.cos(turn), low, high), _ENDS_SMOOTHING_S)
     left = beside * np.tanh(_CROSSING_SQUARENESS * np.sin(turn)) / np.tanh(_CROSSING_SQUARENESS)
     p = _smooth(way.point(s, left), _CORNER_SMOOTHING_S)
@@ -221,6 +226,7 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, yaw - way.heading(s)]), yaw, steps, profile, size)
+    # first without the height of the hips, which follows from the feet
     body = Bystander(
         t=t,
         p=np.column_stack([p, np.zeros(len(t))]),
@@ -248,6 +254,7 @@ def _footholds(
         size: Stature.
     """
     first = -3
+    # numbers of the footholds; a few lie before the start and beyond the end of the path, straight ahead
     count = np.arange(first, int(steps[-1]) + 5)
     beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
     heading = np.interp(count, steps, yaw)

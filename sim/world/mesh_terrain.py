@@ -71,7 +71,16 @@ def read_triangles(path: Path, scale: float) -> Array:
 
 
 def _check_declared(path: Path, kind: str, data: bytes) -> None:
-    """Rejects a header that declares more elements than the file can hold."""
+    """Rejects a mesh file that declares or has too many elements, before a parser allocates memory for them.
+
+    Args:
+        path: The file, for messages.
+        kind: `.stl`, `.ply` or `.obj`.
+        data: Its content.
+
+    Raises:
+        ConfigError: More elements than are accepted, or than the file can hold.
+    """
     most = MOST_TRIANGLES
     if kind == ".stl" and not data[:512].lstrip().startswith(b"solid"):
         count = int.from_bytes(data[80:84], "little")
@@ -175,6 +184,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
+    # triangles that face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     size = np.linalg.norm(normal, axis=1)
@@ -182,11 +192,12 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
-    heights_at: list[list[float]] = [[] for _ in s]
+    heights_at: list[list[float]] = [[] for _ in s]  # m, of all surfaces above and below each sample
     for (a, b, c), n in zip(corners[near], normal[near]):
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
         for i in range(first, last):
             p = s[i], left
+            # the point is in the triangle, seen from above, if it is on the same side of all three edges
             sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
             if min(sides) >= -1e-9 or max(sides) <= 1e-9:
                 heights_at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
@@ -207,12 +218,18 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
 
     Steps between neighbouring samples are risers. Short levels between risers of one direction are treads.
 
+    Args:
+        s: (N,) m along the way.
+        z: (N,) m, heights.
+        way: The way, for messages.
+
     Raises:
         ConfigError: A riser, tread or slope that cannot be walked, or a way that does not begin and end on a level.
     """
     parts: list[MeshSegment] = []
     jumps = np.flatnonzero(np.abs(np.diff(z)) > _MIN_JUMP_M)
-    starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]
+    starts, ends = [0, *(jumps + 1).tolist()], [*jumps.tolist(), len(s) - 1]  # samples of each part between risers
+    # risers and treads of the present flight, m
     risers: list[float] = []
     treads: list[float] = []
     for i, (a, b) in enumerate(zip(starts, ends)):
@@ -242,7 +259,15 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
 
 
 def _segment_length(s: Array, before: int | None, a: int, b: int, riser_after: bool) -> float:
-    """Length of a segment, from the middle of the step before it to the middle of the one after it."""
+    """Length of a segment, m, from the middle of the step before it to the middle of the one after it.
+
+    Args:
+        s: (N,) m along the way.
+        before: Last sample of the segment before; None at the start.
+        a: First sample of the segment.
+        b: Last sample of the segment.
+        riser_after: Whether a riser follows; otherwise the way ends.
+    """
     start = s[a] if before is None else 0.5 * (s[before] + s[a])
     return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
 
@@ -303,8 +328,18 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
 
 
 def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
-    """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973)."""
-    done, todo = [a], [b]
+    """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973).
+
+    Args:
+        s: (N,) m along the way.
+        z: (N,) m, heights.
+        a: First sample of the part.
+        b: Last sample of the part.
+
+    Returns:
+        Numbers of the samples, from a to b, between which straight lines fit within `_MAX_STRAIGHT_ERROR_M`.
+    """
+    done, todo = [a], [b]  # vertices found so far, and ends of the parts to the right of them, the nearest one last
     while todo:
         i, j = done[-1], todo[-1]
         off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
@@ -320,6 +355,13 @@ def _replacement_error(
     segments: tuple[MeshSegment, ...], s: Array, heights: Array, width_m: float, way: MeshWay
 ) -> Array:
     """(K,) m, vertical distance of the mesh from its replacement at all samples except those beside risers.
+
+    Args:
+        segments: The replacement.
+        s: (N,) m along the way.
+        heights: (N, 5) m, ground on the mesh along the lines of `_ROWS`.
+        width_m: Width of the way.
+        way: The way, for messages.
 
     Raises:
         ConfigError: The replacement cannot be built, or it differs by more than `_MAX_ERROR_M`.

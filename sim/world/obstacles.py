@@ -68,7 +68,13 @@ class Landmark:
 
 @dataclass(frozen=True, kw_only=True)
 class _Frame:
-    """A pose beside the way: its position and direction, and the height of the ground on the way there."""
+    """A pose beside the way: its position and direction, and the height of the ground on the way there.
+
+    Attributes:
+        x, y: Position in the world, m.
+        yaw: Direction, rad.
+        z: Height of the ground, m.
+    """
 
     x: float
     y: float
@@ -120,6 +126,7 @@ def surroundings(
         bottom_m: Height down to which the landmarks reach.
         things: Upright things of the route, which always stay.
     """
+    # each group is one object, such as a table of several boxes: all of it is placed, or nothing
     groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     landmarks = list(things)
@@ -180,7 +187,7 @@ def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: 
 
 
 def _are_apart(a: Solid, b: Solid) -> bool:
-    """Whether two boxes do not overlap in plan (separating axes)."""
+    """Whether two boxes do not overlap in plan view: on one of their axes, their projections are apart."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
         return True
@@ -211,7 +218,14 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
-    """Frame of the nearest place beside the way, on a side, that no slab covers; lanes count, too."""
+    """Frame of the nearest place beside the way, on a side, that no slab covers; lanes count, too.
+
+    Args:
+        layout: Route in the world.
+        s: Arc length along the way, m.
+        side: 1 for the left, -1 for the right.
+        half: Least distance from the middle of the way, m.
+    """
     x, y = layout.way.point(s).tolist()
     yaw = float(layout.way.heading(s))
     reach = half
@@ -258,7 +272,8 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         start, length = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0), line.s1 - line.s0
         for side in (-1.0, 1.0):
             left = side * (half + _CORRIDOR_WALL_M / 2)
-            bricks = []
+            # a wall is tested in short parts; neighbouring parts that are free and of one material become one box
+            bricks = []  # (material, place along the line) of each part; "" where there is no space
             for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
                 material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
                 brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
@@ -298,7 +313,14 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -> list[Landmark]:
-    """A sheet on a wall, where no shelf occludes it."""
+    """A sheet on a wall, where no shelf occludes it.
+
+    Args:
+        rng: Draws its size and height.
+        wall: Frame in the middle of the room, along the wall.
+        along: Place along the wall, m.
+        away: Distance between this wall and the opposite one, m.
+    """
     bottom = wall.z + rng.uniform(1.0, 1.5)
     length, top = rng.uniform(0.4, 0.7), bottom + rng.uniform(0.4, 0.9)
     return [wall.box("poster", length, 0.02, bottom, top, along=along, left=0.015 - away / 2)]

@@ -53,7 +53,21 @@ def lay_out(route: Route) -> Layout:
 
 @dataclass(kw_only=True)
 class _Pen:
-    """Start of the next segment, and the layout so far."""
+    """Start of the next segment, and the layout so far.
+
+    Attributes:
+        x, y: Start of the next segment in the world, m.
+        heading: Its direction, rad.
+        z: Height of the ground there, m.
+        s: Arc length of the way so far, m.
+        owner: Number of the present segment of the route; -1 for the lead-in.
+        edge_radius: Radius of the start of the next slab, m.
+        segments: Lines and arcs of the way.
+        strips: Ground along the way.
+        slabs: Ground of the whole route, lanes included.
+        owners: Segment of the route that each slab belongs to.
+        flights: Treads of each winding flight, by number of the slab.
+    """
 
     x: float
     y: float
@@ -105,6 +119,7 @@ class _Pen:
             radius: m.
             half_width: Of the way, m.
         """
+        # each slab is tangent to the arc in its middle, and as long as its outer edge needs
         count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
         part = angle / count
         reach = (radius + half_width) * math.tan(abs(part) / 2)
@@ -176,7 +191,7 @@ class _Pen:
         """
         self._add_slab_here(length, left, right)
         aslant = length - 2 * _CROSSING_STRAIGHT_M
-        curvature = 4 * aside / (aslant**2 + aside**2)
+        curvature = 4 * aside / (aslant**2 + aside**2)  # 1/m of the first arc; `run` is the length of each
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
         heading = self.heading
         self._advance(_CROSSING_STRAIGHT_M, 0.0)
@@ -188,7 +203,15 @@ class _Pen:
     def _advance(
         self, length: float, curvature: float, terrain: str = "level", rise: float = 0.0, cross_slope: float = 0.0
     ) -> None:
-        """Moves the pen along a line or an arc, and adds the segment to the way and its profile."""
+        """Moves the pen along a line or an arc, and adds the segment to the way and its profile.
+
+        Args:
+            length: m.
+            curvature: 1/m, left positive; 0 for a line.
+            terrain: Class of the ground.
+            rise: Change of height over the length, m.
+            cross_slope: Tilt sideways, rad.
+        """
         here = CurveSegment(
             s0=self.s, s1=self.s + length, x=self.x, y=self.y, heading=self.heading, curvature=curvature
         )
@@ -197,6 +220,7 @@ class _Pen:
         )
         self.segments.append(here)
         last = self.strips[-1] if self.strips else None
+        # levels of one height become one strip
         if last and terrain == "level" and replace(last, s0=strip.s0, s1=strip.s1) == strip:
             self.strips[-1] = replace(last, s1=strip.s1)
         else:
@@ -276,7 +300,15 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
 
 
 def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
-    """Lays terrains side by side; the pen continues at the end of the walked one."""
+    """Lays terrains side by side; the pen continues at the end of the walked one.
+
+    Every lane has a pen of its own, and shorter lanes are extended by a level to the length of the longest one.
+
+    Args:
+        pen: Pen of the walked lane.
+        group: The lanes, from left to right.
+        width: Of one lane, m.
+    """
     pens = [pen if i == group.walk else pen.start_beside((group.walk - i) * width) for i in range(len(group.lanes))]
     for lane_pen, lane in zip(pens, group.lanes):
         for segment in lane:
@@ -296,8 +328,8 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     Raises:
         ConfigError: The level is too short to cross over.
     """
-    sides = []
-    aside = 0.0
+    sides = []  # (left, right) extent that the lanes before and after need
+    aside = 0.0  # m to the left, from the lane walked before to the one walked after
     if isinstance(before, Lanes):
         sides.append(_sides(before, width, 0.0))
     if isinstance(after, Lanes):
@@ -308,6 +340,7 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     if aside == 0.0:
         pen.lay_straight(level.length_m, "level", left, right)
         return
+    # length along the slab of two arcs of at least this radius that turn by at most 90 degrees
     arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
     shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
     if level.length_m < shortest - 1e-9:
@@ -331,7 +364,14 @@ def _in_flight(treads: range, i: int, k: int) -> bool:
 def _check_conflicts(pen: _Pen, count: int) -> None:
     """Rejects ground that overlaps other ground at another height: a way cannot pass under or through it.
 
-    Treads of a winding flight lie partly under higher ones and under the upper landing.
+    Treads of a winding flight lie partly under higher ones and under the upper landing; these pairs are not tested.
+
+    Args:
+        pen: The layout.
+        count: Number of segments of the route, without lead-in and run-out, for messages.
+
+    Raises:
+        ConfigError: Names the segment, and what it overlaps.
     """
     for i, (slab, owner) in enumerate(zip(pen.slabs, pen.owners)):
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))

@@ -47,7 +47,7 @@ def split_into_quads(polygon: Array) -> list[Array]:
 
 
 def _cut_outside(part: Array, hole: Array) -> list[Array]:
-    """Convex parts of a convex polygon outside a hole: one beyond each side of the hole, in sequence."""
+    """Convex parts of a convex polygon outside a convex hole: one beyond each side of the hole, in sequence."""
     parts: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
         beyond = _clip_half_plane(part, a, b, -1.0)
@@ -55,13 +55,21 @@ def _cut_outside(part: Array, hole: Array) -> list[Array]:
             parts.append(beyond)
         inside = _clip_half_plane(part, a, b, 1.0)
         if inside is None:
-            return parts
-        part = inside
+            return parts  # nothing remains on the hole's side of this line
+        part = inside  # goes on to the next side; what remains at the end is inside the hole
     return parts
 
 
 def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array | None:
-    """The part of a polygon to the left (1) or right (-1) of the line from a to b; None if empty."""
+    """The part of a convex polygon on one side of a line; None if it is empty.
+
+    Args:
+        polygon: (N, 2) corners, anticlockwise.
+        a: (2,) first point of the line.
+        b: (2,) second point.
+        side: 1 for what lies to the left of the line from a to b, -1 for what lies to its right.
+    """
+    # `away`: distance of each corner from the line, positive on the wanted side
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
     if away.max() < _TINY_M:
@@ -112,6 +120,7 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
             for earlier in solids[:i]
             if abs(earlier.start - solid.start) < _TINY_M and abs(earlier.end - solid.end) < _TINY_M
         ]
+        # width of the pale strip at both ends; 0 without a drop
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
         quads += _side_quads(solid, _SIDE)
         for start, end, material in (
@@ -165,7 +174,7 @@ def _top_quads(solid: Solid, start: float, end: float, material: str, painted: S
 
 
 def _side_quads(solid: Solid, material: str) -> list[Quad]:
-    """Textured side faces of a solid; the texture runs along the world's axes."""
+    """Textured side faces of a solid; on each, the texture starts at the x or y of its first corner in the world."""
     c = corners(solid)
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):

@@ -44,7 +44,7 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
         best = np.inf
         solid, side = -1, -1
         for s in range(len(offsets)):
-            # entry is the last crossing into a half-space, leave the first one out of a half-space
+            # entry is the last crossing into a half-space, at `face`; leave is the first one out of a half-space
             entry, leave, face = -np.inf, np.inf, 0
             for f in range(offsets.shape[1]):
                 nx, ny, nz = normals[s, f, 0], normals[s, f, 1], normals[s, f, 2]
@@ -168,13 +168,20 @@ def corners(solid: Solid) -> Array:
 
 
 class SolidSet:
-    """Solids compiled to arrays, above a ground plane."""
+    """Solids compiled to arrays, above a ground plane.
+
+    Args:
+        solids: The S solids.
+        ground: Height of the plane, m.
+    """
 
     def __init__(self, solids: Sequence[Solid], ground: float) -> None:
+        """Collects the fields of the solids as arrays; `ground` is the height of the plane, m."""
         column = {
             name: np.array([getattr(s, name) for s in solids])
             for name in ("x", "y", "yaw", "length", "width", "bottom", "start", "end", "cross")
         }
+        # (S, 2) m, middle and half extent of the footprints; (S,) m, height of the top in the middle: `_mid`
         self._centre = np.stack([column["x"], column["y"]], axis=-1)
         self._half = np.stack([column["length"], column["width"]], axis=-1) / 2
         cos, sin = np.cos(column["yaw"]), np.sin(column["yaw"])

@@ -141,13 +141,18 @@ class Terrain:
 
 
 def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
-    """The body of a slab down to `bottom`; behind a recessed riser it is shorter and carries a plank, or is missing."""
+    """Solids that make up a slab, from its top down to the height `bottom`, m.
+
+    A slab that overhangs its riser is a plank on a shorter body; with an open riser it is the plank alone. Rounded
+    edges are approximated by narrow solids with sloping tops.
+    """
     if slab.recess:
         yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
     for from_edge, to_edge, upper, lower in _roundings(slab.start_radius):
         yield _solid(_part(slab, from_edge, to_edge, lower, upper), bottom)
     for from_edge, to_edge, upper, lower in _roundings(slab.end_radius):
         yield _solid(_part(slab, slab.length - to_edge, slab.length - from_edge, upper, lower), bottom)
+    # the rest of the body; the sign of the recess gives the end at which the slab overhangs
     since = max(slab.recess, 0.0) + slab.start_radius
     until = slab.length - max(-slab.recess, 0.0) - slab.end_radius
     if until - since > _TINY_M:
