@@ -33,6 +33,7 @@ class DistortionModel:
     """
 
     def __init__(self, camera: CameraCalibration) -> None:
+        """Raises ConfigError where the distortion model is unknown."""
         if camera.distortion_model not in MODELS:
             raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, ", ".join(MODELS))
         self._fisheye = camera.distortion_model == "equidistant"
@@ -60,7 +61,10 @@ class DistortionModel:
         return np.asarray(undistort(pixels, self._K, self._D), dtype=float).reshape(-1, 2)
 
     def _distort(self, rays: Array) -> Array:
-        """(N, 2) distorted rays (Kannala & Brandt 2006 for `equidistant`, Brown 1966 for `radtan`)."""
+        """(N, 2) distorted rays of (N, 2) rays, in units of the focal length from the principal point.
+
+        Kannala & Brandt 2006 for `equidistant`, Brown 1966 for `radtan`.
+        """
         x, y = rays[:, 0], rays[:, 1]
         r2 = x * x + y * y
         if self._fisheye:
@@ -103,6 +107,7 @@ class BoardPattern:
     """
 
     def __init__(self, board: Board) -> None:
+        """Raises ConfigError where the board has too few squares, or looks the same from both ends."""
         columns, rows = board.squares
         if min(columns, rows) < 3 or (columns + rows) % 2 == 0:
             raise ConfigError(

@@ -141,6 +141,10 @@ class Dvio:
     default_parameters = staticmethod(method_parameters)
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
+        """Prepares the odometry of one mount of the rig; it starts with the samples.
+
+        Raises ConfigError for an unknown mount, and StrideTwinError where the rig has no camera or IMU there.
+        """
         Rig.check(rig, "Dvio")
         options = options or Options()
         mount = _mount(rig, options)

@@ -41,6 +41,7 @@ class ImuInflation:
     """
 
     def __init__(self, nominal: ImuNoise) -> None:
+        """Begins with factors of 1 on the noise `nominal`."""
         self._nominal = nominal
         # (2,) sums over earlier measurements, with exponential forgetting: squared residuals at nominal noise, and
         # their expectation

@@ -188,6 +188,12 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     scale (p_b − p_a) / dt − v_a − g dt / 2 = (ΔP − arm_b + arm_a) / dt and v_b − v_a − g dt = ΔV, in the axes of the
     newest camera's IMU. `arm` is the camera's offset from the IMU. None if the scale is not positive or |g| is far from
     gravity.
+
+    Args:
+        structure: Cameras of K images.
+        z: Preintegrated IMU over the K − 1 intervals between them.
+        bias: (6,) biases of gyroscope (rad/s) and accelerometer (m/s²), to which the measurements are corrected.
+        priors: Mount, and size of gravity.
     """
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
@@ -382,6 +388,7 @@ class Initializer:
     """
 
     def __init__(self, core: SlidingWindow) -> None:
+        """Begins without images; `core` provides tracker, lens, IMU samples and calibration."""
         self._core = core
         # Times on the IMU's clock of the images kept so far, and of the last image, kept or not.
         self._t_ns: list[int] = []

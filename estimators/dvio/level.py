@@ -47,6 +47,7 @@ class LevelGround:
     """
 
     def __init__(self, ground_sd_rad: float, *, used: bool) -> None:
+        """`ground_sd_rad` is how level ground is as built, rad; `used` is whether it is used at all."""
         self._ground_sd_rad, self._used = ground_sd_rad, used
         # (3,) m, where level ground was used last; None: not yet in this window
         self._p_last: Array | None = None

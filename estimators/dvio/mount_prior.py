@@ -31,6 +31,7 @@ class MountPrior:
     """
 
     def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
+        """Both (2,) are standard deviations of position (m) and rotation (rad): as calibrated, and slipped."""
         # (2,) limits of the variances of position and rotation, and the present ones
         self._least = nominal_sd**2
         self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2

@@ -184,6 +184,7 @@ class ImuBuffer:
     """
 
     def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
+        """Begins empty; `calibration` gives rate and ranges, `parameters` the limits of a stationary sensor."""
         self._max_stationary = parameters.stationary_rate_sd_radps, parameters.stationary_force_sd_mps2
         # Samples that are always kept, half of the buffer: when it is full, its newer half moves to the front.
         self._half = math.ceil(_BUFFER_S * calibration.rate_hz) + 1

@@ -220,8 +220,12 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
 def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
 
-    Returns H (symmetric) and b of the remaining states; of the given H only the lower triangle is read. H_oo is scaled
-    to a unit diagonal before its inversion.
+    Args:
+        H: (N, N) equations of calibration and frames; only the lower triangle is read.
+        b: (N,) right-hand side.
+
+    Returns:
+        H (symmetric) and b of the N − 15 remaining states. H_oo is scaled to a unit diagonal before its inversion.
     """
     lower = np.tril(H, -1)
     full = lower + lower.T + np.diag(np.diag(H))

@@ -91,7 +91,13 @@ def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Ar
 def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
     """Writes the pose of a host's camera in an observer's camera: rotation C R_host, translation C (p_host − p).
 
-    `C` (3, 3) is observer's camera <- world, `p` (3,) its position in the world, m.
+    Args:
+        C: (3, 3) rotation, observer's camera <- world.
+        p: (3,) position of the observer's camera in the world, m.
+        R_host: (3, 3) rotation, world <- host's camera.
+        p_host: (3,) position of the host's camera in the world, m.
+        rotation: (3, 3) out: observer's camera <- host's camera.
+        translation: (3,) out: position of the host's camera in the observer's, m.
     """
     away = empty_vec3()
     for i in range(3):

@@ -83,6 +83,7 @@ class SlidingWindow:
     def __init__(
         self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
     ) -> None:
+        """Begins with an empty window; `T_imu_camera` is the nominal mount (4, 4), camera to IMU, m."""
         self.parameters, self.noise = parameters, imu_noise(parameters, imu)
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
@@ -284,7 +285,10 @@ class SlidingWindow:
             state.t_ns[0] = until_ns
 
     def _set_frame(self, slot: int, t_ns: int, state: NavState) -> None:
-        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock."""
+        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock.
+
+        The frame's angular rate is that of the gyroscope at that time, and it counts as moving.
+        """
         f = self.window.frames
         f.offset[slot] = self.window.calibration.offset[0]
         f.t_ns[slot] = self.imu_time(t_ns)
@@ -496,6 +500,7 @@ class SlidingWindow:
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame becomes a keyframe: by parallax, by lost points, or after `_MAX_KEYFRAME_S`."""
         f = self.window.frames
+        # motion since the last keyframe without that by rotation, on the plane at depth 1, and number of common points
         moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(
             moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX

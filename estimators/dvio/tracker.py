@@ -53,6 +53,7 @@ class Lens:
     """
 
     def __init__(self, camera: CameraCalibration) -> None:
+        """Raises ConfigError where the model of distortion is unknown."""
         if camera.distortion_model not in ("radtan", "equidistant"):
             raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, "radtan or equidistant")
         self.shape = (camera.height, camera.width)
@@ -151,6 +152,7 @@ class Tracker:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
+        """Begins without an image; `shape` is (H, W) of the images."""
         self._shape = shape
         # Per scale: the patches of all landmark slots. `_grey` is the last image, `_before` the one before; `_scales`
         # is the last one's pyramid, empty until it is needed.
@@ -289,6 +291,10 @@ class Stereo:
     """
 
     def __init__(self, left: CameraCalibration, right: CameraCalibration, topic: str) -> None:
+        """Prepares rectification and matching; `topic` is that of the depth images.
+
+        Raises ConfigError where the right camera is not beside the left one, or the model of distortion is unknown.
+        """
         self.topic, self._lens = topic, Lens(left)
         T = np.linalg.inv(right.mount.T_body_sensor) @ left.mount.T_body_sensor
         if T[0, 3] >= 0 or abs(T[0, 3]) < np.abs(T[1:3, 3]).max():

@@ -104,6 +104,7 @@ class DepthCamera:
     """
 
     def __init__(self, calibration: CameraCalibration) -> None:
+        """Prepares the rectification of depth images that are registered to the camera of `calibration`."""
         self.topic = calibration.depth_topic
         self.shape = (calibration.height, calibration.width)
         self.intrinsics: Array = np.array(calibration.intrinsics)
@@ -199,6 +200,7 @@ class Poses:
     """
 
     def __init__(self, parameters: TerrainMapParameters) -> None:
+        """Begins without a pose; `parameters` limits age and speed of a pose."""
         self._p = parameters
         self._last: Odometry | None = None  # the newest valid pose
 

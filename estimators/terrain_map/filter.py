@@ -75,6 +75,10 @@ class TerrainMap:
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
+        """Prepares an empty map; a rotated grid keeps edges across the walking direction oblique to the voxels.
+
+        Raises ConfigError for an unknown backend, and StrideTwinError where the rig has no such depth camera or frame.
+        """
         Rig.check(rig, "TerrainMap")
         options = options or Options()
         self.parameters = p = parameters or TerrainMapParameters()

@@ -48,6 +48,7 @@ class Open3dVolume:
     keeps_unobserved = True
 
     def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
+        """Begins without voxels; raises StrideTwinError if Open3D is not installed."""
         with explain_import_error("the backend open3d needs it", "open3d"):
             import open3d
         self._o3d: Any = open3d

@@ -255,6 +255,7 @@ class PlaneSet:
     """
 
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
+        """Begins without planes; `keeps_unobserved`: a column unobserved in a top view keeps its plane."""
         self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._min_columns = min_columns(parameters.voxel_size_m)
         self.surface = Surface.empty()
@@ -311,7 +312,10 @@ class PlaneSet:
         return {id_: self._last[id_] for id_ in planes}
 
     def _fit_planes(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
-        """The planes in these slots by id, fitted to the sums over their columns, docs/terrain_map.md (7), (8)."""
+        """The planes in these slots by id, fitted to the sums over their columns, docs/terrain_map.md (7), (8).
+
+        `slots` (N,) hold planes; `R_world_grid` (3, 3) rotates them from grid to world axes.
+        """
         sums = self._sums[slots]
         centres, slopes, covariances, spreads = rotate_planes(
             *fit_height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),

@@ -82,6 +82,7 @@ class Terrains:
     """
 
     def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        """Begins without terrains; `R_world_grid` (3, 3) rotates grid to world axes."""
         self._R_world_grid, self._p = R_world_grid, parameters
         # what the last call found: risers by the ids of lower and upper plane, flights by their risers
         self._risers: dict[tuple[int, int], _CachedRiser] = {}

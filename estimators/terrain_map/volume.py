@@ -49,6 +49,7 @@ class VoxelVolume:
     keeps_unobserved = False
 
     def __init__(self, camera: DepthCamera, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        """Begins without voxels; `R_world_grid` (3, 3) rotates grid to world axes."""
         self._camera, self._R_grid_world, self._p = camera, R_world_grid.T, parameters
         self._blocks = empty_blocks()
         # pose of the last depth image; None before the first
