@@ -14,7 +14,7 @@ from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
 # An observation's Jacobian has columns of the calibration (0-9), then of the host's pose (10-15), then of the observing
-# frame's (16-21). The residual follows (22), then a column that pads to the width of the vector units (23).
+# frame's (16-21). Column 22 is the residual, and column 23 pads to the width of the vector units.
 HOST, OBSERVER, OBSERVATION = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
 RESIDUAL, COLUMNS = OBSERVATION, OBSERVATION + 2
 LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
