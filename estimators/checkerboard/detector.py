@@ -51,7 +51,11 @@ def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corn
         view: View of the board.
         corners: (N, 2) places of the detected corners, squares.
         levels: (N, 2) middle and half step of the brightness at each; both change slowly over a board.
+
+    Returns:
+        True if at most `_MAX_HIDDEN_CELLS` cells lack their colour; cells outside the image lack it.
     """
+    # both levels as planes over the board, evaluated at the cells' centres
     plane, *_ = np.linalg.lstsq(_plane_design(corners), levels, rcond=None)
     middle, step = (_plane_design(pattern.cells) @ plane).T
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
@@ -73,6 +77,7 @@ def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp],
         reach_px: Largest error of the prediction, pixels.
     """
     columns, rows = pattern.shape
+    # rows and columns of the detected corners, and all shifts (i, j) that keep them on the board
     v, u = np.divmod(indices, columns)
     j, i = np.mgrid[-v.min() : rows - v.max(), -u.min() : columns - u.max()]
     placements = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' indices would be greater by (i, j)
@@ -83,7 +88,7 @@ def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp],
 
 
 def _plane_design(squares: Array) -> Array:
-    """(N, 3) design of a plane over (N, 2) points."""
+    """(N, 3) design matrix of a plane over (N, 2) points: 1, u, v."""
     return np.column_stack([np.ones(len(squares)), squares])
 
 
@@ -103,7 +108,10 @@ class Smear:
     motion: Array | None
 
     def total_motion(self, sharp: Array) -> Array:
-        """(2,) motion along u and v, squares, of equal blur, where `sharp` (2,) is the blur at rest."""
+        """(2,) motion along u and v, squares, that would cause all the blur beyond that at rest.
+
+        `sharp` (2,) is the blur at rest across both families of edges, squares. The known motion is included.
+        """
         motion = np.zeros(2) if self.motion is None else self.motion
         return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
 
@@ -150,7 +158,7 @@ class BoardDetector:
         None if it is behind the camera or seen from behind.
         """
         T = np.asarray(T_camera_board, dtype=float)
-        if T[:3, 3] @ T[:3, 2] >= 0:
+        if T[:3, 3] @ T[:3, 2] >= 0:  # the board's z axis points away from the camera
             return None
         p = self.points_in_board @ T[:3, :3].T + T[:3, 3]
         if p[:, 2].min() <= 0:
@@ -223,7 +231,17 @@ class BoardDetector:
             yield from find_near(grey, self._pattern, view, error_px)
 
     def _fit_board(self, grey: NDArray[np.uint8], rough: View, motion_px: Array | None) -> BoardFit | None:
-        """The refined view and its accepted corners; None if there are too few."""
+        """The refined view and its accepted corners; None if there are too few, or the motion hides the pattern.
+
+        First the corners are fitted from the rough view, each with its own blur. Their positions give a better view,
+        and the median of their blurs the smear. From these all corners are fitted anew. Last, the view is refined as
+        long as that adds corners.
+
+        Args:
+            grey: (H, W) image.
+            rough: Candidate view.
+            motion_px: (2,) motion of the board in the image during the exposure, pixels; None: not known.
+        """
         corners = self._pattern.corners
         motion = None if motion_px is None else rough.to_squares(motion_px)
         if motion is not None and not _is_readable(np.abs(motion)):
@@ -237,6 +255,7 @@ class BoardDetector:
         if view is None:
             return None
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
+        # (2,) blur at rest, squares
         sharp = _SHARP_PX / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
         smear, fits = min(
             (
@@ -260,7 +279,13 @@ class BoardDetector:
         return fit if self._is_sufficient(fit, motion_uv) else None
 
     def _accept_corners(self, view: View, fits: Array, motion_uv: Array) -> BoardFit:
-        """The corners that are certain enough and consistent with a plane board."""
+        """The corners that are certain enough and consistent with a plane board.
+
+        Args:
+            view: View of the board.
+            fits: (M, COLUMNS) fits of all corners.
+            motion_uv: (2,) motion of equal blur along u and v, squares; it adds to the standard deviations.
+        """
         size = view.size_px(self._pattern.corners)
         fit_sd = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
         sd = np.sqrt(fit_sd**2 + _CORNER_SD_PX**2 + (_SMEAR_SD * np.linalg.norm(motion_uv) * size) ** 2)
@@ -270,7 +295,10 @@ class BoardDetector:
         return BoardFit(view=view, indices=indices, corners=fits[indices], sd_px=sd[indices])
 
     def _is_sufficient(self, fit: BoardFit, motion_uv: Array) -> bool:
-        """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more."""
+        """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more.
+
+        `motion_uv` (2,) ≥ 0 is the motion of equal blur along u and v, squares.
+        """
         count, length = len(fit.indices), np.linalg.norm(motion_uv)
         if length <= _MAX_SHARP:
             return count >= _MIN_CORNERS
@@ -278,7 +306,16 @@ class BoardDetector:
         return bool(many and _is_readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
 
     def _possible_smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
-        """Smears of equal blur: a motion that smears both families of edges has one of two directions."""
+        """Yields the smears to try, which have equal blur.
+
+        The first is the blur as it is. If the motion is not known and both families of edges are smeared, it may also
+        be a motion along u and v of equal or of opposite signs; both are yielded.
+
+        Args:
+            blur: (2,) median blur of the fitted corners, squares.
+            motion: (2,) known motion along u and v, squares; None: not known.
+            sharp: (2,) blur at rest, squares.
+        """
         yield Smear(blur=blur, motion=motion)
         motion_uv = Smear(blur=blur, motion=None).total_motion(sharp)
         if motion is None and motion_uv.min() > _MIN_SMEAR:
@@ -286,7 +323,16 @@ class BoardDetector:
                 yield Smear(blur=sharp, motion=motion_uv * (1.0, sense))
 
     def _fit_all_corners(self, grey: NDArray[np.uint8], view: View, smear: Smear, fit_blur: bool) -> Array:
-        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the usual step in brightness."""
+        """(M, COLUMNS) fits of all corners; OK are those with little misfit and the usual step in brightness.
+
+        None is OK if the usual step, the median, is too small.
+
+        Args:
+            grey: (H, W) image.
+            view: View of the board, whose corners are where the fits begin.
+            smear: Blur of the image.
+            fit_blur: Whether the blur of each corner is fitted, from that of `smear` on; otherwise it is fixed.
+        """
         corners, colour = self._pattern.corners, self._pattern.corner_colour
         motion = np.zeros(2) if smear.motion is None else smear.motion
         fits = saddle_points.fit_corners(
@@ -299,7 +345,14 @@ class BoardDetector:
         return fits
 
     def _is_identified(self, grey: NDArray[np.uint8], fit: BoardFit, near: Array | None, reach_px: float) -> bool:
-        """Whether the identity of the corners is certain, by the prediction or by the whole board."""
+        """Whether the identity of the corners is certain, by the prediction or by the whole board.
+
+        Args:
+            grey: (H, W) image.
+            fit: View and accepted corners.
+            near: (2,) predicted centre of the board, pixels; None without a prediction.
+            reach_px: Largest error of the prediction, pixels.
+        """
         if near is not None and is_unambiguous(self._pattern, fit.view, fit.indices, near, reach_px):
             return True
         levels = fit.corners[:, (saddle_points.MEAN, saddle_points.STEP)]
@@ -307,11 +360,11 @@ class BoardDetector:
 
 
 def _is_readable(motion_uv: Array) -> bool:
-    """Whether a board that moves by (2,) squares along u and v during the exposure keeps its pattern."""
+    """Whether a board that moves by (2,) squares ≥ 0 along u and v during the exposure keeps its pattern."""
     return bool(np.linalg.norm(motion_uv) <= _MAX_SMEAR and motion_uv.min() <= _MAX_STREAK)
 
 
 def _misfit(fits: Array) -> float:
-    """Median RMS residual over the step in brightness; infinite without a corner."""
+    """Median RMS residual over half the step in brightness, of the OK rows of (N, COLUMNS) fits; infinite for none."""
     good = fits[:, saddle_points.OK] > 0
     return float(np.median(fits[good, saddle_points.RMS] / fits[good, saddle_points.STEP])) if good.any() else np.inf

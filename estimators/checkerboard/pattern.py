@@ -33,12 +33,14 @@ class DistortionModel:
     """
 
     def __init__(self, camera: CameraCalibration) -> None:
+        """Raises ConfigError where the distortion model is unknown."""
         if camera.distortion_model not in MODELS:
             raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, ", ".join(MODELS))
         self._fisheye = camera.distortion_model == "equidistant"
         self._K, self._D = camera.K, np.asarray(camera.distortion, dtype=float)
         self.size = (camera.width, camera.height)
         self.focal_px = (camera.intrinsics[0] + camera.intrinsics[1]) / 2
+        # the first length of a ray after which its distorted length no longer grows
         r = np.linspace(0.0, _TAN_MAX, _FOLD_STEPS)
         falls = np.diff(self._distort(np.column_stack([r, np.zeros_like(r)]))[:, 0]) <= 0
         self.reach = float(r[falls.argmax()]) if falls.any() else _TAN_MAX
@@ -48,17 +50,21 @@ class DistortionModel:
         rays = np.asarray(rays, dtype=float)
         fu, fv, pu, pv = self._K[0, 0], self._K[1, 1], self._K[0, 2], self._K[1, 2]
         pixels = self._distort(rays) * (fu, fv) + (pu, pv)
+        # the comparison is False for NaN as well
         pixels[~(np.einsum("ij,ij->i", rays, rays) <= self.reach**2)] = np.nan
         return pixels
 
     def rays(self, pixels: ArrayLike) -> Array:
-        """(N, 2) rays of (N, 2) pixels."""
+        """(N, 2) rays of (N, 2) pixels, without distortion: x / z and y / z in the optical frame."""
         pixels = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
         undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
         return np.asarray(undistort(pixels, self._K, self._D), dtype=float).reshape(-1, 2)
 
     def _distort(self, rays: Array) -> Array:
-        """(N, 2) distorted rays (Kannala & Brandt 2006 for `equidistant`, Brown 1966 for `radtan`)."""
+        """(N, 2) distorted rays of (N, 2) rays, in units of the focal length from the principal point.
+
+        Kannala & Brandt 2006 for `equidistant`, Brown 1966 for `radtan`.
+        """
         x, y = rays[:, 0], rays[:, 1]
         r2 = x * x + y * y
         if self._fisheye:
@@ -101,6 +107,7 @@ class BoardPattern:
     """
 
     def __init__(self, board: Board) -> None:
+        """Raises ConfigError where the board has too few squares, or looks the same from both ends."""
         columns, rows = board.squares
         if min(columns, rows) < 3 or (columns + rows) % 2 == 0:
             raise ConfigError(
@@ -133,13 +140,17 @@ class View:
 
     @classmethod
     def from_points(cls, lens: DistortionModel, squares: Array, rays: Array, tolerance: float = 0.0) -> View | None:
-        """The view that maps (N, 2) squares to (N, 2) rays; None if none does, or if it shows the board from behind.
+        """The view that maps points of a board to their rays; None if none does, or if it shows the board from behind.
 
-        Points farther off than `tolerance` are outliers (RANSAC); 0 = all are inliers.
+        Args:
+            lens: Lens of the camera.
+            squares: (N, 2) points, in squares from the board's origin; N ≥ 4, else None.
+            rays: (N, 2) rays of the points.
+            tolerance: Largest error of an inlier (RANSAC), in units of a ray; 0: all points are inliers.
         """
         if len(squares) < 4:
             return None
-        method, limit = (cv2.RANSAC, tolerance) if tolerance else (0, 3.0)
+        method, limit = (cv2.RANSAC, tolerance) if tolerance else (0, 3.0)  # 0: least squares, without a limit
         H, _ = cv2.findHomography(squares, rays, method, limit)
         if H is None or not np.isfinite(H).all():
             return None
@@ -147,17 +158,18 @@ class View:
         return cls(lens=lens, H=H) if np.linalg.det(H) < 0 else None  # z of the board points at the camera
 
     def shift(self, u: float, v: float) -> View:
-        """The view of a board with its origin at (u, v) squares from that of this one."""
+        """The view of a board that is moved by (u, v) squares along its own axes."""
         return View(lens=self.lens, H=self.H @ np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]]))
 
     def rays(self, squares: Array) -> Array:
-        """(N, 2) rays of (N, 2) points; NaN behind the camera."""
+        """(N, 2) rays of (N, 2) points in squares; NaN behind the camera."""
+        # homogeneous coordinates; the last one counts relative to that of the board's centre
         p = squares @ self.H[:, :2].T + self.H[:, 2]
         ahead = p[:, 2] > _AHEAD * self.H[2, 2]
         return np.where(ahead[:, None], p[:, :2], np.nan) / np.where(ahead, p[:, 2], 1.0)[:, None]
 
     def pixels(self, squares: Array) -> Array:
-        """(N, 2) pixels of (N, 2) points; NaN where not visible."""
+        """(N, 2) pixels of (N, 2) points in squares; NaN behind the camera, and beyond the reach of its lens."""
         return self.lens.pixels(self.rays(squares))
 
     def edges(self, squares: Array) -> Array:
@@ -175,14 +187,18 @@ class View:
         return np.stack([u1 - u0, v1 - v0], axis=1)
 
     def to_squares(self, way_px: Array) -> Array:
-        """(2,) motion along u and v in squares, of a short motion `way_px` (2,) in pixels at the board's centre."""
+        """(2,) motion along u and v in squares, of a short motion `way_px` (2,) in pixels at the board's centre.
+
+        NaN where the board is seen edge-on.
+        """
+        # way_px = a u + b v for the edges u and v of a square, px: a and b by Cramer's rule
         u, v = self.edges(np.zeros((1, 2)))[0]
         area = u[0] * v[1] - u[1] * v[0]
         along = [way_px[0] * v[1] - way_px[1] * v[0], u[0] * way_px[1] - u[1] * way_px[0]]
         return np.array(along) / (area if abs(area) > 0 else np.nan)
 
     def size_px(self, squares: Array) -> Array:
-        """(N,) geometric mean of a square's two edges at (N, 2) points, pixels."""
+        """(N,) size of a square at (N, 2) points, pixels: the square root of its area in the image."""
         u, v = self.edges(squares).transpose(1, 2, 0)
         return np.sqrt(np.abs(u[0] * v[1] - u[1] * v[0]))
 
@@ -203,6 +219,6 @@ def lattice(columns: int, rows: int) -> Array:
 
 
 def _checker(columns: int, rows: int) -> Array:
-    """(rows, columns) of alternating +1 and -1, +1 first."""
+    """(rows, columns) checkerboard of +1 and -1, with +1 at the least u and v."""
     v, u = np.mgrid[:rows, :columns]
     return 1.0 - 2.0 * ((u + v) % 2)

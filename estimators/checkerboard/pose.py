@@ -48,7 +48,7 @@ class BoardObservation:
 
 CHI2_GATE = 9.0
 """Solutions are distinguished if their squared residuals differ by more than this: 3 standard deviations."""
-_ROUNDS = 12
+_ROUNDS = 12  # of Gauss-Newton, at most
 _SETTLED = 1e-9  # m and rad
 _LEAST_SPREAD = 1e-3  # least over greatest extent of the corners: below, they are collinear and define no plane
 
@@ -107,6 +107,7 @@ def select_poses(
     Returns:
         Those whose squared residuals, and deviation from the prior, are within `CHI2_GATE` of the least.
     """
+    # squared residuals, plus the squared Mahalanobis distance of the rotation from the prior
     costs = [pose.chi2 for pose in poses]
     if R_camera_board is not None and np.isfinite(rotation_sd):
         known = np.asarray(R_camera_board, dtype=float)
@@ -122,6 +123,9 @@ def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardP
     Args:
         observation: Corners of the board.
         T_camera_board: (4, 4) start.
+
+    Returns:
+        The pose with its covariance; None also if the corners do not determine it.
     """
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
@@ -131,6 +135,7 @@ def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardP
         if z.min() <= 0:
             return None
         residual = (observation.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
+        # derivatives of each ray (x / z, y / z) by position and rotation of the board, both in the camera's axes
         by_position = np.zeros((len(z), 2, 3))
         by_position[:, 0, 0] = by_position[:, 1, 1] = 1 / z
         by_position[:, 0, 2], by_position[:, 1, 2] = -x / z**2, -y / z**2

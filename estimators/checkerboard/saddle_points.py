@@ -84,12 +84,15 @@ def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
     Returns:
         Value s(u), slope ds/du, and derivative ds/dsd.
     """
-    first = max(math.ceil(u - _Z_MAX * sd), -2)  # the edges smoothed as far as u
+    # Edges are at whole numbers k, and rise at even ones. Only those from first to last are smoothed as far as u; the
+    # others, of -2 to 2, count as ±1 in the initial value.
+    first = max(math.ceil(u - _Z_MAX * sd), -2)
     last = min(math.floor(u + _Z_MAX * sd), 2)
     value, slope, by_sd = float((first + 2) % 2 - (2 - last) % 2), 0.0, 0.0
     sign = 1.0 if first % 2 == 0 else -1.0
     for k in range(first, last + 1):
         z = (u - k) / sd
+        # linear interpolation in the tables of a smoothed edge and of its slope
         at = (min(max(z, -_Z_MAX), _Z_MAX) + _Z_MAX) * _PER_Z
         i = int(at)
         fraction = at - i
@@ -114,8 +117,18 @@ def _fit_corner(
 ) -> None:
     """Fits the brightness around one corner by Gauss-Newton: minimises Σ (grey - a - b s(u) s(v))².
 
-    The arguments are one row of those of `fit_corners`; the fit is written into `out` (COLUMNS,), which stays 0 without
-    one.
+    There is no fit if the image does not contain all around the corner, has too few pixels there, shows no corner of
+    the right colours, or one far from the prediction.
+
+    Args:
+        image: (H, W) grey.
+        start: (2,) predicted corner, pixels.
+        edges: (2, 2) one square along u (first row) and along v (second), pixels.
+        colour: +1 where the square at +u, +v of the corner is bright, -1 where it is dark.
+        blur: (2,) initial standard deviation of the blur across the edges u = 0 and v = 0, squares.
+        motion: (2,) motion of the board during the exposure along u and v, squares.
+        fit_blur: Whether the blur is fitted; otherwise it is fixed.
+        out: (COLUMNS,) out: the fit, whose entries are `X` to `OK`; it stays 0 without one.
     """
     height, width = image.shape
     area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
@@ -129,9 +142,11 @@ def _fit_corner(
     top, bottom = math.floor(start[1] - reach_y), math.ceil(start[1] + reach_y)
     if left < 0 or top < 0 or right >= width or bottom >= height:
         return
+    # number of places at which the motion is sampled, and distance of the pixels used
     samples = min(1 + int(max(abs(motion[0]) / blur[0], abs(motion[1]) / blur[1]) / _SAMPLE_BLURS), _MAX_SAMPLES)
     pace = 2 if samples > 1 and abs(area) > _SPARSE_PX2 else 1
     size = (right - left + 1) * (bottom - top + 1)
+    # pixels within `_HALF` squares of the prediction: position relative to it, and brightness
     dx, dy, grey = np.empty(size), np.empty(size), np.empty(size)
     count = 0
     mean = 0.0
@@ -145,6 +160,7 @@ def _fit_corner(
     if count < _MIN_PIXELS:
         return
     mean /= count
+    # Unknowns, in the order of J: 0-1 corner relative to the prediction (x, y), 2 mean, 3 contrast b, 4-5 blurs.
     x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
     free = _UNKNOWNS if fit_blur else _UNKNOWNS - 2
     N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_UNKNOWNS)
@@ -199,6 +215,7 @@ def _fit_corner(
             N[5, 5] += _BLUR_INFORMATION * contrast * contrast
         if not solve_damped(N, g, free, 0.0, L, step):
             return
+        # squares; the step of the position is shortened to `_MAX_STEP`
         moved = max(abs(ux * step[0] + uy * step[1]), abs(vx * step[0] + vy * step[1]))
         limited = min(1.0, _MAX_STEP / (moved + 1e-12))
         dx_px, dy_px = limited * step[0], limited * step[1]

@@ -39,7 +39,11 @@ def view_from_guess(pattern: BoardPattern, lens: DistortionModel, corners_px: Ar
 
 
 def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_px: float) -> list[View]:
-    """Views within `reach_px` of a guess in which the image correlates with the board, the best first."""
+    """Views within `reach_px` of a guess in which the image correlates with the board, the best first.
+
+    They are the guess, shifted along the board by a multiple of a third of a square, and by `_MAX_SQUARES` at most.
+    Empty if nothing correlates, or if the guess has no size in the image.
+    """
     size = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)
     if not (size > 0).all():
         return []
@@ -48,7 +52,11 @@ def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach
 
 
 def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: DistortionModel) -> list[View]:
-    """Views of the first grid of saddle points that correlates with the board, the best first."""
+    """Views of the first grid of saddle points that correlates with the board, the best first; empty without one.
+
+    A grid shows neither which of its points is which corner nor how it is rotated. So one of its points is taken as a
+    corner in the middle of the board, in each of the four rotations, and the correlation finds the shift.
+    """
     columns, rows = pattern.shape
     some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # in the middle of the board
     for steps, places in _find_grids(grey):
@@ -77,8 +85,12 @@ def _correlate(
         guess: View of the board but for a shift.
         reach_u: Largest shift along u, squares.
         reach_v: Largest shift along v, squares.
+
+    Returns:
+        At most `_CANDIDATES` pairs of a correlation, -1 to 1, and the shifted view, the best first.
     """
     columns, rows = pattern.bright.shape[1] + 2 * reach_u, pattern.bright.shape[0] + 2 * reach_v
+    # (columns, rows) squares around the guess's centre are sampled: the board with the largest shifts on each side
     u = (np.arange(columns * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - columns / 2
     v = (np.arange(rows * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - rows / 2
     squares = np.column_stack([np.tile(u, len(v)), np.repeat(v, len(u))])
@@ -97,13 +109,21 @@ def _correlate(
         candidates.append(
             (best, guess.shift(column / _SAMPLES_PER_SQUARE - reach_u, row / _SAMPLES_PER_SQUARE - reach_v))
         )
+        # neighbouring shifts are no other candidates
         half = _SAMPLES_PER_SQUARE // 2
         correlation[max(row - half, 0) : row + half + 1, max(column - half, 0) : column + half + 1] = -1.0
     return candidates
 
 
 def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
-    """Grids of saddle points: (N, 2) whole steps along both edges from one of them, and (N, 2) pixels of each."""
+    """Yields grids of saddle points, of at least `_MIN_GRID` points; `_GRIDS` at most.
+
+    From the strongest saddle point on, two edges of a grid are chosen among its neighbours, and the grid grows along
+    them.
+
+    Yields:
+        (N, 2) whole steps along both edges from the first point, and (N, 2) pixels of each point.
+    """
     places, directions = _find_saddle_points(grey)
     apart = places[None] - places[:, None]  # [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
@@ -114,6 +134,7 @@ def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
         near = apart[i, order[np.isfinite(distance[i, order])]]
         if len(near) < 2:
             continue
+        # The nearest neighbour gives the first edge; the second is the nearest one at a large enough angle to it.
         across = near[0, 0] * near[:, 1] - near[0, 1] * near[:, 0]
         length = np.linalg.norm(near, axis=1)
         beside = np.flatnonzero(np.abs(across) > _MIN_EDGE_SINE * length[0] * length)
@@ -142,6 +163,7 @@ def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array
         (K, 2) whole steps along both edges; (K, 2) pixels of each point.
     """
     steps, points = np.zeros((0, 2)), np.zeros((0, 2))
+    # steps to each side; after each round the edges are fitted anew to the points found
     for reach in (1, 2, 4, 8):
         j, i = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         lattice = np.column_stack([i.ravel(), j.ravel()]).astype(float)
@@ -158,11 +180,16 @@ def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array
 
 
 def _find_saddle_points(grey: NDArray[np.uint8]) -> tuple[Array, Array]:
-    """(N, 2) strongest saddle points of the brightness, pixels, and (N, 2) unit vectors at twice their angle."""
+    """The strongest saddle points of the brightness, at most `_SADDLES`.
+
+    Returns:
+        (N, 2) pixels (x, y), the strongest first; (N, 2) unit vectors at twice the angle of the saddle's axis, which is
+        the same for both ends of the axis. Neighbouring corners of a board have opposite ones.
+    """
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SADDLE_SCALE_PX)
     xx, yy = cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2)
     xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1)
-    saddle = xy * xy - xx * yy
+    saddle = xy * xy - xx * yy  # positive where the second derivatives have different signs
     peak = (saddle >= cv2.dilate(saddle, np.ones((5, 5)))) & (saddle > 1.0)
     rows, columns = np.nonzero(peak)
     strongest = np.argsort(-saddle[rows, columns], kind="stable")[:_SADDLES]

@@ -141,6 +141,10 @@ class Dvio:
     default_parameters = staticmethod(method_parameters)
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: DvioParameters | None = None) -> None:
+        """Prepares the odometry of one mount of the rig; it starts with the samples.
+
+        Raises ConfigError for an unknown mount, and StrideTwinError where the rig has no camera or IMU there.
+        """
         Rig.check(rig, "Dvio")
         options = options or Options()
         mount = _mount(rig, options)
@@ -153,17 +157,21 @@ class Dvio:
         camera, imu = rig.cameras[self._color], rig.imu(self._imu)
         T_imu_camera = np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor
         self._parameters = parameters or method_parameters(options.method)
+        # time since the newest frame after which the health is `imu_only`, s
         self._max_imu_only_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
         self._waits_for_depth = camera.depth_topic != "" and self._parameters.method.uses_depth
         self._core = SlidingWindow(camera, imu, T_imu_camera, self._parameters)
         self._initializer = Initializer(self._core)
         self._camera_pose = self._camera_mount(0)
+        # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
         self._depths: deque[Depth] = deque(maxlen=MAX_WAITING_IMAGES)
-        self._last_ns: dict[str, int] = {}
+        self._last_ns: dict[str, int] = {}  # stamp of the last accepted image of each topic
+        # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
-        self._health = ""
+        self._health = ""  # as in `DvioEstimate`; "" before the first start
+        # the last plausible pose with its covariance, which is held while lost
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
     @classmethod
@@ -191,6 +199,15 @@ class Dvio:
         parameters: DvioParameters | None = None,
     ) -> list[PathEstimate]:
         """The path of the camera's IMU over a whole recording; without a depth stream, a stereo pair gives the depth.
+
+        Args:
+            recording: The recording.
+            options: Method and mount; without a mount, the first with a camera and an IMU.
+            progress: Called with "estimate" and the share of the recording that is done, 0 to 1.
+            parameters: Replace those of the method.
+
+        Returns:
+            A list with the one path.
 
         Raises:
             StrideTwinError: A topic or calibration is missing, the method is unknown, or the odometry never starts.
@@ -254,6 +271,7 @@ class Dvio:
             raise StrideTwinError(
                 f"{sample.topic} is not of this odometry; it takes {self._imu}, {self._color}, {self._depth}"
             )
+        # -2⁶² ns is earlier than any stamp
         if fine and sample.t_ns > self._last_ns.get(sample.topic, -(2**62)):
             self._last_ns[sample.topic] = sample.t_ns
             queue.append(copy_sample(sample))  # type: ignore[arg-type]
@@ -283,6 +301,9 @@ class Dvio:
     def _on_imu(self, sample: Imu) -> DvioEstimate | None:
         """Processes an IMU sample: takes the images whose time it has reached, then propagates the state to its time.
 
+        While lost, the state is not propagated: the pose is held, and the variance of its position grows with time. A
+        plausible state is kept in `_valid_p`, `_valid_R` and `_valid_covariance`; an implausible one means failure.
+
         Returns:
             The new estimate; None if the sample is invalid or the odometry has not started.
         """
@@ -300,6 +321,7 @@ class Dvio:
         if not self._health:
             return None
         if self._health == LOST:
+            # the position error is a random walk; 0-2 are the position's rows of the covariance
             seconds = (sample.t_ns - int(core.nav.t_ns[0])) * 1e-9
             core.nav.covariance[range(3), range(3)] += LOST_WALK_M_RTS**2 * max(seconds, 0.0)
             core.nav.t_ns[0] = sample.t_ns
@@ -316,7 +338,11 @@ class Dvio:
         return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
 
     def _next(self) -> CameraFrame | None:
-        """The oldest image whose time the IMU has reached and whose depth has arrived or timed out."""
+        """Takes the oldest waiting image, with its depth, out of the queues; None if it must still wait.
+
+        It waits until the IMU has samples beyond its time, and until its depth has arrived or `max_depth_wait_s` has
+        passed. The depth image is the one within `_SIMULTANEOUS_S`; it is None where none came in time.
+        """
         if not self._images:
             return None
         image, newest = self._images[0], self._core.inertial.newest_ns
@@ -338,10 +364,12 @@ class Dvio:
     def _track(self, frame: CameraFrame) -> None:
         """Tracks one image in the window, or restarts the window after a long time without images.
 
-        An image that is not newer than the newest frame is skipped. An implausible state afterwards means failure.
+        An image that is not newer than the newest frame is skipped. The window restarts at the state from the IMU alone
+        after `_MAX_BLIND_S` without an image, or if the IMU samples since the last keyframe are no longer kept. Sets
+        the health to `tracking`, or to `imu_only` where too few points are seen. An implausible state means failure.
         """
         core = self._core
-        t_ns, before = core.imu_time(frame.t_ns), core.newest_ns
+        t_ns, before = core.imu_time(frame.t_ns), core.newest_ns  # of the image and of the newest frame, IMU's clock
         if t_ns <= before:
             return
         if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
@@ -356,9 +384,15 @@ class Dvio:
             self._declare_lost()
 
     def _initialize(self, frame: CameraFrame) -> None:
-        """Starts at an image: at once if stationary, once vision and IMU align, else by the mean force after 3 s.
+        """Tries to start the odometry at an image, in one of three ways.
 
-        `_MAX_ALIGN_S` is that limit. Nothing happens while the IMU's samples do not cover what the start needs.
+        - A stationary sensor starts at once, from the mean rate and force of the last `STATIONARY_S`.
+        - A moving one starts once vision and IMU align (`Initializer`), from the result of the alignment.
+        - If they have not aligned within `_MAX_ALIGN_S`, it starts from the mean force of the last `_MEAN_FORCE_S`.
+
+        After a start with enough points the health is `tracking`; otherwise the next image tries again.
+        `_init_start_ns` is the time of the first try. Nothing happens if the IMU samples do not reach back to the
+        image.
         """
         core = self._core
         t_ns = core.imu_time(frame.t_ns)
@@ -367,11 +401,12 @@ class Dvio:
         if self._init_start_ns is None:
             self._init_start_ns = t_ns
         resting = core.inertial.is_stationary(t_ns)
+        # The initializer needs every image of a moving sensor: it collects them until they align.
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
             covariance = self._init_from_alignment(alignment)
         elif resting or (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S:
             samples = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
-            if not len(samples):
+            if not len(samples):  # a gap in the IMU
                 return
             covariance = self._init_from_gravity(samples.mean(axis=0), resting)
         else:
@@ -385,7 +420,8 @@ class Dvio:
     def _init_from_gravity(self, mean: Array, resting: bool) -> Array:
         """Sets attitude, velocity and biases of `nav` from the mean rate and force (6,) of recent samples.
 
-        The force gives the vertical; the velocity becomes 0, and at rest the mean rate is the gyroscope's bias.
+        The force gives the vertical. The heading is 0 at a first start, and that of the last valid pose after a
+        failure. The velocity becomes 0, and if `resting`, the mean rate is the gyroscope's bias. The position stays.
 
         Returns:
             (15, 15) covariance of that state.
@@ -401,7 +437,13 @@ class Dvio:
         return self._core.start_covariance(position_covariance, heading_sd, tilt_sd, speed_sd)
 
     def _init_from_alignment(self, alignment: Alignment) -> Array:
-        """Sets attitude, velocity and biases of `nav` from an alignment; returns their (15, 15) covariance."""
+        """Sets attitude, velocity and biases of `nav` from an alignment; the position of `nav` stays.
+
+        The heading is 0 at a first start, and that of the last valid pose after a failure.
+
+        Returns:
+            (15, 15) covariance of that state.
+        """
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
@@ -416,17 +458,21 @@ class Dvio:
         nav = self._core.nav
         if self._health != LOST:
             return _START_SD**2 * np.eye(3), _START_SD
-        up = nav.R.T @ np.array([0.0, 0.0, 1.0])
+        up = nav.R.T @ np.array([0.0, 0.0, 1.0])  # the world's z axis in the IMU's axes: a heading error turns about it
         return nav.covariance[:3, :3].copy(), float(np.sqrt(up @ nav.covariance[3:6, 3:6] @ up))
 
     def _declare_lost(self) -> None:
-        """Declares a failure: holds the last valid pose, with a large covariance, until a new start."""
+        """Declares a failure: the health becomes `lost` until a new start.
+
+        `nav` becomes the last valid pose at rest without biases, with a large covariance. Waiting images and what the
+        initializer has collected are dropped. If the odometry is lost already, its state stays.
+        """
         nav, already = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
         self._images.clear()
         self._initializer.reset()
         if already:
-            # Since then the position has become less certain.
+            # The position has become less certain since the failure; that must not be undone.
             return
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
@@ -440,8 +486,9 @@ def _attitude_from_gravity(force: Array, before: Array | None) -> Array:
     sight), or of its negative y axis if the camera looks straight down.
     """
     up = force / np.linalg.norm(force)
+    # direction that becomes the world's x axis, in the IMU's axes; before[0] is the previous x axis of the world
     forward = np.array([0.0, 0.0, 1.0]) if before is None else before[0]
-    if np.linalg.norm(np.cross(up, forward)) < 0.2:
+    if np.linalg.norm(np.cross(up, forward)) < 0.2:  # sine of the angle between them: nearly vertical
         forward = np.array([0.0, -1.0, 0.0])
     x = forward - up * (up @ forward)
     x /= np.linalg.norm(x)

@@ -61,6 +61,7 @@ def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: flo
         rate_density: White noise of the rate, rad/s/√Hz.
         force_density: White noise of the force, m/s²/√Hz.
     """
+    # rotation φ over the interval, and force a, without the biases; G is ΔR before it
     phi, a, bias = empty_vec3(), empty_vec3(), z.bias
     for i in range(3):
         phi[i] = (sample[i] - bias[i]) * dt
@@ -68,6 +69,7 @@ def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: flo
     G, delta_v, delta_p = empty_mat3(), z.delta_v, z.delta_p
     copy_matrix(z.delta_R, G)
     X, A = hat(phi), hat(a)
+    # X and A are the cross product matrices of φ and a; Xa is that of φ × a
     X2, XA, Xa = multiply(X, X), multiply(X, A), hat(apply(X, a))
     # δv = to_v a dt and δp = to_p a dt²: docs/dvio.md (1); and their derivatives by φ
     to_v, to_p, v_by_phi, p_by_phi = empty_mat3(), empty_mat3(), empty_mat3(), empty_mat3()
@@ -161,12 +163,12 @@ def integrate(
             share += (noise.rate_share * (sample[k] - bias[k])) ** 2
         rate_density, force_density = math.sqrt(noise.rate**2 + share), noise.force
         if imu.invalid[i]:
-            # A constant error over the interval, as a density.
+            # A constant error over the interval has the density of its standard deviation times √dt.
             rate_density += noise.invalid_rate * math.sqrt(dt)
             force_density += noise.invalid_force * math.sqrt(dt)
         advance(z, sample, dt, rate_density, force_density)
         at = until
-        i += at == t_ns[i]
+        i += at == t_ns[i]  # the next sample, once the end of this one's interval is reached
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
@@ -215,6 +217,7 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
         r[i] = p[i] - zs.delta_p[k, i] - bias_correction[i]
         r[3 + i] = e[i]
         r[6 + i] = v[i] - zs.delta_v[k, i] - bias_correction[6 + i]
+    # The residual is of the present states; the Jacobian of frames in the prior is at their first estimates.
     if factors.first_estimates and in_prior[k]:
         Ri, pi, vi = frames.R_first[k], frames.p_first[k], frames.v_first[k]
     if factors.first_estimates and in_prior[k + 1]:
@@ -222,7 +225,7 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
     _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
     by_turn = multiply(inverse, multiply(transposed(Rj), Ri))
-    # Log(Exp(-Jr(rotation) B db) E) of E = Exp(e)
+    # derivative of Log(Exp(-Jr(rotation) B db) E) by B db, with E = Exp(e) and B db the rotation by a bias error
     by_bias = multiply(inverse, multiply(transposed(exp(e)), right_jacobian(rotation)))
     J[:] = 0.0
     n = state.FRAME
@@ -249,12 +252,19 @@ def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParam
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
     See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
+
+    Args:
+        window: Frames and preintegrated measurements.
+        k: Slot of the earlier frame.
+        factors: Gravity, random walks, and whether first estimates are used.
+        H: (N, N) normal equations of all states, changed in place; of the factor only the lower triangle is added.
+        b: (N,) right-hand side, changed in place.
     """
     r, J = np.empty(9), np.empty((9, 2 * state.FRAME))
     imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
     WJ = multiply(weight, J)
-    o = state.CALIBRATION + state.FRAME * k
+    o = state.CALIBRATION + state.FRAME * k  # first index of frame k
     cost = 0.0
     for i in range(9):
         wr = 0.0
@@ -309,7 +319,10 @@ def add_zero_velocity(v: Array, sd: float, at: int, H: Array, b: Array) -> float
 def add_imu_factors(
     window: state.WindowState, factors: state.FactorParameters, frames: int, H: Array, b: Array
 ) -> float:
-    """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost."""
+    """Adds IMU factors and zero-velocity updates of the oldest `frames` to H (N, N) and b (N,); returns their cost.
+
+    The IMU factor of a frame links it to the next one; the newest frame has none.
+    """
     f, cost = window.frames, 0.0
     for k in range(frames):
         cost += add_zero_velocity(

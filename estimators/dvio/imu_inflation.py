@@ -41,7 +41,10 @@ class ImuInflation:
     """
 
     def __init__(self, nominal: ImuNoise) -> None:
+        """Begins with factors of 1 on the noise `nominal`."""
         self._nominal = nominal
+        # (2,) sums over earlier measurements, with exponential forgetting: squared residuals at nominal noise, and
+        # their expectation
         self._squared, self._expected = np.zeros(2), np.zeros(2)
         self.factor = np.ones(2)
         # with which the newest increments were integrated
@@ -61,6 +64,9 @@ class ImuInflation:
 
     def update(self, window: WindowState, factors: FactorParameters, L: Array) -> None:
         """Uses the measurement that began three keyframes ago, once the newest frame is a keyframe.
+
+        It is called once per keyframe. The first calls of a window only note the present factors, with which the
+        measurement that ends at the newest frame was integrated.
 
         Args:
             window: The window after its optimisation.
@@ -96,6 +102,12 @@ def residuals(window: WindowState, k: int, factors: FactorParameters, L: Array) 
     With noise as assumed, the residual r = e + J x of a measurement with noise e of covariance C has the covariance C −
     J P Jᵀ, where P is the covariance of the states x. So r_i (C⁻¹ r)_i has the expectation (C⁻¹ (C − J P Jᵀ))_ii; both
     are summed over the rows of the gyroscope (rotation) and of the accelerometer (position and velocity).
+
+    Args:
+        window: The window after its optimisation.
+        k: Slot of the frame in which the measurement begins.
+        factors: Noise model of the factors.
+        L: Lower Cholesky factor of the window's normal equations.
     """
     r, J = np.empty(9), np.empty((9, 2 * FRAME))
     kernel.imu_residual(window, k, factors, r, J)

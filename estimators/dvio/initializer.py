@@ -30,6 +30,7 @@ from stridetwin.streams.samples import Array
 
 # Errors that one interval depends on: pose of the two cameras, the two velocities, tilt, biases, scale,
 # the camera's position and attitude on the IMU, time offset.
+# First index of each, and their number: a pose has position before rotation, the biases gyroscope before accelerometer.
 _CAMERA_A, _CAMERA_B, _V_A, _V_B, _TILT, _BIAS, _SCALE, _MOUNT, _OFFSET, _LOCAL = 0, 6, 12, 15, 18, 20, 26, 27, 33, 34
 _STEP = 1e-6  # of numerical derivatives
 # Gauss-Newton: largest number of steps; a step above the second value recomputes the derivatives, one below the last
@@ -101,8 +102,8 @@ class Alignment(CameraMotion):
     """The result of an alignment of vision and IMU: motion with its uncertainty.
 
     Attributes:
-        covariance: (12, 12) of the tilt about `tilt_axes` (rad, on the right of the attitude), the newest velocity
-            (m/s), the biases (rad/s, m/s²) and the logarithm of the scale.
+        covariance: (12, 12) of 0-1 the tilt about `tilt_axes` (rad, on the right of the attitude), 2-4 the newest
+            velocity (m/s), 5-10 the biases (rad/s, m/s²), 11 the logarithm of the scale.
         misfit: Mean squared residual, in variances.
     """
 
@@ -119,6 +120,8 @@ class Alignment(CameraMotion):
             place: (3, 3) covariance of the position, m².
             heading_sd: Standard deviation of the heading, rad.
         """
+        # Derivative of the 15 errors by those of `covariance`, whose last entry, the scale, is replaced by the heading:
+        # an attitude error about `tilt_axes` or `up`, which turns the velocity in the world, too.
         J = np.zeros((15, 12))
         by_turn = -R_world_imu @ hat(self.v[-1])
         J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
@@ -162,9 +165,14 @@ def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, prior
     """(3,) rad/s, correction of the gyroscope bias at which the intervals were integrated.
 
     Weighted least squares of Log(ΔRᵀ R_kᵀ R_(k+1)) = J_R δb with the prior of the bias, after Qin 2018 (15).
+
+    Args:
+        structure: Cameras of K images, of which the rotations are used.
+        preintegrations: Preintegrated IMU over the K − 1 intervals between them.
+        priors: Nominal mount, and standard deviation of the bias.
     """
     R_ic = priors.T_imu_camera[:3, :3]
-    R = R_ic @ structure.R @ R_ic.T
+    R = R_ic @ structure.R @ R_ic.T  # of the IMU at each image, in the axes of that at the newest
     over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
     r = log(over)
     J, W = preintegrations.by_bias[:, 3:6, :3], np.linalg.inv(preintegrations.covariance[:, 3:6, 3:6])
@@ -180,6 +188,12 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     scale (p_b − p_a) / dt − v_a − g dt / 2 = (ΔP − arm_b + arm_a) / dt and v_b − v_a − g dt = ΔV, in the axes of the
     newest camera's IMU. `arm` is the camera's offset from the IMU. None if the scale is not positive or |g| is far from
     gravity.
+
+    Args:
+        structure: Cameras of K images.
+        z: Preintegrated IMU over the K − 1 intervals between them.
+        bias: (6,) biases of gyroscope (rad/s) and accelerometer (m/s²), to which the measurements are corrected.
+        priors: Mount, and size of gravity.
     """
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
@@ -187,7 +201,7 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     arm, cameras = p_ic - R @ p_ic, structure.p @ R_ic.T
     by = (z.by_bias @ (bias - z.bias)[..., None])[..., 0]
     alpha, beta = (R[:-1] @ (d + c)[..., None] for d, c in ((z.delta_p, by[:, :3]), (z.delta_v, by[:, 6:])))
-    n = 3 * K + 4
+    n = 3 * K + 4  # unknowns: K velocities, gravity, scale
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
         dt, i, j = z.dt[k, 0], 6 * k, 3 * k
@@ -200,7 +214,7 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
         A[i + 3 : i + 6, j : j + 3], A[i + 3 : i + 6, j + 3 : j + 6] = -np.eye(3), np.eye(3)
         A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
         b[i + 3 : i + 6] = beta[k, :, 0]
-    if structure.scaled:
+    if structure.scaled:  # the scale is 1: its column moves to the right-hand side
         b, A = b - A[:, -1], A[:, :-1]
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     scale, g = (1.0 if structure.scaled else float(x[-1])), x[3 * K : 3 * K + 3]
@@ -227,11 +241,18 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
 
     Minimises Σ rᵀ Σ⁻¹ r of docs/dvio.md (4) plus the structure's information on the cameras and the priors of biases,
     scale, mount and clock. Error vector (n,): 6 of each of K cameras, 3 of each velocity, 2 of the tilt, 6 of the
-    biases, logarithm of the scale, 6 of the mount, clock. The newest camera is the reference and does not move. None if
-    the problem is singular.
+    biases, logarithm of the scale, 6 of the mount, clock. The newest camera is the reference and does not move. A value
+    whose prior standard deviation is 0 does not move either. None if the problem is singular.
+
+    Args:
+        s: Start of the iteration, from `_solve_linear`.
+        structure: Cameras of K images.
+        z: Preintegrated IMU over the K − 1 intervals between them.
+        rates: (K, 3) measured angular rate at each image, rad/s.
+        priors: Priors of calibration and biases.
     """
     K = len(structure.R)
-    V, TILT = 6 * K, 9 * K
+    V, TILT = 6 * K, 9 * K  # first index of the velocities and of the tilt; biases, scale, mount and clock follow
     n = TILT + 2 + 6 + 1 + 6 + 1
     free, prior = np.ones(n, bool), np.zeros(n)
     free[6 * K - 6 : 6 * K] = False  # the newest camera is the reference
@@ -240,10 +261,11 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     )
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
-    deviation = np.zeros(n)
+    deviation = np.zeros(n)  # sum of all steps, from the means of the priors
+    # indices of the errors of each interval, in the order of `_CAMERA_A` to `_OFFSET`
     index = [np.r_[6 * k : 6 * k + 12, V + 3 * k : V + 3 * k + 6, TILT : TILT + 16] for k in range(K - 1)]
     deviation[TILT + 2 : TILT + 8] = s.bias - priors.bias
-    large = True
+    large = True  # whether the last step was so large that the derivatives must be computed anew
     for step in range(_STEPS):
         if step == 0 or large:
             r, J = _residual_jacobian(s, z, rates, priors.gravity)
@@ -276,15 +298,20 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + deviation[:V] @ structure.information @ deviation[:V])
     full_covariance = np.zeros((n, n))
     full_covariance[np.ix_(free, free)] = P
-    out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]
+    out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]  # as in `Alignment.covariance`
     covariance = full_covariance[np.ix_(out, out)]
     if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
         return None
+    # degrees of freedom: nine residuals per interval, less the velocities and the tilt
     return Alignment(**vars(s), covariance=covariance, misfit=cost / (9 * (K - 1) - 3 * K - 2))
 
 
 def _residual_jacobian(s: CameraMotion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
-    """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences."""
+    """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences.
+
+    The derivatives are by the errors of each interval, in the order of `_CAMERA_A` to `_OFFSET`. The arguments are
+    those of `_residuals`.
+    """
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
@@ -296,6 +323,13 @@ def _residuals(s: CameraMotion, z: Preintegration, rates: Array, gravity: float,
     The IMU's pose at an image follows from the camera's by the mount (R_c, p_c), the scale and the time offset τ: M =
     R_c R R_cᵀ Exp(−τ ω) and R_c scale p + p_c − M p_c, seen from the IMU at the newest image's nominal time. Position
     (m), rotation (rad) and velocity (m/s) in that order.
+
+    Args:
+        s: Unknowns of K images.
+        z: Preintegrated IMU over the K − 1 intervals.
+        rates: (K, 3) measured angular rate at each image, rad/s.
+        gravity: Size of gravity, m/s².
+        x: (D, 1, 34) errors added to the unknowns of every interval, in the order of `_CAMERA_A` to `_OFFSET`.
     """
     ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
@@ -325,6 +359,8 @@ def _residuals(s: CameraMotion, z: Preintegration, rates: Array, gravity: float,
 
 def _apply_step(s: CameraMotion, e: Array, K: int) -> CameraMotion:
     """Applies an error vector (n,) of `_refine` to the unknowns of K images; rotation errors are on the right."""
+    # globals_: 0-1 tilt, 2-7 biases, 8 logarithm of the scale, 9-11 and 12-14 position and rotation of the mount, 15
+    # clock; a positive tilt turns `up` and its axes back, because the attitude's error is on the right
     cameras, globals_ = e[: 6 * K].reshape(K, 6), e[9 * K :]
     back = exp(-(s.tilt_axes @ globals_[:2]))
     return replace(
@@ -352,11 +388,15 @@ class Initializer:
     """
 
     def __init__(self, core: SlidingWindow) -> None:
+        """Begins without images; `core` provides tracker, lens, IMU samples and calibration."""
         self._core = core
+        # Times on the IMU's clock of the images kept so far, and of the last image, kept or not.
         self._t_ns: list[int] = []
         self._before_ns = 0
+        # Per kept image and point: whether it is seen, where on the plane at depth 1, and its inverse depth there, 1/m.
         self._seen = np.zeros((_IMAGES, LANDMARK_SLOTS), bool)
         self._at, self._rho = np.zeros((_IMAGES, LANDMARK_SLOTS, 2)), np.zeros((_IMAGES, LANDMARK_SLOTS))
+        # Per point: whether the last image shows it, and where, px.
         self._alive, self._pixels = np.zeros(LANDMARK_SLOTS, bool), np.zeros((LANDMARK_SLOTS, 2), np.float32)
 
     def reset(self) -> None:
@@ -389,20 +429,28 @@ class Initializer:
         return alignment if is_certain else None
 
     def _track(self, t_ns: int) -> None:
-        """Tracks the points of the previous image, from their gyroscope predictions."""
+        """Tracks the points of the previous image into the tracker's last image, which was taken at `t_ns`.
+
+        The search begins where the rotation by the gyroscope puts them. Points that are lost are no longer alive.
+        """
         ids = np.flatnonzero(self._alive)
         if not len(ids):
             return
         core, z = self._core, blank_preintegration()
         kernel.integrate(z, core.inertial.imu_samples, self._before_ns, t_ns, core.nav.bias, core.noise)
         R_ic, previous_px = core.window.calibration.R, self._pixels[ids]
+        # (N, 3) in the new camera; a depth of at least 0.2 keeps points that have left the view finite
         rays = directions(core.lens.to_normalized(previous_px)) @ (R_ic.T @ z.delta_R @ R_ic)
         tracked_px, good = core.tracker.track(previous_px, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
         self._alive[ids] = good
         self._pixels[ids] = tracked_px
 
     def _store_observations(self, frame: CameraFrame, t_ns: int) -> None:
-        """Stores the observations of an image, drops the oldest image where there are too many, and adds new points."""
+        """Stores the observations of an image at `t_ns`, and searches for new points in it.
+
+        The oldest image is dropped if there are `_IMAGES` already. Observations and depths are corrected by the
+        estimated focal lengths and depth scale. A slot is free for a new point if no kept image sees its old one.
+        """
         core, c = self._core, self._core.window.calibration
         if len(self._t_ns) == _IMAGES:
             self._t_ns.pop(0)
@@ -434,7 +482,10 @@ class Initializer:
         )
 
     def _estimate_structure(self) -> Structure | None:
-        """Structure from at least as many images as an alignment needs."""
+        """Structure of the kept images, with measured depths where there are any.
+
+        None if it is not determined, or if fewer than `_MIN_IMAGES` of them are connected.
+        """
         p, K = self._core.parameters, len(self._t_ns)
         often = self._seen[:K].sum(axis=0) > 1
         s = Observations(

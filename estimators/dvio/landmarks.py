@@ -93,7 +93,19 @@ def _add_landmark(
 
     Residuals of docs/dvio.md (7)-(9) with Huber weights; docs/dvio.md (8) only if `host_depth`. Writes the landmark's
     row of `cross`, `depth_information` and `b_depth`, and adds the products of each observing frame to `pairs`.
+
+    Args:
+        frames: States of the frames.
+        marks: Landmarks with their observations.
+        calibration: Estimated calibration.
+        factors: Weights, and which depths are used.
+        views: Relative poses of the cameras.
+        s: Camera equations, changed in place.
+        l: Index of the landmark.
+        last: Newest frame that counts.
+        host_depth: Whether the depth that the host measured is a factor; without effect if depths are fixed.
     """
+    # J: (3, 24) of (x, y, inverse depth) by calibration, host's pose, observer's pose, then the residual; Jl: by ξ
     J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
     x, y = projection.to_ray(calibration, at[host, 0], at[host, 1])
@@ -127,6 +139,7 @@ def _add_landmark(
             continue
         u, v = projection.to_ray(calibration, at[j, 0], at[j, 1])
         r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0  # docs/dvio.md (7)
+        # the focal lengths change the observation (u, v), too
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
         c, w0 = projection.huber((r0 * r0 + r1 * r1) * factors.pixel_weight, factors.huber_sd)
@@ -147,6 +160,7 @@ def _add_landmark(
         J[2, projection.RESIDUAL] = r2
         depth_information += w0 * (Jl[0] * Jl[0] + Jl[1] * Jl[1]) + w2 * Jl[2] * Jl[2]
         b_depth -= w0 * (Jl[0] * r0 + Jl[1] * r1) + w2 * Jl[2] * r2
+        # Jᵀ W J and, in column `RESIDUAL`, Jᵀ W r, for the weights W = (w0, w0, w2)
         pair = s.pairs[j]
         for a in range(projection.OBSERVATION):
             v0, v1, v2 = w0 * J[0, a], w0 * J[1, a], w2 * J[2, a]
@@ -167,9 +181,17 @@ def _add_landmark(
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
-    """Eliminates a landmark, seen by the frames `seen` (F,), from the equations: docs/dvio.md (11), first part."""
+    """Eliminates a landmark from the camera equations H and b: docs/dvio.md (11), first part.
+
+    Args:
+        s: Camera equations, changed in place.
+        l: Index of the landmark.
+        host: Slot of its host.
+        seen: (F,) 1 where a frame observes it; the landmark is linked to these, its host and the calibration alone.
+        last: Newest frame that counts.
+    """
     cross, share = s.cross[l], 1.0 / s.depth_information[l]
-    for k in range(-1, last + 1):
+    for k in range(-1, last + 1):  # -1 is the calibration
         if k >= 0 and k != host and not seen[k]:
             continue
         start = 0 if k < 0 else CALIBRATION + POSE * k
@@ -184,7 +206,11 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
-    """Adds the sums `pairs` of the landmarks that one frame hosts to the camera equations H and b."""
+    """Adds the sums `pairs` of the landmarks that one frame hosts to the camera equations H and b.
+
+    Row a of a pair is of the calibration (0-9), the host's pose (10-15) or the observing frame's pose (16-21); it goes
+    to the row of that state in H. Frames up to `last` count.
+    """
     first = CALIBRATION + POSE * host
     for j in range(host + 1, last + 1):
         pair, second = s.pairs[j], CALIBRATION + POSE * j
@@ -209,7 +235,7 @@ def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def is_usable(marks: Landmarks, l: int, last: int) -> bool:
-    """Whether a landmark has a host and is observed by another frame, both among the frames up to `last`."""
+    """Whether landmark `l` has a host and is observed by another frame, both among the frames up to `last`."""
     host = marks.host[l]
     if host == NO_HOST or host > last:
         return False
@@ -233,8 +259,16 @@ def add_camera_factors(
 ) -> float:
     """Adds all camera factors of the landmarks of the oldest `hosts` frames and eliminates these; returns the cost.
 
-    H (N, N) and b (N,) are those of all states; of H the lower triangle counts. Observations of frames up to `last` are
-    used, and docs/dvio.md (8) only if `host_depth`.
+    Args:
+        window: Frames, landmarks and calibration.
+        factors: Weights, and which depths are used.
+        views: Relative poses of the cameras, up to date.
+        s: Camera equations, overwritten.
+        hosts: Number of frames, from the oldest, whose landmarks are added.
+        last: Newest frame whose observations are used.
+        host_depth: Whether the measured depths of the hosts, docs/dvio.md (8), are factors.
+        H: (N, N) normal equations of all states, changed in place; the lower triangle counts.
+        b: (N,) right-hand side, changed in place.
     """
     frames, marks, calibration = window.frames, window.landmarks, window.calibration
     m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs
@@ -249,6 +283,7 @@ def add_camera_factors(
                 cost += _add_landmark(frames, marks, calibration, factors, views, s, l, last, host_depth)
                 _eliminate(s, l, host, marks.seen[l], last)
         _add_host_sums(s, host, last)
+    # The six columns per pose become the first six of the frame's fifteen.
     for i in range(m):
         row, camera_row = H[state_index(i)], s.H[i]
         b[state_index(i)] += s.b[i]
@@ -283,17 +318,18 @@ def predict_observations(
     """Predicts the observations of the landmarks from a pose, and from the earlier frame in slot `before`.
 
     Args:
-        window: With the landmarks.
-        R: (3, 3) world <- IMU.
-        p: (3,) m.
-        before: Slot.
+        window: Frames, landmarks and calibration.
+        R: (3, 3) world <- IMU at the new image.
+        p: (3,) position of the IMU at the new image, m.
+        before: Slot of the earlier frame.
         expected: (L, 3) out: x and y on the plane at depth 1 by the nominal intrinsics, and inverse depth.
         start: (L, 2) out: x and y in the frame `before`.
         warp: (L, 2, 2) out: affine map from the host's image about the landmark to the new one.
-        known: (L,) out: 1 where the landmark is in front of the camera in both.
+        known: (L,) out: 1 where the landmark is in front of the camera in both; elsewhere nothing else is written.
     """
     frames, marks, c = window.frames, window.landmarks, window.calibration
     n = frames.count[0]
+    # cameras of the n frames, and as the last one that of the new image
     R_camera, p_camera = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
     for k in range(n):
         R_host, p_host = projection.pose_at_exposure(frames, k, c.offset[0])
@@ -317,6 +353,7 @@ def predict_observations(
         known[l] = 1
         expected[l, 0], expected[l, 1], expected[l, 2] = u / (1.0 + c.focal[0]), v / (1.0 + c.focal[1]), depth
         start[l, 0], start[l, 1] = u_before / (1.0 + c.focal[0]), v_before / (1.0 + c.focal[1])
+        # derivative of (u, v) by the host's (x, y) on the landmark's plane, where ξ changes by `slope`
         for j in range(2):
             slope = marks.slope[l, j]
             by_depth = A[h, 2, j] + t[h, 2] * slope
@@ -336,8 +373,17 @@ def cull(
 ) -> int:
     """Removes observations with a residual beyond `most` standard deviations, in the first `n` frames.
 
-    A landmark that is an outlier in the newest frame is dropped: its `alive` (L,) becomes 0. An outlying measured depth
-    is removed without its observation.
+    A landmark that is an outlier in the newest frame is dropped. An outlying measured depth is removed without its
+    observation.
+
+    Args:
+        marks: Landmarks, changed in place.
+        c: Estimated calibration.
+        factors: Weights of the observations, and whether later depths are used.
+        views: Relative poses of the cameras, up to date.
+        n: Number of frames; the last of them is the newest.
+        most: Largest residual, in standard deviations.
+        alive: (L,) becomes 0 where a landmark is an outlier in the newest frame.
 
     Returns:
         Number of remaining observations in the newest frame.
@@ -354,7 +400,7 @@ def cull(
                 continue
             A, t = views.rotation[h, j], views.translation[h, j]
             px, py, depth, before = projection.project(A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH)
-            off = math.inf
+            off = math.inf  # squared residual in variances; infinite behind the camera
             if before:
                 u, v = projection.to_ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
@@ -377,10 +423,18 @@ def rehost(marks: Landmarks, c: Calibration, views: projection.Views, alive: NDA
 
     Used at marginalisation: observations of these landmarks by the newest frame are not part of the prior, so that each
     counts once. The inverse depth in the newest camera is measured, or ξ / q_z of docs/dvio.md (6).
+
+    Args:
+        marks: Landmarks, changed in place.
+        c: Estimated calibration.
+        views: Relative poses of the cameras, up to date.
+        alive: (L,) 1 where a landmark is tracked; others are dropped.
+        newest: Slot of the newest frame; the oldest is in slot 0.
     """
     hosted = np.flatnonzero(marks.host == 0)
     rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
     rho, xi = marks.rho[rehosted, newest], marks.inverse_depth[rehosted]
+    # q_z: depth in the newest camera over that in the oldest
     depth = projection.directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
     depth += xi * views.translation[0, newest, 2]
     predicted = np.maximum(xi / np.maximum(depth, projection.LEAST_DEPTH), LEAST_INVERSE_DEPTH)
@@ -396,8 +450,10 @@ def rehost(marks: Landmarks, c: Calibration, views: projection.Views, alive: NDA
 def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     """Mean image motion of points between two frames with their rotation removed, and the number of points.
 
-    The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points.
+    The motion is on the plane at depth 1 (multiply by the focal length for pixels); 0 without points. `newest` and
+    `since` are the slots of the two frames.
     """
+    # At inverse depth 0 a point moves by the rotation A alone; the rest of its motion is by translation.
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
     A = multiply(transposed(R_camera), multiply(multiply(transposed(f.R[newest]), f.R[since]), R_camera))
     total, count, still = 0.0, 0, np.zeros(3)

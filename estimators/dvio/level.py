@@ -47,7 +47,9 @@ class LevelGround:
     """
 
     def __init__(self, ground_sd_rad: float, *, used: bool) -> None:
+        """`ground_sd_rad` is how level ground is as built, rad; `used` is whether it is used at all."""
         self._ground_sd_rad, self._used = ground_sd_rad, used
+        # (3,) m, where level ground was used last; None: not yet in this window
         self._p_last: Array | None = None
 
     def restart(self) -> None:
@@ -81,11 +83,12 @@ class LevelGround:
         if not len(measured):
             return
         sd_rad = self._ground_sd_rad
+        # of the errors that a slope depends on; the frame in the slot is the newest, so all states are in the equations
         covariance = covariance_of(slope_columns(slot), L, CALIBRATION + FRAME * (slot + 1))
         at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < SPACING_M
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, sd_rad, at_start=at_start)]
-        if not level:
+        if not level:  # ramps, or a mount that is off, which only the ground of the start may show
             of_mount = start_slope(slopes, covariance) if at_start else None
             if of_mount and mount.widen(window):
                 self._add_slope(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
@@ -124,6 +127,7 @@ def slope_of(window: WindowState, slot: int, measured: Array, weight: Array | No
         weight: (3, 3) inverse of its covariance; None means exact.
     """
     c, R = window.calibration, window.frames.R[slot]
+    # The plane was read with the nominal focal lengths; `m` is its unit normal in the camera by the estimated ones.
     scale = np.array([1.0 / (1.0 + c.focal[0]), 1.0 / (1.0 + c.focal[1]), 1.0])
     m = measured * scale
     size = float(np.linalg.norm(m))
@@ -131,6 +135,7 @@ def slope_of(window: WindowState, slot: int, measured: Array, weight: Array | No
     in_imu = c.R @ m
     variance = 0.0
     if weight is not None:
+        # (2, 3) derivative of the slope by the measured plane; the variance is the mean of both components
         turn = (R @ c.R)[:2] @ (np.eye(3) - np.outer(m, m)) * scale / size
         variance = 0.5 * float(np.trace(turn @ np.linalg.solve(weight, turn.T)))
     return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]), variance=variance)
@@ -165,6 +170,13 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
 
     A depth image often shows one floor as several planes, of which a single one may be a degree off or a gentle ramp.
     So each counts by its likelihood as level ground, too.
+
+    Args:
+        slopes: Slopes of N planes, N ≥ 1.
+        misfits: (N,) squared Mahalanobis distances of the slopes from level, see `misfit`; 0 for equal likelihood.
+
+    Returns:
+        The mean of slopes and derivatives; its variance is that of the slopes, plus their scatter.
     """
     weight = np.exp(-0.5 * np.array(misfits)) / np.array([slope.variance for slope in slopes])
     weight /= weight.sum()
@@ -209,7 +221,7 @@ def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
     if not near or not is_tilt_known(near[0], covariance):
         return None
     common = mean_slope(near, [0.0] * len(near))
-    common.J[:, 3:] = 0.0
+    common.J[:, 3:] = 0.0  # no dependence on the frame's attitude
     return common if common.variance < _MAX_START_SCATTER_RAD**2 else None
 
 
@@ -227,6 +239,7 @@ def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
         L: Lower Cholesky factor of the normal equations.
         size: Number of states in the equations.
     """
+    # selected columns of the identity E: the covariance is Eᵀ (L Lᵀ)⁻¹ E = (L⁻¹ E)ᵀ (L⁻¹ E)
     unit = np.zeros((size, len(indices)))
     unit[indices, range(len(indices))] = 1.0
     Y: Array = solve_triangular(L[:size, :size], unit, lower=True, check_finite=False)
@@ -236,7 +249,14 @@ def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
 def add_level(window: WindowState, slot: int, slope: Slope, weight: float) -> None:
     """Adds level ground, of a weight in 1/rad², to the prior of a frame and of the calibration: docs/dvio.md (12).
 
-    H += w JᵀJ and b += w Jᵀ(J x − r), where x is the deviation of the states from the prior's linearisation point.
+    H += w JᵀJ and b += w Jᵀ(J x − r), where x is the deviation of the states from the prior's linearisation point. If
+    the prior does not contain the frame yet, it does afterwards, with the present state as its first estimate.
+
+    Args:
+        window: The sliding window, whose prior changes.
+        slot: Slot of the frame that saw the ground.
+        slope: Slope of the ground, which should be 0.
+        weight: Weight w, 1/rad².
     """
     f, prior, at = window.frames, window.prior, slope_columns(slot)
     if not f.in_prior[slot]:

@@ -31,15 +31,18 @@ class MountPrior:
     """
 
     def __init__(self, nominal_sd: Array, slipped_sd: Array) -> None:
+        """Both (2,) are standard deviations of position (m) and rotation (rad): as calibrated, and slipped."""
+        # (2,) limits of the variances of position and rotation, and the present ones
         self._least = nominal_sd**2
         self._most = np.where(nominal_sd > 0, np.maximum(nominal_sd, slipped_sd), 0.0) ** 2
         self._variance = np.array([self._most[0], self._least[1]])
-        self._mean = np.zeros(6)
+        self._mean = np.zeros(6)  # centre of the prior, as deviation `moved` of the calibration
 
     def start(self, mean: Array) -> Array:
-        """(6,) standard deviations of the mount for a window that starts, three of position and three of rotation.
+        """(6,) standard deviations of the mount for a window that starts: position (m) before rotation (rad).
 
-        `mean` (6,) is the deviation `moved` of the calibration about which the prior is centred.
+        `mean` (6,) is the deviation `moved` of the calibration about which the prior of this window is centred; it is
+        kept for later changes of the variances.
         """
         self._mean = mean.copy()
         return np.repeat(self.sd, 3)
@@ -62,11 +65,13 @@ class MountPrior:
             covariance: (6, 6) of the mount, position (m) before rotation (rad).
         """
         for i, group in enumerate(GROUPS):
+            # the position's variance stays until motion has measured the mount; a variance of 0 means exactly known
             before, spread = self._variance[i], float(covariance.diagonal()[group].sum())
             waits = i == _POSITION and spread > 3.0 * _MEASURED_SHARE * before
             if before == 0.0 or waits:
                 continue
             deviation = window.calibration.moved[group] - self._mean[group]
+            # docs/dvio.md (13); three axes share the variance
             estimated = (_FREEDOM * self._least[i] + deviation @ deviation + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
@@ -78,7 +83,10 @@ class MountPrior:
         return True
 
     def _exchange(self, window: WindowState, i: int, after: float) -> None:
-        """Replaces the variance of one group (position or rotation) in the window's prior by `after`."""
+        """Replaces the variance of one group (0 position, 1 rotation) in the window's prior by `after`.
+
+        The prior is a sum, so the difference of the inverse variances is added to it, about the centre `_mean`.
+        """
         prior, group = window.prior, GROUPS[i]
         change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(group.start, group.stop)
         prior.H[at, at] += change

@@ -81,7 +81,15 @@ def blank_nav_state() -> NavState:
 def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: float) -> None:
     """Propagates a state and its covariance by a preintegrated measurement; its time is not changed.
 
-    p += v t + g t²/2 + R Δp, v += g t + R Δv, R <- R ΔR, and P <- F P Fᵀ + G Σ Gᵀ + random walk of the biases.
+    p += v t + g t²/2 + R Δp, v += g t + R Δv, R <- R ΔR, and P <- F P Fᵀ + G Σ Gᵀ + random walk of the biases. F (15,
+    15) is the derivative by the state's errors (position, attitude, velocity, two biases), and G (9, 9) that by the
+    errors of the measurement (position, rotation, velocity).
+
+    Args:
+        nav: The state, changed in place.
+        z: Preintegrated measurement from the state's time on, with its covariance Σ.
+        noise: Gives the random walk of the biases.
+        gravity: Size of gravity, m/s²; it acts along the world's negative z axis.
     """
     dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
     R, p, v, covariance = empty_mat3(), nav.p, nav.v, nav.covariance
@@ -125,6 +133,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 @njit(error_model="numpy", **INNER_KERNEL)
 def is_plausible(nav: NavState) -> bool:
     """Whether a state is finite, and its speed and biases are possible for a person with a consumer IMU."""
+    # The sum of all entries is finite only if each is.
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         total += nav.p[i] + nav.R[i, 0] + nav.R[i, 1] + nav.R[i, 2]
@@ -141,7 +150,10 @@ def is_plausible(nav: NavState) -> bool:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def pose_covariance(nav: NavState) -> Array:
-    """(6, 6) covariance of position (m) and rotation (rad), both in world axes."""
+    """(6, 6) covariance of position (m) and rotation (rad), both in world axes.
+
+    The state's own attitude error is about the IMU's axes, so its rows are rotated by R.
+    """
     to_world, P = identity(6), np.empty((6, 6))
     for i in range(3):
         for j in range(3):
@@ -162,10 +174,19 @@ class ImuBuffer:
     Args:
         calibration: Rate and ranges.
         parameters: Limits of a stationary sensor.
+
+    Attributes:
+        t_ns: (M,) stamps; in all arrays only the first `count` entries are in use.
+        samples: (M, 6) angular rate (rad/s) and specific force (m/s²).
+        invalid: (M,) 1 where a sample is invalid.
+        count: Number of samples in the buffer.
+        period_s: Nominal time between two samples.
     """
 
     def __init__(self, calibration: ImuCalibration, parameters: DvioParameters) -> None:
+        """Begins empty; `calibration` gives rate and ranges, `parameters` the limits of a stationary sensor."""
         self._max_stationary = parameters.stationary_rate_sd_radps, parameters.stationary_force_sd_mps2
+        # Samples that are always kept, half of the buffer: when it is full, its newer half moves to the front.
         self._half = math.ceil(_BUFFER_S * calibration.rate_hz) + 1
         self.t_ns = np.zeros(2 * self._half, np.int64)
         self.samples = np.zeros((2 * self._half, 6))
@@ -173,17 +194,22 @@ class ImuBuffer:
         self.count = 0
         self.period_s = 1.0 / calibration.rate_hz
         ranges = (calibration.gyroscope_range or np.inf, calibration.accelerometer_range or np.inf)
+        # (6,) beyond the first a value counts as saturated, beyond the second the sample is rejected
         self._limit = np.repeat(ranges, 3) * _SATURATED_SHARE
         self._largest = np.repeat([_MAX_RATE_RADPS, _MAX_FORCE_MPS2], 3)
 
     def add(self, sample: Imu) -> bool:
-        """Adds a sample; returns False if the sample is rejected."""
+        """Adds a sample; returns False if the sample is rejected.
+
+        Rejected is one that is not later than the last, not finite, or impossibly large. A sample after missing ones is
+        stored as the mean of itself and the previous one, marked invalid; a saturated one is marked invalid, too.
+        """
         if self.count and sample.t_ns <= self.t_ns[self.count - 1]:
             return False
         x = np.empty(6)
         x[:3], x[3:] = sample.angular_rate, sample.specific_force
         size = np.abs(x)
-        if not (size <= self._largest).all():
+        if not (size <= self._largest).all():  # also where a value is NaN
             return False
         half = self._half
         if self.count == 2 * half:
@@ -221,9 +247,9 @@ class ImuBuffer:
     def rate_at(self, t_ns: int) -> Array:
         """(3,) measured angular rate at a time, rad/s, interpolated between the middles of the samples' intervals."""
         i = int(np.searchsorted(self.t_ns[: self.count], t_ns))
-        i = min(max(i, 1), self.count - 1)
+        i = min(max(i, 1), self.count - 1)  # the time lies between samples i - 1 and i
         share = (t_ns - self.t_ns[i - 1]) / (self.t_ns[i] - self.t_ns[i - 1])
-        # a sample is the mean over the period that ends with it
+        # A sample is the mean over the period that ends with it, so sample i holds at share 0.5; j is the next nearest.
         j = min(i + 1, self.count - 1) if share > 0.5 else max(i - 1, 0)
         weight = abs(share - 0.5)
         return np.asarray((1 - weight) * self.samples[i, :3] + weight * self.samples[j, :3])

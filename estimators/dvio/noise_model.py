@@ -100,7 +100,10 @@ class CalibrationPrior(NamedTuple):
 
 
 def calibration_prior(parameters: DvioParameters) -> CalibrationPrior:
-    """Prior of the calibration: which values the method refines, and how far they may be off."""
+    """Prior of the calibration: which values the method refines, and how far they may be off.
+
+    A method may refine nothing, the mount and the clock, or all; the standard deviation of the others is 0.
+    """
     p, method = parameters, parameters.method
     refines_mount_and_clock, refines_all = method.calibration != NOMINAL, method.calibration == ALL
     return CalibrationPrior(

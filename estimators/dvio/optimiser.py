@@ -107,8 +107,16 @@ def _linearise(
 ) -> float:
     """Writes the normal equations of prior and factors into `work`, landmarks eliminated; returns the cost.
 
-    The equations contain the IMU factors and the landmarks hosted by the oldest `frames`, as observed by frames up to
-    `last`; the measured depths of the hosts count only if `host_depth`. The cost of the prior is up to a constant.
+    Args:
+        window: The sliding window.
+        factors: Noise model of the factors.
+        work: Buffers; `H` and `b`, the camera equations and the views are written.
+        frames: Number of frames, from the oldest, whose IMU factors and hosted landmarks are included.
+        last: Newest frame whose observations are included.
+        host_depth: Whether the measured depths of the hosts are included.
+
+    Returns:
+        The cost; that of the prior is up to a constant.
     """
     kernel.update_views(window.frames, window.calibration, factors.first_estimates, work.views)
     prior, d, size = window.prior, _deviation(window), CALIBRATION + FRAME * int(window.frames.count[0])
@@ -127,6 +135,13 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
 
     It stops if a step lowers the cost by less than the share `cost_tolerance`. `work.factor` is afterwards the undamped
     Cholesky factor of the last equations, from which covariances follow. The cost after the last step is not computed.
+
+    Args:
+        window: The sliding window, whose frames, landmarks and calibration change.
+        factors: Noise model of the factors.
+        work: Buffers.
+        steps: Largest number of steps.
+        cost_tolerance: Relative decrease of the cost below which it stops.
     """
     n = int(window.frames.count[0])
     size, moving = CALIBRATION + FRAME * n, _state_arrays(window)
@@ -138,7 +153,7 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
         for saved, a in zip(work.saved, moving):
             saved[:] = a
         kernel.apply_step(window.frames, window.landmarks, window.calibration, work.camera, work.step)
-        if i == steps - 1:
+        if i == steps - 1:  # the last step is taken without a check of its cost, which saves time
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
         if new <= cost * (1.0 + 1e-9) + 1e-9:
@@ -146,7 +161,7 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
             cost, damping = new, max(0.1 * damping, 1e-12)
             if done:
                 break
-        else:
+        else:  # the cost has increased: back to the state before the step
             for saved, a in zip(work.saved, moving):
                 a[:] = saved
             damping = max(10 * damping, 1e-4)
@@ -189,13 +204,14 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
     newest = int(f.count[0]) - 1
     size = CALIBRATION + FRAME * (newest + 1)
     _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
+    # equations of the remaining states, at the present states; b becomes that at their first estimates, by + H d
     left, right = eliminate_oldest(work.H[:size, :size], work.b[:size])
     d = np.delete(_deviation(window), np.s_[CALIBRATION : CALIBRATION + FRAME])
     prior, n = window.prior, len(right)
     prior.H[:], prior.b[:] = 0.0, 0.0
     prior.H[:n, :n], prior.b[:n] = left, right + left @ d[:n]
     for k in range(1, newest):
-        o = CALIBRATION + FRAME * (k - 1)
+        o = CALIBRATION + FRAME * (k - 1)  # index of frame k in the prior, from which the oldest frame is gone
         if not f.in_prior[k] and prior.H[o, o] > 0.0:
             fix_first_estimate(window, k)
     rehost(window.landmarks, window.calibration, work.views, alive, newest)
@@ -204,8 +220,12 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
 def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
 
-    Returns H (symmetric) and b of the remaining states; of the given H only the lower triangle is read. H_oo is scaled
-    to a unit diagonal before its inversion.
+    Args:
+        H: (N, N) equations of calibration and frames; only the lower triangle is read.
+        b: (N,) right-hand side.
+
+    Returns:
+        H (symmetric) and b of the N − 15 remaining states. H_oo is scaled to a unit diagonal before its inversion.
     """
     lower = np.tril(H, -1)
     full = lower + lower.T + np.diag(np.diag(H))
@@ -219,7 +239,10 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
 
 
 def drop_oldest(window: WindowState) -> None:
-    """Removes the oldest frame: moves the arrays of all later slots one slot to the front."""
+    """Removes the oldest frame: moves the arrays of all later slots one slot to the front.
+
+    No landmark may be hosted by it any more (`marginalize_oldest` moves them to another frame or drops them).
+    """
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
     for a in (*frames[1:], *window.preintegrations):

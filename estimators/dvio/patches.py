@@ -47,8 +47,11 @@ class AlignmentLimits(NamedTuple):
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[float, float]:
-    """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (levels/px)²."""
-    a, b, c = 0.0, 0.0, 0.0
+    """Lesser and greater eigenvalue of the mean gradient tensor about a pixel (Shi and Tomasi 1994), (levels/px)².
+
+    The mean is over the square of pixels up to `reach` away from (x, y), whose neighbours must be inside the image.
+    """
+    a, b, c = 0.0, 0.0, 0.0  # sums of the tensor [[a, b], [b, c]]
     for i in range(y - reach, y + reach + 1):
         for j in range(x - reach, x + reach + 1):
             dx = 0.5 * (float(grey[i, j + 1]) - float(grey[i, j - 1]))
@@ -110,7 +113,7 @@ def pick(
         order: (N,) indices of the candidates from the best.
         taken: (M, 2) px, existing points.
         min_distance_px: Smallest distance between two points.
-        filled: (rows, columns) buffer with one entry per cell.
+        filled: (rows, columns) buffer, overwritten: number of points in each cell of the image.
         out: (wanted, 2) px, out: the picked points come first.
 
     Returns:
@@ -126,6 +129,7 @@ def pick(
         r = min(max(int(taken[i, 1] * rows / height), 0), rows - 1)
         filled[r, c] += 1
     count = 0
+    # In each round only cells with at most `most` points may get another one.
     for most in range(4):
         for n in range(order.shape[0]):
             if count == out.shape[0]:
@@ -160,14 +164,15 @@ def read_depth(
 ) -> None:
     """Median inverse depths about points (N, 2) px of a depth image (H, W) m, into `rho` (N,) 1/m.
 
-    0 at edges, and where too few depths about a point lie between `min_depth_m` and `max_depth_m`.
+    The result is 0 at depth edges, near the image's border, and where more than two of the depths about a point do not
+    lie between `min_depth_m` and `max_depth_m`.
     """
     height, width = depth.shape
     reach = _DEPTH_REACH_PX
     values = np.empty((2 * reach + 1) ** 2)
     for i in range(len(points)):
         rho[i] = 0.0
-        if not (abs(points[i, 0]) < 1e6 and abs(points[i, 1]) < 1e6):
+        if not (abs(points[i, 0]) < 1e6 and abs(points[i, 1]) < 1e6):  # NaN, or too large for an integer
             continue
         x, y = int(points[i, 0] + 0.5), int(points[i, 1] + 0.5)
         if not (reach <= x < width - reach and reach <= y < height - reach):
@@ -229,9 +234,13 @@ def _determinant(M: Array) -> float:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray[np.float32], patches: Patches) -> None:
-    """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated."""
+    """Stores the patches about points (N, 2) px in slots `ids` (N,); outside the image, its border is replicated.
+
+    Writes `basis`, `inverse` and `power` of `patches` for these slots. `inverse` is 0, and `align` fails, for a patch
+    without enough texture.
+    """
     height, width = grey.shape
-    side = 2 * REACH + 3
+    side = 2 * REACH + 3  # of T, the patch with one more pixel on each side for the gradients; H is basisᵀ basis
     T, mean, H = np.empty((side, side)), np.empty(3), np.empty((3, 3))
     for n in range(len(ids)):
         for i in range(side):
@@ -257,6 +266,7 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
             for c in range(3):
                 for d in range(3):
                     H[c, d] += B[k, c] * B[k, d]
+        # a variance of more than one grey level², and gradients that determine a motion
         textured = H[2, 2] > PIXELS and _determinant(H) > 1e-6 * H[0, 0] * H[1, 1] * H[2, 2]
         if textured:
             copy_matrix(inverse(H), patches.inverse[ids[n]])
@@ -269,11 +279,14 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
 def _correlate(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
-    """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3).
+    """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3), see `Patches`.
+
+    M maps a pixel of the patch, relative to its middle, to one of the image, relative to (x, y).
 
     Returns:
         basisᵀ s (three numbers) for the warped grey values s, and Σ (s − mean)².
     """
+    # (u, v) is the first pixel of row i of the patch in the image; 128 is subtracted so that 32 bit suffice.
     g0, g1, g2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, square = np.float32(0.0), np.float32(0.0)
     k = 0
@@ -331,6 +344,7 @@ def align(
         stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
         if not 1.0 / _MAX_STRETCH < stretch < _MAX_STRETCH or inverse[2, 2] == 0.0:
             continue
+        # half of the warped patch's extent, px
         reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
         reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
         x, y = float(points[l, 0]), float(points[l, 1])
@@ -366,10 +380,11 @@ def align(
 def read_slope(
     depth: NDArray[np.float32], points: NDArray[np.float32], min_depth_m: float, max_depth_m: float, roughness: float
 ) -> Array:
-    """(N, 2) gradients of the inverse depth about points (N, 2) px, 1/m per pixel, by least squares.
+    """(N, 2) gradients of the inverse depth about points (N, 2) px along x and y, 1/m per pixel, by least squares.
 
     Inverse depth is linear in the image of a plane. The gradient is 0 where the scatter about a plane exceeds
-    `roughness`, 1/m, or where a depth of the image (H, W) m does not lie between `min_depth_m` and `max_depth_m`.
+    `roughness`, 1/m. It is also 0 near the image's border, and where one of the depths sampled about the point does not
+    lie between `min_depth_m` and `max_depth_m`. `depth` is (H, W), m.
     """
     reach, (height, width) = _SLOPE_REACH_PX, depth.shape
     at = np.floor(points.astype(float) + 0.5).astype(int)
@@ -379,6 +394,7 @@ def read_slope(
     z = depth[at[inside, 1, None] + rows, at[inside, 0, None] + columns].astype(float)
     is_complete = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
     v, inside = 1.0 / z[is_complete], inside[is_complete]
+    # The samples are symmetric about the point: both gradients are independent, and `columns` and `rows` alike.
     gradient = v @ np.column_stack([columns, rows]) / (columns @ columns)
     scatter = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
     slope = np.zeros((len(points), 2))

@@ -21,7 +21,10 @@ _CELL_GATE = 14.0  # squared Mahalanobis distance of a cell from its plane: 0.3 
 _MIN_CELLS = 8  # of a plane
 PLANE_ERROR = 3e-3
 """Error of a plane in one image beyond its depth noise: of its direction, rad, and of its distance, relative."""
-_SUMS = 11  # per cell: x², xy, x, y², y, 1, ξx, ξy, ξ, ξ², and the scatter about its plane
+# Sums per cell, over samples of inverse depth ξ at (x, y) on the plane at depth 1:
+# 0-5 x², xy, x, y², y, 1 (upper triangle of the normal equations); 6-8 ξx, ξy, ξ (their right-hand side); 9 ξ²;
+# 10 squared residuals of ξ from the cell's own plane.
+_SUMS = 11
 
 
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
@@ -33,12 +36,14 @@ def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def invert_symmetric(s: Array, out: Array) -> bool:
-    """Inverse (3, 3) of the symmetric matrix whose upper triangle is the first six of `s`; False where singular.
+    """Writes the inverse of a symmetric 3 x 3 matrix into `out` (3, 3); returns False where it is singular.
 
-    In closed form by cofactors: the sums of a cell are six numbers, not a matrix that `matrices.factorise` would take.
+    The matrix is [[s0, s1, s2], [s1, s3, s4], [s2, s4, s5]], of the first six entries of `s`. The inverse is in closed
+    form by cofactors: the sums of a cell are six numbers, not a matrix that `matrices.factorise` would take. If the
+    matrix is singular, nothing is written.
     """
     a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d  # cofactors of the first row
     det = a * A + b * B + c * C
     if not det > 1e-12 * a * d * f:
         return False
@@ -50,9 +55,16 @@ def invert_symmetric(s: Array, out: Array) -> bool:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _solve(s: Array, inverse: Array, plane: Array) -> bool:
-    """Plane (3,) by least squares from a cell's sums `s` (11,), and the inverse of the normal equations (3, 3).
+    """Fits a plane to samples of inverse depth by least squares; returns False if they do not determine a plane.
 
-    ξ = plane · (x, y, 1) for inverse depths ξ on the plane at depth 1. False if the samples do not determine a plane.
+    The model is ξ = plane · (x, y, 1) for the inverse depth ξ, 1/m, at (x, y) on the plane at depth 1.
+
+    Args:
+        s: (11,) sums over the samples, see `_SUMS`: 0-5 x², xy, x, y², y, 1 (the normal equations' matrix), and 6-8
+            ξx, ξy, ξ (their right-hand side). The others are not used.
+        inverse: (3, 3) out: inverse of the normal equations' matrix. Times the variance of a sample's inverse depth it
+            is the covariance of the plane.
+        plane: (3,) out: the plane, 1/m. If False is returned, neither is written.
     """
     if not invert_symmetric(s, inverse):
         return False
@@ -63,10 +75,17 @@ def _solve(s: Array, inverse: Array, plane: Array) -> bool:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, cells: Array) -> None:
-    """Writes the sums of each cell into (R, C, 11) `cells`, see `_SUMS`.
+    """Writes the sums of each cell, as `_SUMS` lists them, into `cells`.
 
-    The sixth sum, the number of samples, becomes 0 if the cell is not full, or rougher about its plane than `sd` (1/m)
-    explains.
+    Entry 5 is the number of samples. It becomes 0, and the cell is not used, if too few samples have a depth, or if
+    they scatter more about the cell's own plane than `sd` explains.
+
+    Args:
+        depth: (H, W) m, 0 or NaN where none.
+        rays: (R * 10, C * 10, 2) of the samples on the plane at depth 1.
+        min_depth_m: Nearest depth that counts.
+        sd: Standard deviation of an inverse depth, 1/m.
+        cells: (R, C, 11) out.
     """
     inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
@@ -102,14 +121,14 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
     """Squared Mahalanobis distance between the plane of a cell and that of a region; inf if one is undetermined.
 
     Args:
-        s: (11,) sums of the cell.
-        region: (3, 3) inverse of the region's normal equations; 0 takes the region's plane as exact.
+        s: (11,) sums of the cell, see `_SUMS`.
+        region: (3, 3) inverse of the region's normal equations, see `_solve`; zeros take the region's plane as exact.
         variance: Variance of a sample's inverse depth, 1/m².
         plane: (3,) plane of the region.
         buffers: (2, 3, 3) overwritten.
     """
     inverse, inverse_sum = buffers[0], buffers[1]
-    e = np.empty(3)
+    e = np.empty(3)  # plane of the cell, then its difference from the region's
     if not _solve(s, inverse, e):
         return math.inf
     for i in range(3):
@@ -133,16 +152,18 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     Cells that do not lie on the final plane are removed at the end.
 
     Args:
-        cells: (R, C, 11) sums.
-        group: (R, C) 0 where a cell is free, `name` where it belongs to the region, -1 where it was removed.
-        name: Number of the region.
+        cells: (R, C, 11) sums, see `_SUMS`; a cell of which entry 5 is 0 is not used.
+        group: (R, C) number of each cell's region, changed in place: 0 where the cell is free, `name` where it belongs
+            to this region, -1 where it was removed from one.
+        name: Number of the region, of which one cell is marked already.
         variance: Variance of a sample's inverse depth, 1/m².
-        total: (11,) sums of the region, changed in place.
+        total: (11,) sums of the region, at first those of its one cell; changed in place.
         plane: (3,) out: plane of the region.
     """
     rows, columns = group.shape
     inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
     _solve(total, inverse, plane)
+    # Passes over the image: first only neighbours join, until a pass adds none; then cells anywhere join as well.
     anywhere, grown = False, True
     while grown or not anywhere:
         anywhere = not grown
@@ -164,7 +185,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
                     _solve(total, inverse, plane)
                     count += 1
                     grown = True
-    # Cells added early may not lie on the final plane.
+    # Cells added early may not lie on the final plane, which counts as exact here.
     inverse[:] = 0.0
     for r in range(rows):
         for c in range(columns):
@@ -195,6 +216,7 @@ def read_planes(
     rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
     _sum_cells(depth, rays, min_depth_m, sd, cells)
+    # Regions grow from the smoothest cells first: by the mean squared residual about the cell's own plane.
     score = np.empty(rows * columns)
     for i in range(len(score)):
         s = cells[i // columns, i % columns]
@@ -213,7 +235,7 @@ def read_planes(
         n = _grow(cells, group, name, sd * sd, total, plane)
         if n < _MIN_CELLS or not _solve(total, inverse, plane):
             continue
-        # insertion sort by size
+        # insertion by size; a plane smaller than all of a full list is left out
         at = min(count, len(planes))
         while at > 0 and size[at - 1] < n:
             at -= 1
@@ -222,6 +244,7 @@ def read_planes(
         count = min(count + 1, len(planes))
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
+        # variance by the error of `PLANE_ERROR` of direction and distance, in each component
         off = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse

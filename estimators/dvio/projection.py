@@ -13,8 +13,8 @@ from stridetwin.streams.algebra.matrices import apply, copy, copy_matrix, empty_
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
-# An observation's Jacobian has columns of the calibration, then of the host's pose, then of the observing frame's. The
-# residual follows, then a column that pads to the width of the vector units.
+# An observation's Jacobian has columns of the calibration (0-9), then of the host's pose (10-15), then of the observing
+# frame's (16-21). Column 22 is the residual, and column 23 pads to the width of the vector units.
 HOST, OBSERVER, OBSERVATION = CALIBRATION, CALIBRATION + 6, CALIBRATION + 12
 RESIDUAL, COLUMNS = OBSERVATION, OBSERVATION + 2
 LEAST_DEPTH = 1e-3  # least depth of a point in front of the camera, relative to the host's depth
@@ -63,7 +63,13 @@ def directions(at: Array) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
-    """Pose of the IMU in slot `k` when its image was taken, by a time offset (s). See docs/dvio.md (5)."""
+    """Pose of the IMU in slot `k` when its image was taken, by the present time offset (s). See docs/dvio.md (5).
+
+    The state is at the time by an earlier offset, `frames.offset`. It moves on by its velocity and angular rate.
+
+    Returns:
+        (3, 3) rotation, world <- IMU, and (3,) position, m.
+    """
     late = offset - frames.offset[k]
     p, rotation = empty_vec3(), empty_vec3()
     for i in range(3):
@@ -85,7 +91,13 @@ def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Ar
 def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Array, translation: Array) -> None:
     """Writes the pose of a host's camera in an observer's camera: rotation C R_host, translation C (p_host − p).
 
-    `C` (3, 3) is observer's camera <- world, `p` (3,) its position in the world, m.
+    Args:
+        C: (3, 3) rotation, observer's camera <- world.
+        p: (3,) position of the observer's camera in the world, m.
+        R_host: (3, 3) rotation, world <- host's camera.
+        p_host: (3,) position of the host's camera in the world, m.
+        rotation: (3, 3) out: observer's camera <- host's camera.
+        translation: (3,) out: position of the host's camera in the observer's, m.
     """
     away = empty_vec3()
     for i in range(3):
@@ -96,9 +108,13 @@ def set_relative(C: Array, p: Array, R_host: Array, p_host: Array, rotation: Arr
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: Views) -> None:
-    """Fills the views of all frames, each at the exposure of its image.
+    """Fills the views of all frames in use, each at the exposure of its image.
 
-    With `first_estimates`, Jacobians of frames in the prior are taken at their first estimates.
+    Args:
+        frames: States of the frames.
+        c: Estimated calibration.
+        first_estimates: Whether Jacobians of frames in the prior are taken at their first estimates.
+        views: Overwritten.
     """
     n = frames.count[0]
     R, p, R_first, p_first = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
@@ -178,12 +194,14 @@ def observation_jacobian(
         x: First coordinate of the ray on the host's plane at depth 1.
         y: Second coordinate of that ray.
         inverse_depth: ξ, 1/m.
-        J: (3, ≥ 22) out: of (x, y, inverse depth) by calibration, host's pose and observer's pose.
+        J: (3, ≥ 22) out: of (x, y, inverse depth) by the calibration (columns 0-9: 0-2 position and 3-5 rotation of the
+            mount, 6 time offset, 7 depth scale, 8-9 focal lengths), the host's pose (10-15) and the observer's (16-21).
         Jl: (3,) out: by the inverse depth.
 
     Returns:
         False, and nothing is written, if the landmark is not in front of the camera.
     """
+    # q: the point times its inverse depth, in the observer's camera
     A, s = views.rotation_first[host, observer], views.translation_first[host, observer]
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
@@ -224,6 +242,7 @@ def observation_jacobian(
         J[0, b + 3 + j] = u1 * R[j, 2] - u2 * R[j, 1]
         J[1, b + 3 + j] = u2 * R[j, 0] - u0 * R[j, 2]
         J[2, b + 3 + j] = u0 * R[j, 1] - u1 * R[j, 0]
+    # A later exposure moves both poses by their velocities and rates.
     for i in range(3):
         late = 0.0
         for j in range(3):
@@ -231,6 +250,7 @@ def observation_jacobian(
             late += J[i, b + j] * frames.v[observer, j] + J[i, b + 3 + j] * frames.rate[observer, j]
         J[i, D_OFFSET] = late
         J[i, D_SCALE] = 0.0
+    # from the derivatives of q to those of (q_x / q_z, q_y / q_z, ξ / q_z)
     w = 1.0 / q2
     px, py, pz = q0 * w, q1 * w, xi * w
     for j in range(OBSERVATION):
@@ -246,7 +266,11 @@ def observation_jacobian(
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def huber(squared: float, limit: float) -> tuple[float, float]:
-    """Huber cost and weight of a squared residual in variances, quadratic up to `limit` standard deviations."""
+    """Huber cost and weight of a squared residual in variances.
+
+    Up to `limit` standard deviations the cost is half the square and the weight is 1; beyond, the cost grows linearly
+    and the weight decreases.
+    """
     if squared <= limit * limit:
         return 0.5 * squared, 1.0
     size = math.sqrt(squared)

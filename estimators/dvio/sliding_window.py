@@ -83,6 +83,7 @@ class SlidingWindow:
     def __init__(
         self, camera: CameraCalibration, imu: ImuCalibration, T_imu_camera: Array, parameters: DvioParameters
     ) -> None:
+        """Begins with an empty window; `T_imu_camera` is the nominal mount (4, 4), camera to IMU, m."""
         self.parameters, self.noise = parameters, imu_noise(parameters, imu)
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
@@ -90,20 +91,22 @@ class SlidingWindow:
         self.lens = Lens(camera)
         self.factors = factor_parameters(parameters, self.lens.focal_px, self.noise)
         self.tracker = Tracker(self.lens.shape)
-        self._frames = parameters.keyframes + 2
+        self._frames = parameters.keyframes + 2  # slots for frames; one more than are ever in use
         self.window: WindowState = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
         self._work = blank_work(self.window)
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._previous: NavState = blank_nav_state()
-        self._preintegration = blank_preintegration()
+        self._preintegration = blank_preintegration()  # buffer of `_propagate`
+        # per landmark slot: 1 if the point is tracked into the newest image, and where it is there, px
         self._alive = np.zeros(LANDMARK_SLOTS, np.uint8)
         self._pixels = np.zeros((LANDMARK_SLOTS, 2), np.float32)
         self._depth_range_m = float(parameters.min_depth_m), float(parameters.max_depth_m)
+        # the rays of the depth samples, and buffers for the planes that are read from them, with their weights
         at = sample_pixels(self.lens.shape)
         self._rays = self.lens.to_normalized(at.reshape(-1, 2)).reshape(at.shape)
         self._measured_planes = np.zeros((_PLANES, 3)), np.zeros((_PLANES, 3, 3))
-        self._newest_is_key = False
+        self._newest_is_key = False  # if not, the next image replaces the newest frame
         self._mount = MountPrior(self.calibration_prior.mount_sd, self.calibration_prior.slipped_sd)
         method = parameters.method
         self._level = LevelGround(parameters.level_ground_sd_rad, used=method.level_ground and method.uses_depth)
@@ -119,7 +122,16 @@ class SlidingWindow:
         return t_ns + round(self.window.calibration.offset[0] * 1e9)
 
     def start(self, frame: CameraFrame, covariance: Array) -> None:
-        """Starts a new window with an image, at the state `nav` of a covariance (15, 15)."""
+        """Starts a new window with an image, as its first frame, at the state `nav`.
+
+        All landmarks and frames are dropped. The estimated calibration stays; its prior is centred on it, with the
+        standard deviations of a first start, but those of the mount are as `MountPrior` has estimated them. New points
+        are searched for in the image; `seen` becomes their number.
+
+        Args:
+            frame: The image.
+            covariance: (15, 15) covariance of `nav`, which becomes the prior of the frame.
+        """
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
         self._alive[:] = 0
@@ -132,6 +144,7 @@ class SlidingWindow:
         sd = np.concatenate([self._mount.start(c.moved[:6]), sensor_sd])
         n = CALIBRATION
         w.prior.H[range(n), range(n)] = np.maximum(sd, _FIXED_SD) ** -2
+        # centred on the present calibration, which deviates by `moved` from the prior's linearisation point
         w.prior.b[:n] = w.prior.H[range(n), range(n)] * c.moved
         state = slice(CALIBRATION, CALIBRATION + FRAME)
         w.prior.H[state, state] = np.linalg.inv(covariance)
@@ -166,12 +179,18 @@ class SlidingWindow:
     def process_image(self, frame: CameraFrame, stationary: bool) -> None:
         """Adds the next image: tracks points, optimises, and adds points and a prior on keyframes.
 
-        A keyframe also measures level ground, and the oldest frame is marginalised once there are enough. The IMU
-        samples up to the image's time must be in the buffer; `stationary` says that the IMU measures no motion.
+        If the newest frame is no keyframe, the new one replaces it. A keyframe also measures level ground, and the
+        oldest frame is marginalised once there are enough. Afterwards `nav` is the state of the new frame with its
+        covariance, and `seen` the number of its observations.
+
+        Args:
+            frame: The image; the IMU samples up to its time must be in the buffer.
+            stationary: Whether the IMU measures no motion. The velocity is then measured as 0 if the points do not move
+                either.
         """
         w, p, f = self.window, self.parameters, self.window.frames
-        before = int(f.count[0]) - 1
-        slot = before + 1 if self._newest_is_key else before
+        before = int(f.count[0]) - 1  # slot of the newest frame so far
+        slot = before + 1 if self._newest_is_key else before  # of the new frame
         t_ns = self.imu_time(frame.t_ns)
         predicted = state_of(f, before)
         self._propagate(predicted, t_ns)
@@ -193,6 +212,8 @@ class SlidingWindow:
         key = self._is_key(slot)
         minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
         self._mark_observable_depths()
+        # The newest frame is the last in the equations, so the last block L of the Cholesky factor gives its
+        # covariance, (L Lᵀ)⁻¹.
         o = CALIBRATION + FRAME * slot
         L = self._work.factor[o : o + FRAME, o : o + FRAME]
         inverse = np.linalg.inv(L)
@@ -214,16 +235,22 @@ class SlidingWindow:
         self._previous = copy_of(self.nav)
 
     def propagate(self, until_ns: int) -> None:
-        """Propagates `nav` to a time on the IMU's clock that its samples cover."""
+        """Propagates `nav` to a time on the IMU's clock that its samples cover.
+
+        `_previous`, the state from which `rewind_to` restarts, is `nav` as it was at the newest frame. It is moved on,
+        too, to the oldest IMU sample that will still be in the buffer, if that is later than the newest frame.
+        """
         self._propagate(self.nav, until_ns)
-        # A state older than the samples could not be propagated any more.
+        # A state from before the samples that are kept could not be propagated any more.
         self._propagate(self._previous, self.inertial.oldest_retained_ns)
 
     def rewind_to(self, t_ns: int) -> bool:
-        """Sets `nav` to the propagated state at an earlier time since the newest frame.
+        """Sets `nav` to the state at an earlier time since the newest frame, by propagating `_previous` to it.
+
+        An image can arrive after later IMU samples, so `nav` may be beyond its time.
 
         Returns:
-            False if that time is before the state from which samples are kept; `nav` is then unchanged.
+            False if that time is before `_previous`, from which on IMU samples are kept; `nav` is then unchanged.
         """
         if t_ns < self._previous.t_ns[0]:
             return False
@@ -240,6 +267,7 @@ class SlidingWindow:
     @property
     def is_imu_complete(self) -> bool:
         """Whether the IMU samples cover all the time since the frame that the next image will be linked to."""
+        # the newest frame if it is a keyframe, else the one before, because the next image replaces the newest
         f = self.window.frames
         return self.inertial.covers(int(f.t_ns[f.count[0] - (1 if self._newest_is_key else 2)]))
 
@@ -249,7 +277,7 @@ class SlidingWindow:
         return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
-        """Propagates a state in place to a later time by the buffered IMU samples."""
+        """Propagates a state in place to a later time by the buffered IMU samples; an earlier time changes nothing."""
         if until_ns > state.t_ns[0]:
             z = self._preintegration
             kernel.integrate(z, self.inertial.imu_samples, state.t_ns[0], until_ns, state.bias, self.noise)
@@ -257,7 +285,10 @@ class SlidingWindow:
             state.t_ns[0] = until_ns
 
     def _set_frame(self, slot: int, t_ns: int, state: NavState) -> None:
-        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock."""
+        """Sets the frame in a slot to a state, stamped with an image's time `t_ns` on the camera's clock.
+
+        The frame's angular rate is that of the gyroscope at that time, and it counts as moving.
+        """
         f = self.window.frames
         f.offset[slot] = self.window.calibration.offset[0]
         f.t_ns[slot] = self.imu_time(t_ns)
@@ -266,9 +297,23 @@ class SlidingWindow:
         f.zero_velocity_sd[slot] = np.inf
 
     def _track_landmarks(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
-        """Tracks landmarks into the image and stores their observations in the slot; returns their mean motion, px."""
+        """Tracks landmarks into a new image and stores their observations in its slot.
+
+        Points that are not where the predicted pose and their depth put them, or at another depth, are rejected:
+        something moves there, or hides them. `_alive` and `_pixels` are then those of the new image.
+
+        Args:
+            frame: The new image.
+            predicted: State at the image, propagated by the IMU.
+            before: Slot of the frame in which the points were tracked last.
+            slot: Slot of the new frame; may equal `before`.
+
+        Returns:
+            Median motion of the tracked points since the last image, px; inf if they are fewer than `_MIN_POINTS`.
+        """
         w, marks, p = self.window, self.window.landmarks, self.parameters
         n = len(marks.host)
+        # expected: x, y and inverse depth in the new image; start: x, y in the last one; warp: from host to new image
         expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
         kernel.predict_observations(w, predicted.R, predicted.p, before, expected, start, warp, known)
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
@@ -281,6 +326,7 @@ class SlidingWindow:
         tracked_px, good = predicted_px, np.zeros(len(ids), bool)
         if p.method.anchored:
             tracked_px, good = self.tracker.align(ids, predicted_px, warps)
+        # Too few are near their predictions: the prediction is poor, so optical flow searches for them farther away.
         elsewhere = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
         if elsewhere:
             tracked_px, good = self.tracker.track(previous_px, predicted_px)
@@ -288,12 +334,14 @@ class SlidingWindow:
         distance_px = np.linalg.norm(tracked_px - predicted_px, axis=1)
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
+        # The gate widens by the uncertainty of the velocity, and by the motion of points of unknown depth.
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
         moved = np.linalg.norm(motion, axis=1)
         gate = (
             _GATE_PX + 2 * self.lens.focal_px * speed_sd * dt * inverse_depth + unsure * (_UNMEASURED_GATE_PX + moved)
         )
         fits = distance_px < gate
+        # Most points contradict the predicted pose: then a pose by P3P decides which of them rest.
         if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
             fits = self._pnp_inliers(ids, tracked_px, good)
         good &= fits
@@ -330,9 +378,10 @@ class SlidingWindow:
         return float(np.median(np.linalg.norm(tracked_px - previous_px, axis=1))) if len(ids) >= _MIN_POINTS else np.inf
 
     def _drift_px(self, slot: int, t_ns: int) -> float:
-        """Median image motion since the newest frame that is at least `STATIONARY_S` older, px: shows a slow motion.
+        """Median image motion, px, up to the frame in `slot`, since the newest frame at least `STATIONARY_S` older.
 
-        0 if there is no such frame or too few common points.
+        It shows a slow motion, of which two successive images show too little. It is 0 if there is no such frame or
+        there are too few common points. `t_ns` is the stamp of the image in the slot.
         """
         f, marks = self.window.frames, self.window.landmarks
         since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
@@ -341,7 +390,10 @@ class SlidingWindow:
         return float(np.median(motion)) if since >= 0 and len(motion) >= _MIN_POINTS else 0.0
 
     def _cull(self) -> int:
-        """Removes observations beyond `_CULL_SD` standard deviations; returns how many the newest frame still has."""
+        """Removes observations beyond `_CULL_SD` standard deviations; returns how many the newest frame still has.
+
+        The relative camera poses are updated before. A point that is an outlier in the newest frame is no longer alive.
+        """
         w, factors, work = self.window, self.factors, self._work
         kernel.update_views(w.frames, w.calibration, factors.first_estimates, work.views)
         return int(
@@ -352,6 +404,7 @@ class SlidingWindow:
         """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
+        # inverse depth over its standard deviation; at least three frames must see the point
         sure = marks.inverse_depth[l] ** 2 * self._work.camera.depth_information[l] > _MEASURED_SD**2
         marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
 
@@ -359,6 +412,8 @@ class SlidingWindow:
         self, ids: NDArray[np.int64], tracked_px: NDArray[np.float32], good: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """(N,) which points one camera pose explains (P3P, RANSAC), where the predicted pose explains few.
+
+        Only tracked points of measured depth can be inliers. All are False if no pose explains enough of them.
 
         Args:
             ids: (N,) landmarks.
@@ -370,7 +425,7 @@ class SlidingWindow:
         use = good & (marks.measured[ids] > 0)
         is_inlier = np.zeros(len(ids), bool)
         h = marks.host[ids]
-        m = directions(marks.at[ids, h]) / marks.inverse_depth[ids, None]
+        m = directions(marks.at[ids, h]) / marks.inverse_depth[ids, None]  # (N, 3) m, in the host's camera
         points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
         at = self.lens.to_normalized(tracked_px)
         if (pose := solve_pnp(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
@@ -385,7 +440,11 @@ class SlidingWindow:
         return rho
 
     def _add_landmarks(self, frame: CameraFrame, slot: int) -> None:
-        """Searches for new points in an image and adds them as landmarks that the frame in a slot hosts."""
+        """Searches for new points in an image and adds them as landmarks that the frame in a slot hosts.
+
+        As many are added as are missing from `landmarks` tracked points, away from those. A point without measured
+        depth begins at `_UNKNOWN_INVERSE_DEPTH_PER_M`.
+        """
         marks, p = self.window.landmarks, self.parameters
         free = np.flatnonzero(marks.host == NO_HOST)
         taken = self._pixels[self._alive > 0]
@@ -396,7 +455,7 @@ class SlidingWindow:
         image_time_px = self.lens.at_image_time(
             points, rho_guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot]
         )
-        if image_time_px is not points:
+        if image_time_px is not points:  # a rolling shutter: depth images are taken at the image's time
             rho = self.inverse_depths(frame, image_time_px)
         marks.host[ids] = slot
         marks.seen[ids] = 0
@@ -410,7 +469,10 @@ class SlidingWindow:
         self._pixels[ids] = points
 
     def _observe_level_ground(self, frame: CameraFrame, slot: int) -> None:
-        """Measures the tilt by level ground in the depth image of the newest keyframe, once per stretch of path."""
+        """Measures the tilt by level ground in the depth image of the newest keyframe, once per stretch of path.
+
+        The measurement is added to the window's prior; the one in `slot` is the newest frame.
+        """
         w = self.window
         if frame.depth is None or not self._level.is_due(w.frames.p[slot]):
             return
@@ -420,7 +482,10 @@ class SlidingWindow:
         self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)
 
     def _store_patches(self, frame: CameraFrame, slot: int) -> None:
-        """Stores the patches of the landmarks that the slot hosts."""
+        """Stores the patches of the tracked landmarks that the slot hosts, and the slopes of their inverse depths.
+
+        Does nothing in methods that do not align points with patches (`anchored`). A slope is 0 without depth.
+        """
         marks, p = self.window.landmarks, self.parameters
         if not p.method.anchored:
             return
@@ -430,11 +495,12 @@ class SlidingWindow:
         marks.slope[ids] = 0.0
         if frame.depth is not None and p.method.uses_depth:
             slope = read_slope(frame.depth, points, *self._depth_range_m, p.inverse_depth_sd_per_m)
-            marks.slope[ids] = slope * self.lens.focal_px
+            marks.slope[ids] = slope * self.lens.focal_px  # from 1/m per pixel to 1/m on the plane at depth 1
 
     def _is_key(self, slot: int) -> bool:
         """Whether the newest frame becomes a keyframe: by parallax, by lost points, or after `_MAX_KEYFRAME_S`."""
         f = self.window.frames
+        # motion since the last keyframe without that by rotation, on the plane at depth 1, and number of common points
         moved, common = kernel.parallax(self.window, slot, slot - 1)
         return bool(
             moved * self.lens.focal_px > _KEYFRAME_PARALLAX_PX

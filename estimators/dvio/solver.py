@@ -21,7 +21,10 @@ from stridetwin.streams.samples import Array
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _step_calibration(c: Calibration, d: Array) -> None:
-    """Adds a step (10,) to position (m) and rotation (rad) of the mount, clock (s), depth scale and focal lengths."""
+    """Adds a step d (10,) to the calibration in place, and to its deviation `moved`.
+
+    Entries of d: 0-2 position (m) and 3-5 rotation (rad) of the mount, 6 clock (s), 7 depth scale, 8-9 focal lengths.
+    """
     for i in range(3):
         c.p[i] += d[i]
     copy_matrix(multiply(c.R, exp(d[3:6])), c.R)
@@ -35,8 +38,9 @@ def _step_calibration(c: Calibration, d: Array) -> None:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _step_frame(f: Frames, k: int, e: Array) -> None:
-    """Adds a step (15,) to the frame in slot k: position, attitude (error on the right), velocity and biases.
+    """Adds a step e (15,) to the frame in slot k, in place.
 
+    Entries of e: 0-2 position (m), 3-5 attitude (rad, error on the right), 6-8 velocity (m/s), 9-14 biases.
     A frame in the prior is recomputed from its first estimate and the sum of all steps since, which is what the prior
     refers to.
     """
@@ -61,6 +65,14 @@ def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camer
 
     An eliminated inverse depth changes by (b_l − h_lᵀ d) / h_ll, with h_l over calibration and poses; it stays within
     `LEAST_INVERSE_DEPTH` and `MOST_INVERSE_DEPTH`.
+
+    Args:
+        frames: Frames, changed in place.
+        marks: Landmarks, whose inverse depths change.
+        calibration: Calibration, changed in place.
+        camera: Camera equations from which the step was computed: b_l is `b_depth`, h_l `cross`, h_ll
+            `depth_information`.
+        d: (N,) step: calibration, then each frame from the oldest.
     """
     n = frames.count[0]
     _step_calibration(calibration, d)

@@ -44,6 +44,8 @@ class FactorParameters(NamedTuple):
 
 # Error state: that of the calibration first, then of each frame from the oldest to the newest.
 # Rotations have their error on the right, R_true = R Exp(e).
+# Calibration: 0-2 position and 3-5 rotation of the camera on the IMU (IC), 6 time offset, 7 depth scale, 8-9 focal
+# lengths. Frame: 0-2 position, 3-5 attitude, 6-8 velocity, 9-11 bias of the gyroscope, 12-14 of the accelerometer.
 D_POSITION_IC, D_ATTITUDE_IC, D_OFFSET, D_SCALE, D_FOCAL = 0, 3, 6, 7, 8
 CALIBRATION = 10
 D_POSITION, D_ATTITUDE, D_VELOCITY, D_GYRO_BIAS, D_ACCEL_BIAS = 0, 3, 6, 9, 12
@@ -241,7 +243,14 @@ def blank_preintegration(slots: int | None = None) -> Preintegration:
 
 
 def blank_window(frames: int, landmarks: int, T_imu_camera: Array, offset_s: float) -> WindowState:
-    """An empty window with slots for frames and landmarks; t_imu = t_cam + offset."""
+    """An empty window: no frame, no landmark, no prior, and the nominal calibration.
+
+    Args:
+        frames: Number of slots for frames.
+        landmarks: Number of slots for landmarks.
+        T_imu_camera: (4, 4) nominal mount, camera to IMU, m.
+        offset_s: Nominal offset of the camera's clock: t_imu = t_cam + offset.
+    """
     F, L, states = frames, landmarks, CALIBRATION + FRAME * frames
     identities = np.zeros((F, 3, 3))
     identities[:] = np.eye(3)

@@ -81,11 +81,13 @@ class Structure:
 def structure_with_depth(s: Observations) -> Structure | None:
     """Cameras by the points of known depth: P3P from each image to the next, then all of Zhao 2023 (5) at once.
 
-    None if the images share too few points; `first` > 0 if only the newer ones are connected.
+    P3P goes from the newest image back to the oldest, and ends at the first pair that shares too few points. The result
+    has the images from there on: its `first` is greater than 0 if older ones are left out. None if it would be a single
+    image, or if too few observations agree.
     """
     k = len(s.seen) - 1
-    R, p = [np.eye(3)], [np.zeros(3)]
-    agree = s.seen.copy()
+    R, p = [np.eye(3)], [np.zeros(3)]  # cameras from the newest to the k-th image
+    agree = s.seen.copy()  # observations without the outliers of P3P
     while k > 0:
         shared = np.flatnonzero(s.seen[k - 1] & s.seen[k] & (s.rho[k - 1] > 0))
         step = _relative_pose(s, directions(s.at[k - 1, shared]) / s.rho[k - 1, shared, None], s.at[k, shared])
@@ -111,7 +113,8 @@ def structure_with_depth(s: Observations) -> Structure | None:
 def structure_of_bearings(s: Observations) -> Structure | None:
     """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then Zhao 2023 (2) of all.
 
-    None if no image shares enough points with the newest at enough parallax.
+    The two images are the newest and the oldest that shares enough points with it; older ones are left out. None if
+    there is no such pair, or if its parallax is too small.
     """
     last = len(s.seen) - 1
     for k in range(last - 1):
@@ -140,8 +143,15 @@ def structure_of_bearings(s: Observations) -> Structure | None:
 def _connect_images(s: Observations, shared: NDArray[np.int64], M: Array, t: Array, first: int) -> Structure | None:
     """Structure of K images from the known relative pose M (3, 3), t (3,) of the oldest in the newest.
 
-    Points seen by both, `shared` (N,), are triangulated, the images between are placed by P3P, and all are adjusted.
-    None if an image shows too few of these points.
+    Points seen by both are triangulated, the images between are placed by P3P, and all are adjusted. None if an image
+    shows too few of these points.
+
+    Args:
+        s: Observations of the K images.
+        shared: Indices of the points that are inliers of the relative pose.
+        M: (3, 3) rotation, newest camera <- oldest camera.
+        t: (3,) position of the oldest camera in the newest one's axes, in units of their distance.
+        first: Index of the oldest of these images among all, which `Structure.first` reports.
     """
     K, N = s.seen.shape
     ends = np.zeros((K, N), bool)
@@ -192,7 +202,16 @@ def _relative_pose(s: Observations, points: Array, at: Array) -> tuple[Array, Ar
 
 
 def _back_project(R: Array, p: Array, at: Array, rho: Array) -> Array:
-    """(N, 3) points from the first measured inverse depth of each, in the axes of the newest camera."""
+    """(N, 3) points, m, from the first measured inverse depth of each, in the axes of the newest camera.
+
+    A point without any measured depth gets the depth 1 of the first camera; it must not be used.
+
+    Args:
+        R: (K, 3, 3) newest camera <- camera.
+        p: (K, 3) positions of the cameras, m.
+        at: (K, N, 2) observations on the plane at depth 1.
+        rho: (K, N) measured inverse depths, 1/m; 0 where none.
+    """
     n = np.arange(at.shape[1])
     k = (rho > 0).argmax(axis=0)
     depth = 1.0 / np.where(rho[k, n] > 0, rho[k, n], 1.0)
@@ -203,6 +222,12 @@ def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tupl
     """(N, 3) points nearest to all their rays, and (N,) whether they are determined and in front of all cameras.
 
     Least squares: Σ (I − d dᵀ) (X − p) = 0 over unit rays d from the cameras' positions p.
+
+    Args:
+        R: (K, 3, 3) newest camera <- camera.
+        p: (K, 3) positions of the cameras.
+        at: (K, N, 2) observations on the plane at depth 1.
+        seen: (K, N) whether the camera sees the point.
     """
     ray = np.matmul(directions(at), np.swapaxes(R, 1, 2))  # d, in the axes of the newest camera
     ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
@@ -219,12 +244,21 @@ def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tupl
 def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
     """Least squares of Zhao 2023 (1) and (3) over cameras and points, then once more without outliers.
 
-    None if too few observations agree.
+    Args:
+        s: Observations in K images.
+        R: (K, 3, 3) newest camera <- camera, the start.
+        p: (K, 3) positions of the cameras, the start.
+        points: (N, 3) points in the axes of the newest camera, the start.
+        first: Index of the first of these images among all, which `Structure.first` reports.
+        scaled: Whether lengths are in m by measured depths; if not, the distance of the first camera stays.
+
+    Returns:
+        The cameras with their information; None if too few observations agree.
     """
     use = s.seen.sum(axis=0) > 1
     s = replace(s, seen=s.seen[:, use], at=s.at[:, use], rho=s.rho[:, use])
     points = points[use]
-    for steps in (3, 2):
+    for steps in (3, 2):  # largest number of steps with all observations, then without outliers
         if (s.seen.sum(axis=1) < _MIN_POINTS).any() or not np.isfinite(points).all():
             return None
         R, p, points = _minimize(s, R, p, points, scaled, steps)
@@ -241,6 +275,7 @@ def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: in
     H = _equations(s, R, p, points, scaled).H
     if not np.isfinite(H).all():
         return None
+    # degrees of freedom: two residuals per observation and one per depth, less six per camera and three per point
     freedom = 2 * s.seen.sum() + (s.rho > 0)[s.seen].sum() - 6 * len(R) - 3 * s.seen.any(axis=0).sum()
     return Structure(first=first, R=R, p=p, information=H, misfit=float((r**2).sum() / max(freedom, 1)), scaled=scaled)
 
@@ -248,12 +283,16 @@ def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: in
 def _minimize(
     s: Observations, R: Array, p: Array, points: Array, scaled: bool, steps: int
 ) -> tuple[Array, Array, Array]:
-    """Levenberg-Marquardt over cameras and points in at most `steps`; returns cameras R, p and points."""
+    """Levenberg-Marquardt over cameras and points in at most `steps`; returns cameras R, p and points.
+
+    A step that does not lower the cost is not taken, and the damping increases. The arguments are those of
+    `_bundle_adjust`; the newest camera does not move.
+    """
     damping, cost = _DAMPING, _cost(_residuals(s, R, p, points)[0])
     for _ in range(steps):
         m = _equations(s, R, p, points, scaled)
         n = len(m.b) - 6  # the newest camera is fixed
-        e = np.zeros((len(R), 6))
+        e = np.zeros((len(R), 6))  # step of each camera: position, attitude on its right
         e.reshape(-1)[:n] = np.linalg.solve(m.H[:n, :n] + np.diag(damping * m.H.diagonal()[:n] + 1e-9), m.b[:n])
         e_points = matvec(m.by_point, m.b_points - np.einsum("knab,ka->nb", m.cross, e))
         R_new, p_new = R @ exp(e[:, 3:]), p + e[:, :3]
@@ -315,13 +354,22 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     """Normal equations of cameras and points, weighted by Huber's rule, with the points eliminated.
 
     Residuals of Zhao 2023 (1) and (3) by the error states of each camera (position, attitude on its right) and the
-    points. Without measured depths, the distance of the first camera from the newest is fixed.
+    points. The step d of the cameras solves H d = b. Without measured depths (not `scaled`), the distance of the first
+    camera from the newest is fixed.
+
+    Args:
+        s: Observations in K images.
+        R: (K, 3, 3) newest camera <- camera.
+        p: (K, 3) positions of the cameras.
+        points: (N, 3) points in the axes of the newest camera.
+        scaled: Whether measured depths give the scale.
     """
     r, q = _residuals(s, R, p, points)
     K, N = s.seen.shape
     inverse = 1.0 / np.maximum(q[..., 2], _DEPTH_MIN)
+    # (K, N, 3) square root of Huber's weights: one for both image residuals, one for the depth residual
     w = np.sqrt(np.minimum(1.0, _HUBER_SD / np.maximum(_residual_norms(r), 1e-9)))[..., [0, 0, 1]]
-    A = np.zeros((K, N, 3, 3))  # by the point in the camera
+    A = np.zeros((K, N, 3, 3))  # derivative of the three residuals by the point in the camera
     A[..., 0, 0] = A[..., 1, 1] = inverse / s.sd
     A[..., :2, 2] = -q[..., :2] * (inverse**2)[..., None] / s.sd
     A[..., 2, 2] = -(inverse**2) / s.rho_sd
@@ -329,9 +377,11 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
     A *= w[..., None]
     r = r * w
     by_point = np.matmul(A.reshape(K, 3 * N, 3), np.swapaxes(R, 1, 2)).reshape(K, N, 3, 3)
+    # a · (q × e) = (a × q) · e for an error e of the attitude
     by_camera = np.concatenate([-by_point, np.cross(A, q[:, :, None])], axis=-1)
     H_points = _sum_residuals(by_point[..., :, None] * by_point[..., None, :]).sum(axis=0)
     b_points = -_sum_residuals(by_point * r[..., None]).sum(axis=0)
+    # slight damping, so that the block of a point without observations is invertible
     loose = 1e-6 * np.trace(H_points, axis1=1, axis2=2)[:, None, None] + 1e-9
     H_points_inverse = np.linalg.inv(H_points + loose * np.eye(3))
     cross = _sum_residuals(by_camera[..., :, None] * by_point[..., None, :])
@@ -350,7 +400,7 @@ def _equations(s: Observations, R: Array, p: Array, points: Array, scaled: bool)
 
 
 def _sum_residuals(a: Array) -> Array:
-    """(K, N, ...) of (K, N, 3, ...): sums over the three residuals of an observation."""
+    """(K, N, ...) sums of an array (K, N, 3, ...) over the three residuals of each observation."""
     return np.asarray(a[:, :, 0] + a[:, :, 1] + a[:, :, 2])
 
 

@@ -41,11 +41,19 @@ class Lens:
     Each row is exposed a little later than the one above; the middle one at the image's time. While the camera moves, a
     point is therefore seen where it was or will be.
 
+    Args:
+        camera: Intrinsics, distortion and readout time.
+
+    Attributes:
+        shape: (H, W) of an image.
+        focal_px: Mean focal length, px.
+
     Raises:
         ConfigError: An unknown model of distortion.
     """
 
     def __init__(self, camera: CameraCalibration) -> None:
+        """Raises ConfigError where the model of distortion is unknown."""
         if camera.distortion_model not in ("radtan", "equidistant"):
             raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, "radtan or equidistant")
         self.shape = (camera.height, camera.width)
@@ -54,6 +62,7 @@ class Lens:
         self._K, (fu, fv, pu, pv) = camera.K, camera.intrinsics
         self._centre, self._focal = np.array([pu, pv]), np.array([fu, fv])
         self.focal_px = float(np.sqrt(fu * fv))
+        # time from the exposure of the first row to that of the last (0: global shutter), and the last row's index
         self._readout_s, self._last_row = camera.readout_s, max(camera.height - 1, 1)
 
     def to_normalized(self, pixels: NDArray[np.floating]) -> Array:
@@ -92,6 +101,7 @@ class Lens:
         """
         if not self._readout_s or not len(points):
             return points
+        # (N,) s, time from the image's stamp to the exposure of each point's row
         late_s = (points[:, 1] / self._last_row - 0.5) * self._readout_s
         at, c = self.to_normalized(points), calibration
         flow = image_velocity(at, inverse_depth, c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate)
@@ -142,7 +152,10 @@ class Tracker:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
+        """Begins without an image; `shape` is (H, W) of the images."""
         self._shape = shape
+        # Per scale: the patches of all landmark slots. `_grey` is the last image, `_before` the one before; `_scales`
+        # is the last one's pyramid, empty until it is needed.
         self._patches = [blank_patches(LANDMARK_SLOTS) for _ in range(_SCALES)]
         self._grey: NDArray[np.uint8] | None = None
         self._before: NDArray[np.uint8] | None = None
@@ -168,7 +181,7 @@ class Tracker:
             (N, 2) px, and (N,) whether forward and backward tracking succeeded and agree.
         """
         before, grey = self._before, self._grey
-        if before is None or grey is None or not len(points):
+        if before is None or grey is None or not len(points):  # nothing to track, as after `reset`
             return points.copy(), np.zeros(len(points), bool)
         flags, window = cv2.OPTFLOW_USE_INITIAL_FLOW, (_FLOW_WINDOW_PX, _FLOW_WINDOW_PX)
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _FLOW_STEPS, _FLOW_SETTLED_PX)
@@ -181,6 +194,7 @@ class Tracker:
         good = (status[:, 0] > 0) & (back_status[:, 0] > 0)
         good &= np.abs(back - points).max(axis=1) < _MAX_FORWARD_BACKWARD_PX
         height, width = self._shape
+        # not at the border, where the image's neighbours are missing
         good &= (tracked > 2).all(axis=1) & (tracked[:, 0] < width - 3) & (tracked[:, 1] < height - 3)
         return np.asarray(tracked, np.float32), good
 
@@ -192,7 +206,8 @@ class Tracker:
     def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
         """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
 
-        `warps` (N, 2, 2) map a patch's pixels to the image's. Returns pixels, and which were aligned, (N,).
+        `warps` (N, 2, 2) map a patch's pixels to the image's. Returns (N, 2) px, and (N,) which were aligned. A point
+        that cannot be aligned at half the resolution is still tried at the whole one, from its first guess.
         """
         half, is_aligned = points / np.float32(2.0), np.ones(len(points), bool)
         kernel.align(self._image_pyramid()[1], self._patches[1], slots, warps, _COARSE, half, is_aligned)
@@ -226,11 +241,17 @@ class Tracker:
         return self._scales
 
     def find(self, taken: Points, wanted: int) -> Points:
-        """(N, 2) px, new points in the last image, N ≤ wanted, away from existing ones."""
+        """(N, 2) px, new points in the last image, spread over it and away from existing ones.
+
+        Args:
+            taken: (M, 2) px, existing points.
+            wanted: Largest number of new points; N may be smaller.
+        """
         out = np.zeros((max(wanted, 0), 2), np.float32)
         if wanted <= 0 or self._grey is None:
             return out
         count = 0
+        # A detector with a lower threshold follows only if the one before gives too few points.
         for detector in self._detectors:
             candidates = np.array([c.pt for c in detector.detect(self._grey)], np.float32).reshape(-1, 2)
             score = np.empty(len(candidates))
@@ -270,6 +291,10 @@ class Stereo:
     """
 
     def __init__(self, left: CameraCalibration, right: CameraCalibration, topic: str) -> None:
+        """Prepares rectification and matching; `topic` is that of the depth images.
+
+        Raises ConfigError where the right camera is not beside the left one, or the model of distortion is unknown.
+        """
         self.topic, self._lens = topic, Lens(left)
         T = np.linalg.inv(right.mount.T_body_sensor) @ left.mount.T_body_sensor
         if T[0, 3] >= 0 or abs(T[0, 3]) < np.abs(T[1:3, 3]).max():
@@ -286,9 +311,11 @@ class Stereo:
         self._maps = [
             maps(c.K, d, R, P[:, :3], small, cv2.CV_16SC2) for c, d, R, P in zip((left, right), D, (R1, R2), (P1, P2))
         ]
+        # maps of both cameras to their rectified images, at 1 / `_SHRINK` of the resolution
         self._times_depth = float(-P2[0, 3])  # disparity, px, of a point at 1 m
         v, u = np.mgrid[: left.height, : left.width]
         pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
+        # Per pixel of the left image: where it is in the rectified one, and its depth there over its depth here.
         rays = np.concatenate([self._lens.to_normalized(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
         shape = (left.height, left.width)
@@ -317,13 +344,17 @@ class Stereo:
 
 
 def with_stereo(rig: Rig, left: str, depth: str) -> Rig:
-    """The rig with a depth stream for its camera `left`."""
+    """A copy of the rig whose camera of the topic `left` has the depth stream of the topic `depth`."""
     return replace(rig, cameras={**rig.cameras, left: replace(rig.cameras[left], depth_topic=depth)})
 
 
 def with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterator[Sample]:
-    """The samples, in which the depth of each stereo pair replaces the images of the topic `right`."""
-    pair: dict[bool, Image] = {}
+    """The samples, in which the depth of each stereo pair replaces the images of the topic `right`.
+
+    A pair has equal stamps; its depth comes right after the later of the two images. Images of the right camera are not
+    passed on.
+    """
+    pair: dict[bool, Image] = {}  # the newest image of each camera; True is the right one
     for sample in samples:
         if isinstance(sample, Image):
             pair[sample.topic == right] = sample

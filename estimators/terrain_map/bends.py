@@ -69,8 +69,8 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
     _find_bends(x, z, 0, len(x), cuts)
     bounds = _settle_bounds(x, z, [0, *sorted(cuts), len(x)], min_bend_rad)
     stretches: list[Stretch] = []
-    for k, (a, b) in enumerate(pairwise(bounds)):
-        if b - a < _MIN_BINS:
+    for k, (a, b) in enumerate(pairwise(bounds)):  # stretch k has the bins a to b - 1
+        if b - a < _MIN_BINS:  # too few known heights
             return []
         middle, level, slope, slope_sd = _fit_line(x[a:b], z[a:b])
         off = z[a:b] - level - slope * (x[a:b] - middle)
@@ -78,6 +78,8 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
             return []  # a jump or a bulge
         begin, at, at_sd = first, math.nan, math.nan
         if k:
+            # The bend is where both lines meet, but no farther from bin a than half the length of both. `away` is how
+            # much higher the line before is at bin a than this one, m.
             one = stretches[-1]
             bend = slope - one.slope
             reach = (b - bounds[k - 1]) * _BIN_M / 2
@@ -92,7 +94,10 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
 
 
 def _bin_heights(s: Array, height: Array) -> tuple[Array, Array]:
-    """Means of known heights in bins along the line, (M,) and (M,) m; empty bins are left out."""
+    """Means of places along the line and of heights, each (M,) m, in bins of `_BIN_M`; empty bins are left out.
+
+    `s` (N,) and `height` (N,) are those of the samples, m; samples of unknown height, NaN, do not count.
+    """
     known = np.isfinite(height)
     if not known.any():
         return np.empty(0), np.empty(0)
@@ -104,7 +109,11 @@ def _bin_heights(s: Array, height: Array) -> tuple[Array, Array]:
 
 
 def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
-    """Line through heights z at x, (M,) m: middle x, height there, slope, and standard deviation of the slope."""
+    """Fits a line to heights z (M,), m, at x (M,), m, by least squares.
+
+    Returns:
+        Middle x, m; height there, m; slope; and standard deviation of the slope.
+    """
     middle, level = float(x.mean()), float(z.mean())
     off = x - middle
     spread = float(off @ off)
@@ -113,9 +122,10 @@ def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
 
 
 def _find_bends(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
-    """Appends the bends between bins a and b to `cuts`: the best one, then those on both sides of it.
+    """Appends the bends among the bins a to b - 1 to `cuts`: the best one, then those on both sides of it.
 
-    Any bend counts here, however small; `_settle_bounds` removes those that are none.
+    Any significant bend counts here, however small its angle; `_settle_bounds` removes those that are none. `x` and `z`
+    (M,) are places along the line and heights, m; `cuts` are bins.
     """
     at = _find_best_bend(x[a:b], z[a:b])
     if at is not None:

@@ -52,6 +52,9 @@ def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int)
         depth: (H, W) m, 0 = none.
         share: Depth difference, relative to the larger depth, that makes a discontinuity.
         reach: Width removed on each side, pixels.
+
+    Returns:
+        (H, W) m, a copy in which the pixels beside a discontinuity are 0.
     """
     height, width = depth.shape
     keeps, nothing, never = np.float32(1.0 - share), np.float32(0.0), np.float32(math.inf)
@@ -85,7 +88,7 @@ def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int)
     return clean
 
 
-_WIDTH = 640.0
+_WIDTH = 640.0  # px, of the image to which `DepthCamera.pixels` refers
 
 
 class DepthCamera:
@@ -101,10 +104,11 @@ class DepthCamera:
     """
 
     def __init__(self, calibration: CameraCalibration) -> None:
+        """Prepares the rectification of depth images that are registered to the camera of `calibration`."""
         self.topic = calibration.depth_topic
         self.shape = (calibration.height, calibration.width)
         self.intrinsics: Array = np.array(calibration.intrinsics)
-        self._maps = None
+        self._maps = None  # from the rectified to the original image; None where the lens has no distortion
         if any(calibration.distortion):
             fisheye = calibration.distortion_model == "equidistant"
             undistort = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
@@ -196,8 +200,9 @@ class Poses:
     """
 
     def __init__(self, parameters: TerrainMapParameters) -> None:
+        """Begins without a pose; `parameters` limits age and speed of a pose."""
         self._p = parameters
-        self._last: Odometry | None = None
+        self._last: Odometry | None = None  # the newest valid pose
 
     def add(self, pose: Odometry) -> bool:
         """Takes a pose; returns whether it jumped from the previous one, or came after a long gap.
@@ -225,6 +230,7 @@ class Poses:
         pose = self._last
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
             return None
+        # The angular rate is in the frame's own axes, so its rotation is on the right.
         dt, T = (t_ns - pose.t_ns) * 1e-9, transform(pose)
         if dt and np.isfinite(pose.v_frame_in_world).all() and np.isfinite(pose.angular_rate).all():
             T[:3, 3] += pose.v_frame_in_world * dt

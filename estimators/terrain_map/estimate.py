@@ -47,6 +47,7 @@ class Plane:
     @cached_property
     def slope_sd(self) -> float:
         """Standard deviation of the slope, rad, along the steepest ascent."""
+        # (x, y) becomes the direction of steepest ascent; the last factor is d atan(g) / dg
         x, y = self.gradient.tolist()
         (xx, xy), (_, yy) = self.covariance[1:, 1:].tolist()
         steep = math.hypot(x, y)
@@ -56,6 +57,7 @@ class Plane:
     @cached_property
     def rise(self) -> float:
         """Height from the lowest to the highest side, m, taken as a rectangle that slopes along one of its edges."""
+        # a uniform distribution of length l has the variance l² / 12
         return math.sqrt(12.0 * max(float(self.gradient @ self.spread @ self.gradient), 0.0))
 
     def height(self, xy: Array) -> Array:

@@ -37,6 +37,7 @@ Doubled: edges move by up to 7 mm, to either side.
 _NEVER_NS = -(10**18)
 _MIN_PIXELS = 500
 """A depth image with fewer valid pixels is ignored."""
+# (25, 2) offsets of the columns around one
 _AROUND = np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3)), axis=-1).reshape(-1, 2)
 
 
@@ -74,6 +75,10 @@ class TerrainMap:
         topic: str | None = None,
         parameters: TerrainMapParameters | None = None,
     ) -> None:
+        """Prepares an empty map; a rotated grid keeps edges across the walking direction oblique to the voxels.
+
+        Raises ConfigError for an unknown backend, and StrideTwinError where the rig has no such depth camera or frame.
+        """
         Rig.check(rig, "TerrainMap")
         options = options or Options()
         self.parameters = p = parameters or TerrainMapParameters()
@@ -85,6 +90,7 @@ class TerrainMap:
         self._volume = _volume(options.backend, self._camera, self._R_world_grid, p)
         self._planes = PlaneSet(p, keeps_unobserved=self._volume.keeps_unobserved)
         self._terrains = Terrains(self._R_world_grid, p)
+        # times of the last image used, and of the last one after which planes were extracted
         self._last_ns = self._extracted_ns = _NEVER_NS
         self._estimate: TerrainEstimate | None = None
 
@@ -98,7 +104,11 @@ class TerrainMap:
         return POSE_STREAM, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
-        """Takes one sample; returns the new estimate of the ground, or None if nothing changed."""
+        """Takes one sample; returns the new estimate after an image from which planes were extracted, else None.
+
+        A pose is kept for the images; one that jumps, or comes after a long gap, clears the map. An estimated pose of
+        the camera in their frame replaces its mount. An image is integrated if it has a pose and enough depth.
+        """
         if isinstance(sample, Odometry):
             if sample.topic == CAMERA_POSES:
                 if is_pose(sample):
@@ -181,7 +191,10 @@ class TerrainMap:
         return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
 
     def _extract(self, t_ns: int, p_camera_in_world: Array) -> None:
-        """Extracts planes from the volume and terrains from the planes."""
+        """Extracts planes from the volume and terrains from the planes, and sets the estimate.
+
+        `t_ns` and `p_camera_in_world` (3,), m, are time and camera position of the last image.
+        """
         self._extracted_ns = t_ns
         self._planes.update(self._volume.top_view())
         planes = self._planes.planes(self._R_world_grid)

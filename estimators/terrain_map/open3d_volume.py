@@ -48,17 +48,19 @@ class Open3dVolume:
     keeps_unobserved = True
 
     def __init__(self, camera: DepthCamera, parameters: TerrainMapParameters) -> None:
+        """Begins without voxels; raises StrideTwinError if Open3D is not installed."""
         with explain_import_error("the backend open3d needs it", "open3d"):
             import open3d
         self._o3d: Any = open3d
         self._camera, self._p = camera, parameters
         self._K = self._tensor(_matrix(camera.intrinsics))
         self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
+        # of the smoothed image: fu, fv, pu, pv, and the (h, w, 3) rays of its pixels at depth 1
         self._intrinsics = (camera.intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2) / _SMOOTHED
         v, u = np.mgrid[: self._shape[0], : self._shape[1]]
         fu, fv, pu, pv = self._intrinsics
         self._rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones(self._shape)], axis=-1)
-        self._band = parameters.truncation_m / parameters.voxel_size_m
+        self._band = parameters.truncation_m / parameters.voxel_size_m  # truncation, voxels
         self.clear()
 
     def clear(self) -> None:
@@ -68,8 +70,8 @@ class Open3dVolume:
             ("tsdf", "weight"), (float32, float32), ((1,), (1,)), self._p.voxel_size_m, EDGE, CAPACITY
         )
         self._T_grid_camera = np.eye(4)
-        self._in_view: Any = None
-        self._has_room = False
+        self._in_view: Any = None  # (N, 3) keys of the blocks in view of the last image, as a tensor
+        self._has_room = False  # whether Open3D's buffer for ray casting is large enough
 
     @property
     def origin(self) -> NDArray[np.int64]:
@@ -98,7 +100,11 @@ class Open3dVolume:
         weight[rows] = np.minimum(weight[rows], p.max_weight)  # Zhao 2023 (22)
 
     def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
-        """Rows and keys of the blocks that may be in view; those beyond the window are freed."""
+        """Rows and keys of the blocks that may be in view of the last pose; those beyond the window are freed.
+
+        Returns:
+            (N,) rows of the blocks in Open3D's buffers, and their (N, 3) block coordinates as a tensor.
+        """
         p, hashmap = self._p, self._grid.hashmap()
         rows = hashmap.active_buf_indices().numpy()
         keys, block_m = hashmap.key_tensor().numpy()[rows], EDGE * p.voxel_size_m
@@ -108,6 +114,7 @@ class Open3dVolume:
             for attribute in ("tsdf", "weight"):  # rows are used again as they are
                 self._grid.attribute(attribute).numpy()[rows[~near]] = 0.0
             hashmap.erase(self._o3d.core.Tensor(keys[~near]))
+        # middles of the blocks in the camera's axes; they may lie beside the image by up to two edges of a block
         x, y, z = (offset @ self._T_grid_camera[:3, :3]).T
         radius, (fu, fv, pu, pv), (height, width) = block_m, self._camera.intrinsics, self._camera.shape
         slope_u, slope_v = max(pu, width - pu) / fu, max(pv, height - pv) / fv
@@ -126,7 +133,7 @@ class Open3dVolume:
         return self._cast(self._in_view)
 
     def _cast(self, blocks: Any) -> NDArray[np.float32]:
-        """(H / 2, W / 2) m: depth of the surface in (N, 3) blocks."""
+        """(H / 2, W / 2) m, 0 = none: depth of the surface in a tensor of (N, 3) blocks, from the last pose."""
         p, extrinsic = self._p, self._tensor(np.asarray(np.linalg.inv(self._T_grid_camera), float))
         with self._quiet():
             cast = self._grid.ray_cast(
@@ -169,6 +176,7 @@ class Open3dVolume:
         on_plane = labels >= 0
         points, noise, labels = points[on_plane], noise[on_plane], labels[on_plane]
         columns = np.floor(points[:, :2] / voxel_m).astype(np.int64) - first
+        # from the lowest to the highest point: of those in one column the last one written, the highest, remains
         order = np.argsort(points[:, 2], kind="stable")
         order = order[((columns >= 0) & (columns < VIEW)).all(axis=1)[order]]
         i, j = columns[order].T
@@ -184,7 +192,10 @@ class Open3dVolume:
         return TopView(first, label, plane_sums(view, spread, label, len(planes)), view[..., 2].copy(), spread)
 
     def refine_riser(self, edge: Riser, upper: Plane, down: Array) -> Riser:
-        """Returns the riser unchanged, because the paper takes stairs from the planes alone."""
+        """Returns the riser unchanged, because the paper takes stairs from the planes alone.
+
+        The other arguments are those of `VoxelVolume.refine_riser`, and not used.
+        """
         return edge
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]]:

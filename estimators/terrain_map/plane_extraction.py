@@ -74,13 +74,14 @@ def cell_sums(points: Points, noise: Points) -> Array:
             if sums[0] < _VALID_SHARE * CELL * CELL:
                 sums[:] = 0.0
                 continue
+            # centre (x, y, z) and normal (a, b, d); mean squared distance from the plane, and what noise explains of it
             x, y, z, a, b, d, error = fit_plane(sums)
             variance = sums[10] / sums[0]
             fits, limit = error <= variance, _DISTANCE_GATE_SD * math.sqrt(variance)
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
                     off = a * (points[i, j, 0] - x) + b * (points[i, j, 1] - y) + d * (points[i, j, 2] - z)
-                    fits = fits and not abs(off) > limit
+                    fits = fits and not abs(off) > limit  # a missing point, NaN, fits
             if not fits:
                 sums[:] = 0.0
     return cells
@@ -88,8 +89,16 @@ def cell_sums(points: Points, noise: Points) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _tilt_variance(s: Array) -> float:
-    """Variance of a plane's tilt, rad², in the direction in which its points extend least."""
+    """Variance of a plane's tilt, rad², in the direction in which its points extend least.
+
+    It is the variance of the mean of n points over their variance along that direction in the plane.
+
+    Args:
+        s: (11,) sums over the points, see `plane_fit.SUMS`: 0 n; 1-3 x, y, z; 4-9 xx, xy, xz, yy, yz, zz; 10 the sum of
+            the points' own variances, m².
+    """
     n = s[0]
+    # covariance of the points [[a, e, f], [e, b, g], [f, g, d]]
     a, b, d = s[4] / n - (s[1] / n) ** 2, s[7] / n - (s[2] / n) ** 2, s[9] / n - (s[3] / n) ** 2
     e, f, g = s[5] / n - s[1] * s[2] / n**2, s[6] / n - s[1] * s[3] / n**2, s[8] / n - s[2] * s[3] / n**2
     # The smallest of three eigenvalues is near 0: the middle one follows from their sum and the sum of their products.
@@ -103,7 +112,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
     """Merges neighbouring cells into planes by agglomerative clustering, docs/terrain_map.md (6).
 
     Args:
-        cells: (R, C, 11) sums of the cells; modified: the root cell holds the plane's sums.
+        cells: (R, C, 11) sums of the cells, see `plane_fit.SUMS`; modified: the root cell holds the plane's sums.
 
     Returns:
         (R, C) root cell of each cell's plane, as index r * C + c; -1 = none.
@@ -117,6 +126,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
             root[n] = n
             _, _, _, normals[n, 0], normals[n, 1], normals[n, 2], _ = fit_plane(sums[n])
             tilt_variance[n] = _tilt_variance(sums[n])
+    # pairs of neighbouring planes, as their root cells
     edges = np.empty((2 * len(root), 2), np.int32)
     count = 0
     for r in range(rows):
@@ -131,6 +141,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                 edges[count, 0], edges[count, 1] = n, n + columns
                 count += 1
     costs = np.full(count, -1.0)  # cost of merging an edge's planes; -1 unknown, inf not allowed
+    # per plane: its best edge, or -2 - a after it was merged into plane a; `met` is the last neighbour seen
     best, met = np.empty(len(root), np.int64), np.empty(len(root), np.int64)
     common = np.empty(SUMS)
     while True:
@@ -165,6 +176,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                 merged = True
         if not merged:
             break
+        # Edges of merged planes now belong to the new plane, and their costs are unknown; doubles are removed.
         kept = 0
         met[:] = -1
         for e in range(count):
@@ -179,6 +191,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                 costs[kept] = -1.0 if new else costs[e]
                 kept += 1
         count = kept
+    # Each merged cell points to the plane it was merged into: follow these links to the end.
     for n in range(len(root)):
         if root[n] >= 0:
             while root[n] != root[root[n]]:
@@ -223,8 +236,8 @@ def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> P
     """(n, n, 3) m, middles of the columns of a height image.
 
     Args:
-        height: (n, n) m.
-        first: (2,) column of the image's corner.
+        height: (n, n) m, NaN where unobserved; the z of the points.
+        first: (2,) column of the image's corner; column (i, j) begins at (i, j) `voxel_m`.
         voxel_m: Edge of a column.
     """
     along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
@@ -260,7 +273,7 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
         (n, m) number of each point's plane, -1 = none; (P, 4) planes a x + b y + c z = d.
     """
     rows, columns = roots.shape
-    number = np.full(rows * columns, -1, np.int32)
+    number = np.full(rows * columns, -1, np.int32)  # of the walkable plane at each root cell
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
@@ -280,6 +293,7 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
     near_planes = np.empty(9, np.int32)
     for r in range(rows):
         for c in range(columns):
+            # planes of the cell and of its eight neighbours; one may be listed twice, which does no harm
             near_count, last = 0, -1
             for p in range(max(r - 1, 0), min(r + 2, rows)):
                 for q in range(max(c - 1, 0), min(c + 2, columns)):
@@ -307,6 +321,10 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
 def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, least_up: float, fewest: int) -> int:
     """Labels connected columns of one height outside the large planes, or adds them to an adjacent large plane.
 
+    Columns are connected if they are at most two apart and of the same height within their noise. They join the large
+    plane beside them if they lie on it. Otherwise they become a plane of their own if they are many enough, and level
+    or walkable.
+
     Args:
         points: (n, m, 3) m.
         noise: (n, m) m.
@@ -320,13 +338,14 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
     """
     count = len(planes)
     n, m = labels.shape
-    visited, long = labels >= 0, count
+    visited, long = labels >= 0, count  # `long` is the number of large planes
     stack = np.empty((n * m, 2), np.int32)
     sums = np.empty(SUMS)
     for i in range(n):
         for j in range(m):
             if visited[i, j] or math.isnan(points[i, j, 2]):
                 continue
+            # breadth-first search: `size` columns found, `head` of them expanded; `beside` is a plane next to them
             size, head, beside = 1, 0, -1
             stack[0, 0], stack[0, 1] = i, j
             visited[i, j] = True
@@ -365,6 +384,7 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
             if size < fewest:
                 continue
             level = sums[9] / size - (sums[3] / size) ** 2 < limit  # too narrow to have a slope
+            # 5 is the normal's z, 6 the mean squared distance
             if level or (plane[5] >= least_up and plane[6] < limit):
                 for s in range(size):
                     labels[stack[s, 0], stack[s, 1]] = count

@@ -16,7 +16,7 @@ _HERE = Path(__file__).parent
 
 SUMS = 11
 """n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
-_NEWTON, _EXACT = 40, 1e-9
+_NEWTON, _EXACT = 40, 1e-9  # largest number of steps, and relative step that ends the iteration
 BORDER_M = 0.25
 """Width of a plane's border, half of which is free space, where its height is not evaluated (`point_toward`)."""
 PlaneFit = tuple[float, float, float, float, float, float, float]
@@ -48,6 +48,7 @@ def fit_plane(s: Array) -> PlaneFit:
     Returns:
         Centre (x, y, z), unit normal (x, y, z; upwards), and the mean squared distance from the plane.
     """
+    # covariance of the points [[a, e, f], [e, b, g], [f, g, d]] about their centre (x, y, z)
     n = s[0]
     x, y, z = s[1] / n, s[2] / n, s[3] / n
     a, b, d = s[4] / n - x * x, s[7] / n - y * y, s[9] / n - z * z
@@ -69,7 +70,7 @@ def fit_plane(s: Array) -> PlaneFit:
         ux, uy, uz, uu = vx, vy, vz, vv
     if ww > uu:
         ux, uy, uz, uu = wx, wy, wz, ww
-    if uu < 1e-40:
+    if uu < 1e-40:  # collinear points have no normal
         ux, uy, uz, uu = 0.0, 0.0, 1.0, 1.0
     size = math.copysign(math.sqrt(uu), uz)
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
@@ -85,6 +86,7 @@ def plane_misfit(s: Array) -> float:
     Args:
         s: (11,) sums over at least three points, see `SUMS`.
     """
+    # covariance of the points [[a, e, f], [e, b, g], [f, g, d]], and the coefficients of its characteristic polynomial
     n = s[0]
     x, y, z = s[1] / n, s[2] / n, s[3] / n
     a, b, d = s[4] / n - x * x, s[7] / n - y * y, s[9] / n - z * z
@@ -131,6 +133,7 @@ def fit_height_planes(
     x, y, z = centres.T
     xx, xy, xz, yy, yz = second - np.array([x * x, x * y, x * z, y * y, y * z])
     spreads = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
+    # (N,) variance of the mean height, σ² of docs/terrain_map.md (7): `alike` points count as one
     share = np.maximum(sums[:, 10] / n * alike / n, 1e-12)
     of_slopes = np.asarray(np.linalg.inv(spreads / share[:, None, None] + slope_sd**-2 * np.eye(2)), float)
     slopes = matvec(of_slopes, np.column_stack([xz, yz])) / share[:, None]
@@ -154,6 +157,7 @@ def height_plane_misfit(
         slope_sd: Prior standard deviation of the slopes, rad.
     """
     centres, slopes, _, _ = fit_height_planes(old, common_m, common_rad, alike, slope_sd)
+    # the planes are a x + b y + z + d = 0
     a, b = -slopes.T
     d = -(centres[:, 2] + a * centres[:, 0] + b * centres[:, 1])
     n, x, y, z, xx, xy, xz, yy, yz, zz, _ = new.T
@@ -172,6 +176,9 @@ def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: flo
         x: Coordinate to point toward, m.
         y: Coordinate to point toward, m.
         border_m: Width of the border where it is not well observed.
+
+    Returns:
+        Coordinates x and y of the point, m: (x, y) itself if it is well inside, and the centre of a narrow plane.
     """
     ox, oy = centre[0], centre[1]
     x, y = x - ox, y - oy
@@ -206,7 +213,10 @@ def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: fl
 def rotate_planes(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Rotates the four arrays of `fit_height_planes` by a (3, 3) rotation R about the vertical."""
+    """Rotates planes, as the four arrays that `fit_height_planes` returns, by a (3, 3) rotation R about the vertical.
+
+    Heights do not change. Returns the four rotated arrays in the same order.
+    """
     rotation = R[:2, :2]
     covariances = covariances.copy()
     covariances[:, 1:, 1:] = rotation @ covariances[:, 1:, 1:] @ rotation.T

@@ -57,11 +57,15 @@ class Surface(NamedTuple):
         self.label[:], self.height[:] = NONE, np.nan
 
     def move(self, origin: NDArray[np.int64]) -> None:
-        """Moves the window's lowest column to (2,) `origin`, and clears the columns outside."""
+        """Moves the window's lowest column to (2,) `origin`, and clears the columns that enter it.
+
+        In the ring, a column that enters is stored where one that leaves was.
+        """
         for axis in (0, 1):
             shift = int(origin[axis] - self.origin[axis])
             if shift == 0:
                 continue
+            # first of the lines that enter along this axis, and their places in the ring
             start = self.origin[axis] + COLUMNS if shift > 0 else origin[axis]
             lines = (start + np.arange(min(abs(shift), COLUMNS))) % COLUMNS
             at = (lines, slice(None)) if axis == 0 else (slice(None), lines)
@@ -122,12 +126,14 @@ def count_overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray
 def write_view(
     surface: Surface, view: TopView, slots: NDArray[np.int32], same_m: float, keeps_unobserved: bool
 ) -> None:
-    """Writes a view into the columns.
+    """Writes a view's heights, noise and planes into the columns of the map.
+
+    A column of the view without a plane keeps its label only if its height has not changed.
 
     Args:
         surface: Modified in place.
         view: The view.
-        slots: Slot of each new plane.
+        slots: (P,) slot of each new plane.
         same_m: A column without a new plane keeps its old plane if its height has changed by less.
         keeps_unobserved: Whether an unobserved column keeps its old plane.
     """
@@ -158,7 +164,7 @@ def remove_labels(label: NDArray[np.int32], gone: NDArray[np.bool_]) -> None:
 
 @entry_kernel(_HERE)
 def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]:
-    """(slots, 11) sums over the columns of each slot, m, grid axes."""
+    """(slots, 11) sums over the columns of each slot, m, grid axes, see `plane_fit.SUMS`; 0 for an empty slot."""
     sums, origin = np.zeros((slots, SUMS)), surface.origin
     for i in range(origin[0], origin[0] + COLUMNS):
         row = i & (COLUMNS - 1)
@@ -185,10 +191,11 @@ def find_borders(surface: Surface, reach: int, least_m: float, most_m: float) ->
         lower plane: 0..3 for +i, -i, +j, -j.
     """
     label, height, origin = surface.label, surface.height, surface.origin
-    borders = np.empty((COLUMNS * 64, 5), np.int32)
+    borders = np.empty((COLUMNS * 64, 5), np.int32)  # further ones are left out
     count = 0
     for i in range(origin[0] + 1, origin[0] + COLUMNS - 1):
         for j in range(origin[1] + 1, origin[1] + COLUMNS - 1):
+            # i & (COLUMNS - 1) is the column's place in the ring, i mod COLUMNS
             upper = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             if upper < 0:
                 continue
@@ -248,12 +255,14 @@ class PlaneSet:
     """
 
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:
+        """Begins without planes; `keeps_unobserved`: a column unobserved in a top view keeps its plane."""
         self._p, self._keeps_unobserved = parameters, keeps_unobserved
         self._min_columns = min_columns(parameters.voxel_size_m)
         self.surface = Surface.empty()
         self.ids = np.full(SLOTS, NONE, np.int64)
         self.votes = np.zeros(SLOTS)
-        self._sums = np.zeros((SLOTS, SUMS))
+        self._sums = np.zeros((SLOTS, SUMS))  # over the columns of each slot's plane, see `plane_fit.SUMS`
+        # what `planes` last returned, by id, and the sums and votes from which it was computed
         self._last_sums, self._last_votes = self._sums.copy(), self.votes.copy()
         self._last: dict[int, Plane] = {}
         self._next_id = 0
@@ -288,6 +297,7 @@ class PlaneSet:
         Args:
             R_world_grid: (3, 3) rotation about the vertical, grid to world axes.
         """
+        # A plane of unchanged sums and votes is taken from the last call; the others, `fresh`, are fitted.
         changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
         self._last_sums[:], self._last_votes[:] = self._sums, self.votes
         planes = {}
@@ -302,7 +312,10 @@ class PlaneSet:
         return {id_: self._last[id_] for id_ in planes}
 
     def _fit_planes(self, slots: NDArray[np.int64], R_world_grid: Array) -> dict[int, Plane]:
-        """The planes in these slots by id, fitted to the sums over their columns, docs/terrain_map.md (7), (8)."""
+        """The planes in these slots by id, fitted to the sums over their columns, docs/terrain_map.md (7), (8).
+
+        `slots` (N,) hold planes; `R_world_grid` (3, 3) rotates them from grid to world axes.
+        """
         sums = self._sums[slots]
         centres, slopes, covariances, spreads = rotate_planes(
             *fit_height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
@@ -330,15 +343,16 @@ class PlaneSet:
         If there are too few free slots, the planes with the fewest votes make room.
 
         Args:
-            common: (P, SLOTS) columns that a new and an old plane share.
-            in_scope: (SLOTS,) observed columns of each old plane.
-            sums: (P, 11) sums of the new planes.
+            common: (P, SLOTS) number of columns that a new and an old plane share.
+            in_scope: (SLOTS,) number of columns of each old plane that the view observes.
+            sums: (P, 11) sums of the new planes, see `plane_fit.SUMS`.
         """
         sizes = sums[:, 0].astype(np.int64)
         slots = np.full(len(sizes), NONE, np.int32)
         new, old = np.nonzero(common)
         shared = common[new, old]
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
+        # candidate pairs (new, old), those that share most first; `parts` are the sums of what an old plane has so far
         alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE_SHARE * np.maximum(smaller, 1)))
         alike = alike[np.argsort(-shared[alike], kind="stable")]
         agrees = self._lies_on_plane(sums[new[alike]], old[alike])
@@ -361,7 +375,12 @@ class PlaneSet:
         return slots
 
     def _lies_on_plane(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """(N,) whether a new plane, from its (N, 11) sums, lies on the known plane in its slot (N,)."""
+        """(N,) whether each new plane lies on the known plane in its slot, within `_APART` times `plane_noise_m` (RMS).
+
+        Args:
+            new: (N, 11) sums of the new planes, see `plane_fit.SUMS`.
+            slots: (N,) slot of the known plane to compare each with.
+        """
         p = self._p
         off = height_plane_misfit(
             new, self._sums[slots], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
@@ -371,7 +390,11 @@ class PlaneSet:
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """Updates the votes: + 1 for a matched plane, - 1 for one that is in view without a match.
 
-        Planes without votes are removed.
+        Planes without votes are removed. A plane is in view if the view observes more than half of its columns.
+
+        Args:
+            slots: (P,) slots of the new planes.
+            in_scope: (SLOTS,) number of columns of each old plane that the view observes.
         """
         paired = np.zeros(SLOTS, bool)
         paired[slots[slots >= 0]] = True

@@ -68,12 +68,14 @@ def read_profile(
         heading: rad from x.
         length_m: Length of the line, m.
     """
+    # samples along the line, and parallel lanes to its left (positive) and right, m
     s = np.arange(0.0, length_m, p.voxel_size_m) + p.voxel_size_m / 2
     lanes = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 0.01, _LANE_M)
     if estimate is None:
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
     forward = np.array([math.cos(heading), math.sin(heading)])
+    # v @ R_world_grid is v in grid axes; start in columns, and columns per metre along the line
     turn = R_world_grid[:2, :2]
     at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
     slot, middle = _read_lanes(planes.surface, at, along, s, lanes)
@@ -149,7 +151,14 @@ def _read_lanes(
 
 
 class _Run(NamedTuple):
-    """A straight run of samples on one plane; where the plane bends, `plane` slopes as the `stretch` does."""
+    """A straight run of samples on one plane.
+
+    Attributes:
+        first: First sample.
+        last: Last sample.
+        plane: The plane; where it bends along the line, with height and slope of the stretch.
+        stretch: The straight stretch of a plane that bends; None where it does not.
+    """
 
     first: int
     last: int
@@ -166,7 +175,17 @@ def _find_straight_runs(
     forward: Array,
     p: TerrainMapParameters,
 ) -> list[_Run]:
-    """Runs of samples on one plane along a line, cut where the plane's columns bend."""
+    """Runs of samples on one plane along a line, cut where the plane's columns bend.
+
+    Args:
+        s: (N,) m along the line.
+        height: (N,) m, height of each sample, NaN where unknown.
+        plane: (N,) id of each sample's plane, -1 = none.
+        estimate: Gives the planes.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
+        p: Smallest slope break.
+    """
     runs = []
     for first, last, id_ in _find_runs(plane):
         whole_plane = estimate.planes[id_]
@@ -179,7 +198,10 @@ def _find_straight_runs(
 
 
 def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -> Plane:
-    """The plane with the height and slope of a stretch along the line, and its own slope across it."""
+    """The plane with the height and slope of a stretch along the line, and its own slope across the line.
+
+    The line begins at `origin` (2,), m, and has the direction `forward` (2,).
+    """
     gradient = plane.gradient + (stretch.slope - float(plane.gradient @ forward)) * forward
     normal = np.array([-gradient[0], -gradient[1], 1.0])
     centre = np.array([*(origin + stretch.s * forward), stretch.height])
@@ -189,7 +211,19 @@ def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -
 def _find_changes(
     s: Array, runs: Sequence[_Run], estimate: TerrainEstimate, origin: Array, forward: Array, p: TerrainMapParameters
 ) -> tuple[Change, ...]:
-    """The edges and slope breaks between consecutive runs."""
+    """The edges and slope breaks between consecutive runs.
+
+    Between two stretches of one plane there is always a slope break, at the bend. Between two planes
+    `_edge_or_slope_break` decides.
+
+    Args:
+        s: (N,) m along the line.
+        runs: Runs in order.
+        estimate: Gives the mapped flights.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
+        p: Standard deviations, and the smallest slope break.
+    """
     changes = []
     for before, after in pairwise(runs):
         one, other, stretch = before.plane, after.plane, after.stretch
@@ -206,7 +240,11 @@ def _find_changes(
 
 
 def _find_runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs."""
+    """First and last sample of each run on one plane, and the plane's id; a plane split by another has two runs.
+
+    `plane` (N,) are the planes' ids, -1 = none. Runs of fewer than `_MIN_SAMPLES` are left out, so a plane that only
+    they interrupt has one run.
+    """
     known = np.flatnonzero(plane >= 0)
     runs: list[tuple[int, int, int]] = []
     for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
@@ -248,13 +286,13 @@ def _edge_or_slope_break(
     """
     middle = 0.5 * (end + start)
     place = origin + middle * forward
-    drop = float(other.height(place) - one.height(place))
+    drop = float(other.height(place) - one.height(place))  # negative: the ground goes down
     slopes = [float(q.gradient @ forward) for q in (one, other)]
     bend = math.atan(slopes[1]) - math.atan(slopes[0])
     bends = abs(bend) > max(
         p.min_slope_break_rad, _MIN_BREAK_SD * math.hypot(*(_slope_sd(q, forward) for q in (one, other)))
     )
-    if not bends and is_flat(one, p) and is_flat(other, p):
+    if not bends and is_flat(one, p) and is_flat(other, p):  # treads: their heights where they are well observed
         x, y = place.tolist()
         after, before = (height_toward(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (other, one))
         drop = after - before
@@ -270,6 +308,7 @@ def _edge_or_slope_break(
         return Change(kind="slope_break", s=s, sd=max(sd, 2.0 * p.edge_sd_m), drop=0.0, bend=bend)
     if abs(drop) < KERB_M:
         return None
+    # An edge: its position and standard deviation, `known`, from a flight that has it, or that it continues.
     for flight in estimate.stairs:
         known = _in_flight(flight, one.id, other.id, origin, forward, p.edge_sd_m)
         if known is None:
@@ -289,6 +328,7 @@ def _slope_sd(plane: Plane, forward: Array) -> float:
 
 def _height_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
     """Standard deviation of a plane's height at a (2,) position, m, without the pose error common to all planes."""
+    # the pose error is in the covariance of every plane, docs/terrain_map.md (8)
     shared = np.diag([p.plane_sd_m, p.slope_sd_rad, p.slope_sd_rad]) ** 2
     j = np.array([1.0, *(place - plane.centre[:2])])
     return math.sqrt(max(float(j @ (plane.covariance - shared) @ j), 0.0))
@@ -300,7 +340,16 @@ def _in_flight(
     """Position of the edge between two planes of a flight, m along a line, and its standard deviation.
 
     It is the measured edge, unless it is far from its place in the fitted flight, as when a leg occludes it: then the
-    other edges determine it. None if the planes are not neighbours in the flight.
+    other edges determine it. None if the planes are not neighbours in the flight, or the line is nearly parallel to its
+    edges.
+
+    Args:
+        flight: The flight.
+        one: Id of one of the planes.
+        other: Id of the other.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
+        min_sd_m: Smallest standard deviation of a measured edge, m.
     """
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
@@ -317,10 +366,19 @@ def _next_to_flight(
 ) -> tuple[float, float] | None:
     """Position of the edge one tread beyond either end of a flight, m along a line, and its standard deviation.
 
-    The riser of such an edge, of height `drop`, was observed, but not its position. None if there is no such edge.
+    The riser of such an edge was observed, but not its position. None if there is no such edge.
+
+    Args:
+        flight: The flight.
+        one: Id of the plane before the edge.
+        other: Id of the plane after the edge.
+        drop: Height after minus height before, m; must be close to the flight's riser in size.
+        origin: (2,) start of the line, m.
+        forward: (2,) unit vector of the line.
     """
     if flight.steps < 2 or abs(abs(drop) - flight.riser) > _UNEVEN_RISER_M:
         return None
+    # whether the edge goes up in the flight's direction of ascent
     climbs = drop * float(flight.up @ forward) > 0.0
     upper, lower = (other, one) if drop > 0.0 else (one, other)
     if climbs and lower == flight.planes[-1]:

@@ -68,6 +68,7 @@ def cast_down(
                 for column in range(EDGE * EDGE):
                     if met[column]:
                         continue
+                    # Columns that only pass through free or unobserved voxels are skipped, but for the lowest voxel.
                     first, solid = column << 3, False
                     for k in range(EDGE):
                         solid |= (weight[first | k] >= least) & (distance[first | k] >= nothing)
@@ -75,7 +76,7 @@ def cast_down(
                         above[column] = distance[first]
                         known[column] = weight[first] if weight[first] >= least else nothing
                         continue
-                    before, trusted = above[column], known[column]
+                    before, trusted = above[column], known[column]  # λ and weight of the voxel above
                     for k in range(top, -1, -1):
                         at = first | k
                         voxel_weight, value = weight[at], distance[at]
@@ -100,6 +101,8 @@ def cast_down(
 def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, reach: float, gap: float) -> Array:
     """How far solid ground extends along lines just under a surface.
 
+    λ is read at steps of one voxel along each line; it is positive in solid ground and negative in free space.
+
     Args:
         blocks: Voxels of the map.
         starts: (N, 3) voxels, grid axes, just under the surface.
@@ -112,10 +115,10 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
         (N,) voxels from each start to the first sign change of λ; NaN where unobserved.
     """
     extents = np.full(len(starts), np.nan)
-    step = 1.0
+    step = 1.0  # voxels
     slots, origin, distance, weight = blocks.slots, blocks.origin, blocks.distance, blocks.weight
     for n in range(len(starts)):
-        at, last_at, last = 0.0, -1.0, 0.0
+        at, last_at, last = 0.0, -1.0, 0.0  # distance from the start; the last solid position (-1: none), and λ there
         while at < reach:
             # trilinear interpolation of λ between voxel centres, where all eight were observed
             x, y = starts[n, 0] + direction[0] * at - 0.5, starts[n, 1] + direction[1] * at - 0.5
@@ -156,7 +159,9 @@ def column_noise(
 ) -> NDArray[np.float32]:
     """Standard deviation of the columns' heights.
 
-    Columns observed far less than their neighbours are removed: they are flying pixels at a depth discontinuity.
+    Columns observed far less than their neighbours are removed: they are flying pixels at a depth discontinuity. The
+    variance of the others is that of the depth noise at the camera's height over the column, divided by the weight,
+    plus the square of the lower limit.
 
     Args:
         height: (n, n) m; modified: NaN where unobserved.
@@ -183,7 +188,10 @@ def _column_noise(
     most_m: float,
     noise_per_m: float,
 ) -> NDArray[np.float32]:
-    """The compiled part of `column_noise`; `beside` (n, n) is the largest weight around each column."""
+    """The compiled part of `column_noise`, with the same other arguments and result.
+
+    `beside` (n, n) is the largest weight among the columns around each one.
+    """
     noise = np.empty(height.shape, np.float32)
     unseen = np.float32(math.nan)
     for i in range(height.shape[0]):

@@ -79,7 +79,11 @@ class Riser:
 
 @entry_kernel(_HERE)
 def _extent(points: Array, down: Array) -> tuple[float, float, float]:
-    """Middle (x, y) of (N, 2) points, and their extent along an edge across `down` (2,), m."""
+    """Middle x and y of an edge's points, and the edge's length, m.
+
+    `points` are (N, 2) m, `down` (2,) is the unit vector across the edge; the length is the extent at right angles to
+    it.
+    """
     n, least, most = len(points), math.inf, -math.inf
     for k in range(n):
         along = points[k, 1] * down[0] - points[k, 0] * down[1]
@@ -140,6 +144,7 @@ def _fit_edge(
     """
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
     for n in range(len(columns)):
+        # The end of a column is the middle of its side toward the lower plane; (i, j) points to that side.
         side = columns[n, 4]
         i, j = (side == 0) - (side == 1), (side == 2) - (side == 3)
         x, y = (columns[n, 2] + 0.5 + 0.5 * i) * voxel_m, (columns[n, 3] + 0.5 + 0.5 * j) * voxel_m
@@ -196,7 +201,8 @@ def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
         toward: (N, 2) unit vectors from each column toward the lower plane.
 
     Returns:
-        (2,) unit vector down across the edge; the ends near the line, none if the lower plane surrounds the upper one.
+        (2,) unit vector down across the edge; (K, 2) m, the ends near the line. There are none if fewer than
+        `_MIN_POINTS` lie near it, or if the lower plane surrounds the upper one.
     """
     count, down = ends.shape[0], np.empty(2)
     down[0] = mean(toward, 0, count, 0)
@@ -285,7 +291,7 @@ def _edge_in_voxels(
         voxel_m: Edge of a voxel.
 
     Returns:
-        (2,) unit vector down across the edge; (N, 2) its points, m, none if the voxels show no edge.
+        (2,) unit vector down across the edge; (K, 2) its points, m, none if the voxels show no edge.
     """
     starts = _lane_starts(points, down)
     at = np.empty((len(starts), 3))
@@ -306,7 +312,12 @@ def _edge_in_voxels(
 
 @njit(**INNER_KERNEL)
 def _lane_starts(points: Array, down: Array) -> Array:
-    """(N, 2) m, starts of the lanes across an edge, evenly spaced along it, `_INSIDE_M` before it."""
+    """(`_LANES`, 2) m, starts of the lanes across an edge, evenly spaced along it, `_INSIDE_M` before it.
+
+    Args:
+        points: (N, 2) m, the edge from the columns.
+        down: (2,) unit vector across it, from the upper plane to the lower one.
+    """
     aside = project(points, -down[1], down[0])
     sort(aside)
     low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
@@ -347,7 +358,15 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
 
 
 def pairs_of(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Rows of the result of `plane_set.find_borders` by the ids of lower and upper plane; `ids` are by slot."""
+    """Groups the rows of `borders` by the pair of planes that border on each other.
+
+    Args:
+        borders: (N, 5) result of `plane_set.find_borders`.
+        ids: (SLOTS,) id of the plane in each slot.
+
+    Returns:
+        By the ids of the lower and the upper plane: indices of the rows, in ascending order.
+    """
     if not len(borders):
         return {}
     key = borders[:, 0].astype(np.int64) * len(ids) + borders[:, 1]

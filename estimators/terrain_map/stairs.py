@@ -13,7 +13,7 @@ from stridetwin.estimators.terrain_map.plane_fit import BORDER_M, point_toward
 from stridetwin.estimators.terrain_map.risers import Riser
 from stridetwin.streams.samples import Array
 
-_UNKNOWN = math.inf
+_UNKNOWN = math.inf  # variance
 _PARALLEL_RAD = math.radians(20.0)
 """Largest difference in direction between edges of one flight."""
 _WINDING_RAD = math.radians(8.0)
@@ -25,7 +25,10 @@ _EVEN, _STEPS = (3, 1, 2), (4, 0)
 
 
 def heading_of(edges: Sequence[Riser]) -> Array:
-    """(2,) unit vector down the flight, fitted to all edges weighted by the cube of their length."""
+    """(2,) unit vector down the flight: the mean of the edges' `down`, weighted by the cube of their length.
+
+    An edge whose `down` is opposite to that of the edge with the most points counts reversed.
+    """
     downs = np.array([edge.down for edge in edges])
     most = max(edges, key=lambda e: len(e.points)).down
     total = np.copysign([edge.length**3 for edge in edges], downs @ most) @ downs
@@ -37,6 +40,7 @@ def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Rise
 
     The risers of a flight that winds are rows of their own, each with its own direction.
     """
+    # risers by their lower plane; `following` is the next riser up by the `id()` of a riser, `led_to` that of these
     above: dict[int, list[Riser]] = {}
     for r in risers:
         above.setdefault(r.lower, []).append(r)
@@ -64,13 +68,13 @@ def _is_winding(row: list[Riser]) -> bool:
     if len(row) < 3:
         return False
     down = np.array([complex(*r.down) for r in row])
-    turns = np.angle(down[1:] / down[:-1])
+    turns = np.angle(down[1:] / down[:-1])  # rad, from each edge to the next, anticlockwise positive
     return bool(abs(turns.mean()) > _WINDING_RAD and (turns * turns.mean() > 0.0).all())
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
     """Whether one riser continues in another: parallel, and a tread farther up."""
-    tread = float(np.subtract(one.middle, other.middle) @ one.down)
+    tread = float(np.subtract(one.middle, other.middle) @ one.down)  # positive: the other one is farther up
     are_parallel = float(one.down @ other.down) > math.cos(_PARALLEL_RAD)
     return are_parallel and p.min_tread_m <= tread <= p.max_tread_m
 
@@ -88,12 +92,14 @@ def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainM
     left = to_left(up)
     middles = np.array([r.middle for r in row])
     middle = float((middles @ left).mean())
+    # edges from the voxels are more accurate than those from the columns
     sd = [p.edge_sd_m if r.in_voxels else 2.0 * p.voxel_size_m for r in row]
+    # even: start, tread and rotation of the edges, of_even: their covariance; steps: base and riser, likewise
     even, of_even = fit_even_edges([r.points for r in row], sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
     ids = (row[0].lower, *(r.upper for r in row))
     ground = [_height_and_sd(planes[k], middles[max(n - 1, 0)]) for n, k in enumerate(ids)]
     steps, of_steps = fit_stair_line(*np.array(ground).T)
-    covariance = np.zeros((5, 5))
+    covariance = np.zeros((5, 5))  # of riser, tread, heading, start and base
     covariance[np.ix_(_EVEN, _EVEN)], covariance[np.ix_(_STEPS, _STEPS)] = of_even, of_steps
     if len(row) == 1:
         covariance[1, 1] = _UNKNOWN

@@ -35,7 +35,14 @@ RefineRiser = Callable[[Riser, Plane, Array], Riser]
 
 
 class _CachedRiser(NamedTuple):
-    """A riser between two planes with what it was computed from; the riser is None where there is no edge."""
+    """A riser between two planes with what it was computed from.
+
+    Attributes:
+        lower: Lower plane.
+        upper: Upper plane.
+        columns: (N, 5) border columns of the two, from `plane_set.find_borders`.
+        riser: The riser; None where there is no edge of stairs.
+    """
 
     lower: Plane
     upper: Plane
@@ -54,7 +61,7 @@ def is_level(plane: Plane, p: TerrainMapParameters) -> bool:
 
 
 def _less_than(slope_rad: float, plane: Plane) -> bool:
-    """Whether a plane may slope by less than `slope_rad`.
+    """Whether a plane may slope by less than `slope_rad`, within its uncertainty or as a flat one bent by pose errors.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
     does not make it a ramp.
@@ -75,7 +82,9 @@ class Terrains:
     """
 
     def __init__(self, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        """Begins without terrains; `R_world_grid` (3, 3) rotates grid to world axes."""
         self._R_world_grid, self._p = R_world_grid, parameters
+        # what the last call found: risers by the ids of lower and upper plane, flights by their risers
         self._risers: dict[tuple[int, int], _CachedRiser] = {}
         self._stairs: dict[tuple[Riser, ...], Stairs] = {}
 
@@ -86,6 +95,10 @@ class Terrains:
             planes: Planes by id, world axes; unchanged planes are the same objects as in the last call.
             plane_set: Columns of the planes.
             refine: Measures the edge of a riser.
+
+        Returns:
+            The flights, then levels and ramps. A tread within a flight is no level, and a plane that is too steep or
+            too small for a ramp is nothing.
         """
         p = self._p
         terrains: list[Terrain] = []
@@ -107,7 +120,10 @@ class Terrains:
         return tuple(terrains)
 
     def _fit_flight(self, row: Sequence[Riser], planes: dict[int, Plane], refine: RefineRiser) -> Stairs:
-        """The flight of a row of risers, after their edges are measured in the volume."""
+        """The flight of a row of risers, after their edges are measured in the volume by `refine`.
+
+        Its id is the least id of an upper plane in the row.
+        """
         down = heading_of(row)
         risers = [refine(r, planes[r.upper], down) for r in row]
         return fit_stairs(risers, planes, min(r.upper for r in row), self._p)
@@ -137,7 +153,10 @@ class Terrains:
         return [one.riser for one in known.values() if one.riser is not None]
 
     def _fit_riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
-        """The riser of columns from `find_borders`; None if it is not as high and long as one of stairs."""
+        """The riser between two planes; None if it is not as high and long as one of stairs.
+
+        `columns` (N, 5) are the two planes' border columns from `find_borders`.
+        """
         p = self._p
         edge = fit_riser(lower, upper, columns, self._R_world_grid[:2, :2], p.voxel_size_m)
         if edge is not None and p.min_riser_m <= edge.height <= p.max_riser_m and edge.length >= _MIN_EDGE_M:

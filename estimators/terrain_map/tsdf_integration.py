@@ -17,10 +17,11 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _f32 = np.float32
+# signed distance of an unobserved voxel, m, and least divisor
 _NONE, _LEAST = _f32(1e9), _f32(1e-20)
 _ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
 _Corner = tuple[np.float32, np.float32, np.float32]
-_RADIUS = math.sqrt(3.0) / 2.0 * EDGE
+_RADIUS = math.sqrt(3.0) / 2.0 * EDGE  # of a sphere around a block, voxels
 _SLAB = EDGE * EDGE
 """Voxels of a block that are skipped together if an image does not observe them."""
 _PIXEL_STRIDE = 8
@@ -46,7 +47,9 @@ def allocate(
     top_m: float,
     t_ns: int,
 ) -> None:
-    """Allocates the blocks that contain surfaces of a depth image.
+    """Allocates the blocks that contain surfaces of a depth image, and notes when they were last seen.
+
+    Blocks outside the window are left out, as are surfaces above `top_m`, and new ones once the buffer is full.
 
     Args:
         blocks: Modified in place.
@@ -72,6 +75,7 @@ def allocate(
                 ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
             if c[2] + ray[2] * d > top_m:
                 continue
+            # depth within the band on either side of the surface; five positions in it, half a band apart
             band = band_m / max(abs(ray[2]), float(_MIN_DESCENT))
             for step in range(-2, 3):
                 at = d + 0.5 * step * band
@@ -127,6 +131,7 @@ def integrate(
     height, width = depth.shape
     fu, fv, pu, pv = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     R, t = T_camera_grid[:3, :3], T_camera_grid[:3, 3]
+    # height of the camera in grid axes; half the distance between a block's outermost voxels
     eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
     radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
@@ -150,6 +155,7 @@ def integrate(
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
             continue
+        # the block's first voxel in grid axes, then in the camera's, and the block's middle in the camera's
         bx = (blocks.places[row, 0] * EDGE + 0.5) * voxel_m
         by = (blocks.places[row, 1] * EDGE + 0.5) * voxel_m
         bz = (blocks.places[row, 2] * EDGE + 0.5) * voxel_m
@@ -159,7 +165,7 @@ def integrate(
         xc = x0 + half * (R[0, 0] + R[0, 1] + R[0, 2])
         yc = y0 + half * (R[1, 0] + R[1, 1] + R[1, 2])
         zc = z0 + half * (R[2, 0] + R[2, 1] + R[2, 2])
-        if (
+        if (  # the sphere around the block is behind the camera or beside the image
             zc < radius
             or abs(fu * xc + (pu - width / 2) * zc) > width / 2 * zc + fu * radius * slope_u
             or abs(fv * yc + (pv - height / 2) * zc) > height / 2 * zc + fv * radius * slope_v
@@ -173,7 +179,21 @@ def integrate(
 
 
 class _Pinhole(NamedTuple):
-    """A pinhole camera: pixels, the vertical in its axes, and the weight of its depth; all 32 bit."""
+    """A pinhole camera: pixels, the vertical in its axes, and the weight of its depth; all 32 bit.
+
+    Attributes:
+        fu: Focal length along u, px.
+        fv: Focal length along v, px.
+        pu: Principal point plus 0.5, px: cut to a whole number, a coordinate is then its nearest pixel.
+        pv: As `pu`, along v.
+        width: Pixels of a row.
+        height: Pixels of a column.
+        up_x: Component x of the upward unit vector in the camera's axes; `up_y` and `up_z` are the others.
+        band: Truncation, as a height, m.
+        per_band: 1 / `band`, 1/m.
+        max_weight: W_max of docs/terrain_map.md (4).
+        noise: Depth by which a surface may be missed, divided by the depth's square, 1/m.
+    """
 
     fu: np.float32
     fv: np.float32
@@ -191,7 +211,14 @@ class _Pinhole(NamedTuple):
 
 
 class _Lattice(NamedTuple):
-    """(512,) m each: offsets from a block's first voxel along the camera's axes, and upwards."""
+    """Offsets of a block's 512 voxels from its first one.
+
+    Attributes:
+        x: (512,) m, along the camera's x axis.
+        y: (512,) m, along the camera's y axis.
+        z: (512,) m, along the camera's optical axis.
+        up: (512,) m, upwards.
+    """
 
     x: NDArray[np.float32]
     y: NDArray[np.float32]
@@ -229,7 +256,7 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
     up = np.empty(VOXELS, np.float32)
     for at in range(VOXELS):
-        i, j, k = at >> 6, (at >> 3) & 7, at & 7
+        i, j, k = at >> 6, (at >> 3) & 7, at & 7  # voxel (i, j, k) is at index 64 i + 8 j + k
         x[at] = i * steps[0, 0] + j * steps[0, 1] + k * steps[0, 2]
         y[at] = i * steps[1, 0] + j * steps[1, 1] + k * steps[1, 2]
         z[at] = i * steps[2, 0] + j * steps[2, 1] + k * steps[2, 2]
@@ -276,12 +303,14 @@ def _project(
     for at in range(VOXELS):
         z = z0 + lattice.z[at]
         per_z = _ONE / z
+        # nearest pixel; z may be 0 or negative, which `inside` excludes
         u = np.int32(camera.fu * (x0 + lattice.x[at]) * per_z + camera.pu)
         v = np.int32(camera.fv * (y0 + lattice.y[at]) * per_z + camera.pv)
         descent = (above - lattice.up[at]) * per_z
         steep = abs(descent)
         inside = (z >= _NEAR_M) & (u >= _ORIGIN) & (u < camera.width) & (v >= _ORIGIN) & (v < camera.height)
         projection.z[at], projection.descent[at] = z, descent
+        # κ / t of docs/terrain_map.md (2)
         projection.scale[at] = (steep if steep > _MIN_DESCENT else _MIN_DESCENT) * camera.per_band
         projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
     for at in range(VOXELS):
@@ -307,7 +336,9 @@ def _check_above(
 ) -> None:
     """Keeps voxels behind a surface only if it extends to straight above them, by a second lookup in the image.
 
-    The projection's pixels become those of the second lookup.
+    The second lookup is at the point straight above the voxel that is as high as where the line of sight meets the
+    surface. The projection's `pixel` becomes that of this lookup, and `descent` the depth of that point. If the image
+    has no depth there, the voxel counts as unobserved. If the image is much farther there, the surface ends before it.
 
     Args:
         image: (H * W) depth, m, 0 = none.
@@ -344,7 +375,14 @@ def _check_above(
 def _average(
     distance: NDArray[np.float32], weight: NDArray[np.float32], camera: _Pinhole, projection: _Projection
 ) -> None:
-    """Averages λ and weight of a block's voxels (512,): docs/terrain_map.md (2)-(4), after Zhao 2023 (20)-(22)."""
+    """Averages λ and weight of a block's voxels: docs/terrain_map.md (2)-(4), after Zhao 2023 (20)-(22).
+
+    Args:
+        distance: (512,) λ, changed in place where the voxel is observed.
+        weight: (512,) W, changed in place.
+        camera: Truncation and W_max.
+        projection: Signed distances and scales of the voxels.
+    """
     for slab in range(EDGE):
         if projection.observed[slab] == _ORIGIN:
             continue
@@ -352,6 +390,7 @@ def _average(
             sdf, z = projection.sdf[at], projection.z[at]
             value = sdf * projection.scale[at]
             value = value if value > -_ONE else -_ONE  # Zhao 2023 (20)
+            # weight of this image, docs/terrain_map.md (3)
             new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]

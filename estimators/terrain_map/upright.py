@@ -21,10 +21,10 @@ _NEAR = np.cos(np.radians(5.0))
 """Normals within 5° are of one surface; walls within 5° of the horizontal."""
 _MIN_UP_COSINE = np.cos(np.radians(80.0))
 """A camera that looks down or up keeps its upper side above the horizon; a wall in front of it lies beyond."""
-_WALL_WEIGHT = 0.5
+_WALL_WEIGHT = 0.5  # of a normal across a candidate for the vertical, over that of one along it
 _JUMP_SHARE = 0.1  # neighbouring depths that differ by more are of different surfaces
-_CANDIDATES, _ROUNDS = 400, 5
-_SUPPORT_MIN = 0.1
+_CANDIDATES, _ROUNDS = 400, 5  # normals tried as the vertical, and means of the normals near the best of them
+_SUPPORT_MIN = 0.1  # smallest share of all normals along the vertical
 
 
 def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
@@ -40,6 +40,7 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
     fu, fv, pu, pv = intrinsics
     points = np.stack([(u - pu) / fu * z, (v - pv) / fv * z, z], axis=-1)
     r = _REACH
+    # the three points of each normal; a large difference of their depths means two surfaces
     here, right, below = points[:-r, :-r], points[:-r, r:], points[r:, :-r]
     nearest = np.minimum(np.minimum(here[..., 2], right[..., 2]), below[..., 2])
     farthest = np.maximum(np.maximum(here[..., 2], right[..., 2]), below[..., 2])
@@ -56,6 +57,7 @@ def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
     Args:
         views: Per image, (N, 3) normals in the camera's optical frame, and (3, 3) rotation of that frame to the world.
     """
+    # per image: normals in the world, and the camera's upper side (y points down in the optical frame)
     parts = [(camera @ R.T, -R[:, 1]) for camera, R in views]
     if not parts:
         return None
@@ -66,6 +68,7 @@ def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
     if not len(near):
         return None
     candidates = near[np.linspace(0, len(near) - 1, min(_CANDIDATES, len(near))).astype(int)]
+    # per candidate: share of the normals along it, and of those across it
     along = candidates @ all_normals.T
     support = (along > _NEAR).mean(axis=1)
     walls = (np.abs(along) < np.sqrt(1.0 - _NEAR**2)).mean(axis=1)

@@ -49,8 +49,10 @@ class VoxelVolume:
     keeps_unobserved = False
 
     def __init__(self, camera: DepthCamera, R_world_grid: Array, parameters: TerrainMapParameters) -> None:
+        """Begins without voxels; `R_world_grid` (3, 3) rotates grid to world axes."""
         self._camera, self._R_grid_world, self._p = camera, R_world_grid.T, parameters
         self._blocks = empty_blocks()
+        # pose of the last depth image; None before the first
         self._T_grid_camera: Array | None = None
 
     @property
@@ -68,7 +70,13 @@ class VoxelVolume:
         clear(self._blocks)
 
     def integrate(self, t_ns: int, depth: NDArray[np.float32], T_grid_camera: Array) -> None:
-        """Takes a depth image, (H, W) m, 0 = none, from a (4, 4) camera pose, m."""
+        """Integrates a depth image into the voxels; the window moves with the camera.
+
+        Args:
+            t_ns: Time of the image; blocks without a surface since `_STALE_S` before it are freed.
+            depth: (H, W) m, 0 = none.
+            T_grid_camera: (4, 4) optical frame to grid axes, m.
+        """
         p, blocks, camera = self._p, self._blocks, self._camera
         self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
         below = eye - np.array([0.0, 0.0, _BELOW_M])
@@ -88,7 +96,10 @@ class VoxelVolume:
         )
 
     def top_view(self) -> TopView:
-        """The planes seen in the volume from above, around a point ahead of the last camera pose."""
+        """The planes seen in the volume from above, around a point ahead of the last camera pose.
+
+        A depth image must have been integrated before.
+        """
         assert self._T_grid_camera is not None
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
@@ -112,7 +123,11 @@ def min_noise_m(p: TerrainMapParameters) -> float:
 
 
 def view_corner(T_grid_camera: Array, p: TerrainMapParameters) -> NDArray[np.int64]:
-    """(2,) first column of the top view, ahead of the camera along its axis and the image's up direction."""
+    """(2,) first column of the top view, whose middle is `_AHEAD_M` ahead of the camera; a multiple of `EDGE`.
+
+    Ahead is the horizontal direction of the optical axis, plus that of the image's up direction: it also holds for a
+    camera that looks straight down. `T_grid_camera` is (4, 4), optical frame to grid axes, m.
+    """
     ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
     middle = (T_grid_camera[:2, 3] + _AHEAD_M * ahead) / p.voxel_size_m

@@ -88,7 +88,7 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
     """
     blocks.origin[:] = np.floor(centre / block_m).astype(np.int64) - np.array(SHAPE) // 2
     _free_unused(blocks, stale_ns)
-    if blocks.counts[0] < CAPACITY // 8:
+    if blocks.counts[0] < CAPACITY // 8:  # short of memory: frees the farthest quarter
         rows = np.flatnonzero(blocks.used)
         away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
         _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
@@ -96,7 +96,11 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
 
 @entry_kernel(_HERE)
 def _free_unused(blocks: Blocks, stale_ns: int) -> None:
-    """Frees the blocks outside the window, and those without a surface in them or just below."""
+    """Frees the blocks outside the window, and those without a surface in them or just below.
+
+    A block in the window in which a surface was observed at `stale_ns` or later is kept in any case. Marks blocks as
+    `solid` that have a voxel behind a surface.
+    """
     for row in range(CAPACITY):
         if not blocks.used[row]:
             continue
@@ -111,6 +115,7 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
         if inside and _is_solid(blocks.distance[row], blocks.weight[row], 0, 1):
             blocks.solid[row] = True
             continue
+        # voxels EDGE - 1, 2 EDGE - 1, ... are the top layer of a block
         below = slot_of(blocks.slots, blocks.origin, i, j, k - 1)
         # A surface may lie just above the top voxels of the block below: this block then delimits the solid ground.
         if inside and below >= 0 and _is_solid(blocks.distance[below], blocks.weight[below], EDGE - 1, EDGE):
