@@ -73,17 +73,23 @@ class TickBuilder:
     def __init__(self, exo: Exoskeleton) -> None:
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
+        # by topic: index of the attitude and rotation frame to sensor; index and sign of the knee; index of the foot
         self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
         self._encoder = {leg.knee.topic: (i, leg.knee.sign) for i, leg in enumerate(legs)}
         self._insole = {leg.sole.topic: i for i, leg in enumerate(legs)}
-        self._last = dict.fromkeys(exo.topics, -1)
+        self._last = dict.fromkeys(exo.topics, -1)  # time of each stream's newest sample, ns
+        # newest values of all streams, as in `Tick`
         self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
         self._knee, self._force = np.zeros(2), np.zeros((2, 4))
-        self._open: set[str] = set()
-        self._now = self._tick_ns = -1
+        self._open: set[str] = set()  # streams that have delivered their sample of the open tick
+        self._now = self._tick_ns = -1  # time of the open tick, and of the last one returned, ns
 
     def add(self, sample: Sample) -> list[Tick]:
-        """Takes one sample; returns the ticks that it completes or closes, at most two."""
+        """Takes one sample; returns the ticks that it completes or closes, at most two.
+
+        A sample of a later instant closes the open tick, although streams are missing, and opens another one. A sample
+        of an unknown stream, one that is out of order and an invalid one are ignored.
+        """
         if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _is_valid(sample):
             return []
         ticks = []
@@ -237,6 +243,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
     R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
+        # a lost sample: the attitude is extrapolated by the last measured rate
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
             copy_matrix(multiply(last[i], matrices.exp(_scale(since[i], last_rate[i]))), R[i])
             variance[i] += _LOST_SD_RAD**2
@@ -245,16 +252,17 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             copy_matrix(measured[i], R[i])
             variance[i] = noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
-            turn = np.empty(3)
+            turn = np.empty(3)  # by the mean of the rates before and after, rad
             for j in range(3):
                 turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
             moved = multiply(last[i], matrices.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
             share = min(math.sqrt(dot(rate[i], rate[i])) / _FULL_MOTION_RADPS, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
+            # the correlated error of an AHRS counts as a white one of the same power, 2 τ σ² / dt
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
-            off = matrices.log(multiply(measured[i], transposed(moved)))
+            off = matrices.log(multiply(measured[i], transposed(moved)))  # from predicted to measured, rad, world axes
             copy_matrix(multiply(matrices.exp(_scale(gain, off)), moved), R[i])
         copy_matrix(R[i], last[i])
         for j in range(3):

@@ -100,12 +100,13 @@ class LocomotionMode:
         self.parameters = parameters or LocomotionModeParameters()
         self.ground, self.method = ground or TerrainMap(rig, options=options), method
         self._settings = p = Settings(self.parameters, self.ground.parameters)
+        # (4, 4) pose of the followed point in the camera's optical frame, see `_mount_in_frame`
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
         self._body = Body(*self._mount_in_frame(T_frame_camera), p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = StepRhythm(p), FootholdEstimator(p)
-        self._stairs: Stairs | None = None
+        self._stairs: Stairs | None = None  # the last well-known flight: others of the building are alike
 
     @property
     def inner_estimators(self) -> tuple[TerrainMap, ...]:
@@ -160,10 +161,17 @@ class LocomotionMode:
         return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
     def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
-        """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics."""
+        """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics.
+
+        Args:
+            foot: `l` or `r`.
+            t_ns: Time of the touch-down.
+            known: Whether there is a recent pose of the body.
+            detected: Whether the insole detected it; otherwise it is inferred.
+        """
         line, top = self._path_ahead() if known else None, self._body.max_height(self._rhythm.down_ns)
         landing = self._rhythm.land(foot, t_ns, detected)
-        if landing is None:
+        if landing is None:  # the foot only bounced
             return
         if line is None:
             self._foothold.lose_position()
@@ -237,11 +245,13 @@ class LocomotionMode:
         modes = mix_unseen(chain.modes, chain.density @ unseen_probability(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
+        # (2, 2) rotation from along and across the path to the world
         turn = np.column_stack([line.forward, left])
         slopes = slopes_under(ground, chain.on)
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], foothold.s)
+            # feet are half a step's width beside the path
             xy = line.origin + s * line.forward + 0.5 * p.mode.width_m * SIDE[foot] * left
             steps.append(
                 StepPrediction(

@@ -110,6 +110,7 @@ class WalkingInformation:
         if self.last is None or speed == 0.0 or not math.isfinite(size):
             return None
         forward = self.last.v[:2] / speed
+        # `side` is the sign of the foot that lands so many steps ahead, left positive
         left, side = np.array([-forward[1], forward[0]]), SIDE[self.last.foot] * (-1.0) ** ahead
         offset = 0.5 * size * forward + 0.5 * self._width_m * side * left
         return self.last.p[:2] + forward * size * ahead + offset, forward
