@@ -110,7 +110,11 @@ class _LayoutParser:
         self.at += -(self.at - ENCAPSULATION) % size
 
     def read_length(self) -> int:
-        """Reads the length of a string or sequence, u32, and records its offset."""
+        """Reads the length of a string or sequence, u32, and records its offset.
+
+        Raises:
+            ValueError: The length exceeds that of the message.
+        """
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
         if value > len(self.payload):

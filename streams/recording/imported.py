@@ -149,7 +149,7 @@ class ImportedContents:
         keep = self._check_stamps(topic, images.t_ns)
         if keep.all():
             return images
-        at = np.flatnonzero(keep)
+        at = np.flatnonzero(keep)  # numbers of the images that are kept
         load = images.load
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 

@@ -122,16 +122,16 @@ class McapWriter:
             self._file = partial_path(path).open("wb")
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
-        self._crc = 0
+        self._crc = 0  # of the data section so far
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: list[records.Schema] = []
-        self._channels: dict[str, records.Channel] = {}
+        self._channels: dict[str, records.Channel] = {}  # by topic
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
-        self._counts: dict[int, int] = {}
-        self._times: tuple[int, int] | None = None
-        self._lanes: dict[int, _OpenChunk] = {}
+        self._counts: dict[int, int] = {}  # number of messages, by channel
+        self._times: tuple[int, int] | None = None  # earliest and latest log time, ns
+        self._lanes: dict[int, _OpenChunk] = {}  # the open chunk of each lane
         self._append(MAGIC)
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
@@ -169,6 +169,7 @@ class McapWriter:
             if chunk.entries and int(times[start]) - chunk.times[0] >= CHUNK_NS:
                 self._finish_chunk(lane)
                 chunk = self._lanes[lane] = _OpenChunk()
+            # as many messages as fit into the chunk by size and by duration
             count = max(1, (CHUNK_BYTES - chunk.size) // size)
             count = min(count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start)
             chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])
