@@ -138,7 +138,8 @@ class _Frames:
 
     def __init__(self, path: Path, t_ns: Stamps) -> None:
         self._path, self._t_ns = path, t_ns
-        self._frames: Iterator[Any] = iter(())
+        self._frames: Iterator[Any] = iter(())  # the frames that are still to be decoded
+        # number of the next frame, -1 if decoding has to start again; pixels (H, W, 3) of the last one
         self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
 
     def load_image(self, topic: str, number: int) -> Image:
@@ -260,6 +261,7 @@ def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> I
     _read_depth(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
 
     def load(topic: str, i: int) -> Depth:
+        """Reads depth image `i` under a topic; where there is no depth, it is 0."""
         t_ns, file = files[i]
         raw = _read_depth(file, shape)
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))

@@ -46,7 +46,7 @@ def _write_samples(recording: Recording, path: Path, progress: Callable[[float],
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
     times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
     images = recording.samples(topics)
-    image = next(images, None)
+    image = next(images, None)  # the next image that is not written yet
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
         for second in np.unique(times // _SECOND_NS).tolist():
             since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS

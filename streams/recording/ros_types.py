@@ -90,7 +90,7 @@ def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: t
     An array of messages or texts counts once per item; an array of numbers, and a sequence, counts as one item.
 
     Args:
-        name: Name of the type; one that is not in `types` is a standard type and counts as one field.
+        name: Name of the type; one that is not in `types` counts as one field.
         types: Field definitions by type.
         counts: Results so far, by type; extended.
         around: Names of the types that this one is nested in, the outermost first.
