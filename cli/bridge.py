@@ -53,7 +53,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     rig = recording.rig if recording.has_rig else Rig()
     first_ns = min(recording.topics[t].first_ns for t in topics)
     span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
-    speed = arguments.speed
+    speed = arguments.speed  # 1 is real time, 0 as fast as the receiver can
     messages = _prepare_first(to_messages(recording, topics))  # reads the first chunk before the clock starts
     start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
     epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock started then
@@ -133,7 +133,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         window_s=None if arguments.window is None else arguments.window * 1e-3,
         skip_images_s=None if arguments.skip_images is None else arguments.skip_images * 1e-3,
     )
-    prints = wanted is not None and wanted.output is None and not arguments.json
+    prints = wanted is not None and wanted.output is None and not arguments.json  # each estimate on stdout at once
     sys.setswitchinterval(_SWITCH_S)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped service writes its files, too

@@ -180,6 +180,7 @@ def _run_on_table(
         return None
     block = _table(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
+    # the estimator's parameters with those of `--set`; None without any, then `follow_block` takes its defaults
     values = with_parameters(
         Instance(estimator_class=estimator_class, options=options, streams=()), parameters
     ).parameters

@@ -133,7 +133,10 @@ def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
-    """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`."""
+    """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`.
+
+    With `--only`, a group stays if one of the campaign's scenarios needs it for one of these estimators.
+    """
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
         asked = estimators_of(arguments.only, "--only")

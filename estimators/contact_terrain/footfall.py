@@ -37,6 +37,7 @@ class CellLoads:
     """
 
     def __init__(self) -> None:
+        """Begins with a foot of which no sample is known."""
         # (2, 4) N, least force of each cell while the foot rotated, in this stride and in the last
         self._least = np.full((2, 4), np.inf)
         # (3, 4) N, largest force of each cell in this stride and the last two: one long swing, as over two risers, may
@@ -100,6 +101,7 @@ class Footfall:
     """
 
     def __init__(self, step: int, on_heel: bool) -> None:
+        """Begins with a landing: the number of the step that it ends, and whether it was on the heel."""
         self.step, self.on_heel = step, on_heel
         self.forward, self.up = np.zeros(3), np.zeros(3)
         self.weight, self.ticks = 0.0, 0

@@ -82,6 +82,7 @@ class Offsets:
     """
 
     def __init__(self, parameters: ContactTerrainParameters, sag_sd_m: float) -> None:
+        """Begins with offsets of 0 and their prior covariance; `sag_sd_m` is that of a loaded heel's sag, m."""
         p = parameters
         self._plane_noise = np.array([p.plane_sd_m, _PARALLEL_SD_RAD]) ** 2
         self._level_noise = np.array([_LEVEL_SD_RAD**2])

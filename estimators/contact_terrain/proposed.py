@@ -51,6 +51,7 @@ class DoubleSupport:
     """
 
     def __init__(self) -> None:
+        """Begins a step without ticks."""
         self.weight = self.strained = 0.0
         # weighted sums over the ticks: vectors, their derivatives by the offsets, squares of their coordinates
         self._vector, self._J = np.zeros(3), np.zeros((3, OFFSETS))
@@ -94,6 +95,7 @@ class Proposed:
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        """Begins with both feet on the ground, at step 0."""
         self._parameters, self._compliance = parameters, exo.compliance
         soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]

@@ -99,6 +99,7 @@ class Pivot:
     """
 
     def __init__(self) -> None:
+        """Begins at the origin, under the left foot."""
         self.foot = 0
         self.p_in_world = np.zeros(3)
         # latest centre of pressure of each foot, (3,) m in its last frame; None before its first load
@@ -151,6 +152,7 @@ class Markers:
     """
 
     def __init__(self, parameters: PublishedParameters = DEFAULTS.published) -> None:
+        """Begins a footprint without markers."""
         self._parameters = parameters
         self.count = 0
         self._origin = np.zeros(3)  # the first marker, m; moments are about it, for accuracy
@@ -163,7 +165,7 @@ class Markers:
             self._origin = p_in_world
         self.count += 1
         self._sum += p_in_world
-        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):
+        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):  # marker, virtual one
             x, y, z = point - self._origin
             self._moments += np.outer((x, y, 1.0), (x, y, 1.0, z))
 
@@ -233,6 +235,7 @@ class Published:
     def __init__(
         self, exo: Exoskeleton, svm: TerrainSvm | None = None, parameters: PublishedParameters = DEFAULTS.published
     ) -> None:
+        """Begins with both feet on the ground, at step 0; without `svm`, modes stay unknown."""
         self._svm, self._parameters = svm, parameters
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]

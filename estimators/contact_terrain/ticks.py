@@ -71,6 +71,7 @@ class TickBuilder:
     """
 
     def __init__(self, exo: Exoskeleton) -> None:
+        """Prepares for the streams that the exoskeleton's geometry names; no sample is known yet."""
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
         # by topic: index of the attitude and rotation frame to sensor; index and sign of the knee; index of the foot
@@ -211,6 +212,7 @@ class Attitudes:
     """
 
     def __init__(self, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        """Begins with unknown attitudes, with the parameters' noise of AHRS and gyros."""
         self._noise = _Noise(
             stationary_sd_rad=parameters.ahrs_stationary_sd_rad,
             moving_sd_rad=parameters.ahrs_moving_sd_rad,

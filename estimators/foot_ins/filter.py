@@ -58,6 +58,7 @@ class FootIns:
         *,
         options: Options | None = None,
     ) -> None:
+        """Prepares a foot without samples, with the noise of the rig's IMU on the foot that the options name."""
         if rig is not None:
             Rig.check(rig, "FootIns")
         options = options or Options()

@@ -126,6 +126,7 @@ class FootInsSmoother:
         parameters: FootInsParameters | None = None,
         start: StartPose | None = None,
     ) -> None:
+        """Prepares filter and window for a lag in s; without a calibration, the IMU is any consumer sensor."""
         if not 0.0 <= lag_s <= MAX_LAG_S:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)

@@ -72,6 +72,7 @@ class BoardTracker:
     """
 
     def __init__(self, shoes: Shoes, exposure_s: float) -> None:
+        """Prepares a detector for each shoe camera that can see a board on the other shoe."""
         # by topic of the camera: detector of the other shoe's board; index in `FEET` of the camera's foot, calibration
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}

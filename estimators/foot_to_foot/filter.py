@@ -100,6 +100,7 @@ class FootToFoot:
         start: Mapping[str, StartPose] | None = None,
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        """Prepares the joint state of both feet for the sensors on them, without samples."""
         Rig.check(rig, "FootToFoot")
         method = (options or Options()).method
         if method not in METHODS:

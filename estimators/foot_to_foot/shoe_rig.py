@@ -52,6 +52,7 @@ class LeftRightCheck:
     """
 
     def __init__(self, mounts: Array) -> None:
+        """Begins without evidence; a row of `mounts` (4, 7) is position (m) and quaternion (w, x, y, z)."""
         self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
         self._against = np.zeros(len(_WAYS))  # negative log-likelihood of each assignment
         self._newest_ns = NEVER  # time of the last image used

@@ -35,6 +35,7 @@ class ContactDetector:
     """
 
     def __init__(self, parameters: GaitPhaseParameters, force_range_mps2: float = 0.0) -> None:
+        """Begins with a foot on the ground, of which no sample is known; a force range of 0 is unknown."""
         self._p = parameters
         # magnitude from which on an axis counts as clipped, m/s²
         self._limit = _CLIPPED_SHARE * force_range_mps2 if force_range_mps2 > 0.0 else math.inf

@@ -48,6 +48,7 @@ class GaitPhase:
     def __init__(
         self, rig: Rig, *, options: Options | None = None, parameters: GaitPhaseParameters | None = None
     ) -> None:
+        """Prepares for the IMU that the rig has on the foot that the options name."""
         Rig.check(rig, "GaitPhase")
         options = options or Options()
         if options.foot not in FOOT_NAMES:

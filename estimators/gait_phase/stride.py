@@ -67,6 +67,7 @@ class StrideFilter:
     """
 
     def __init__(self, parameters: GaitPhaseParameters) -> None:
+        """Begins without a stride, with what is known of all people."""
         self._p = p = parameters
         self.begin_ns, self.is_regular, self.is_walking = -1, False, False
         self.phase = self.phase_sd = self.rate = 0.0

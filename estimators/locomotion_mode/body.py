@@ -45,6 +45,7 @@ class Body:
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, settings: Settings) -> None:
+        """Begins without poses; body's origin (3,) m and camera's rotation (3, 3) are those in their frame."""
         self.set_mount(p_body_in_frame, R_frame_camera)
         self._max_gap_s, self._max_speed_mps = settings.map.max_gap_s, settings.map.max_speed_mps
         # times (ns) and positions (3,) of the body in the last `_HISTORY_S`

@@ -91,6 +91,7 @@ class LocomotionMode:
         ground: TerrainMap | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
+        """Prepares for the depth camera of the rig; without `ground`, it builds a map of its own."""
         Rig.check(rig, "LocomotionMode")
         options = options or Options()
         camera, method = depth_calibration(rig), options.method

@@ -261,6 +261,7 @@ class FootholdEstimator:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Begins with an unknown walker who stands."""
         self._p = settings
         self._habits = Habits(settings)
         cells = round((BEHIND_M + settings.mode.reach_m) / GRID_M)

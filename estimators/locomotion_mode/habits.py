@@ -77,6 +77,7 @@ class Habits:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Sets the shares of walkers with each habit, and how probably such a walker joins the feet on a tread."""
         self._min_step_height_m = settings.min_step_height_m
         # (HABITS,) share of walkers with each habit, and probability q that such a walker joins the feet on a tread
         other_share = 1.0 - _JOINERS - _TWO_AT_A_TIME

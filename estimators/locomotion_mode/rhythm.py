@@ -57,6 +57,7 @@ class StepFilter:
     """
 
     def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
+        """Begins with the prior of the mean, and a difference of 0 between the kinds."""
         self._x = np.array([mean, 0.0])  # mean, and half the difference between the kinds
         self._P = np.diag([sd**2, asymmetry_sd**2])  # covariance of the two
         self._drift, self._noise = drift, noise
@@ -186,6 +187,7 @@ class StepRhythm:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Begins before the first touch-down, with the prior of the step time."""
         self._p = settings.mode
         self._time = usual_steps(self._p.step_s, settings)
         self.foot, self.down_ns, self.step = "", -1, 0

@@ -159,6 +159,7 @@ class _Stream(Generic[KeyT]):
     """
 
     def __init__(self, channel: Channel) -> None:
+        """Begins without messages; only types that become samples have a reader."""
         self.channel = channel
         self.reader = (
             TopicReader(channel.topic, channel.typename, channel.encoding, channel.definition)

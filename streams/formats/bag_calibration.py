@@ -117,6 +117,7 @@ class BagCalibration:
     """
 
     def __init__(self, notes: Notes) -> None:
+        """Begins without calibrations; `notes` collects what cannot be used."""
         self._notes = notes
         self.assumed: dict[str, str] = {}
         self._infos: dict[str, RosMessage] = {}  # CameraInfo, by the common beginning of the camera's topics

@@ -71,6 +71,7 @@ class McapBag:
     """
 
     def __init__(self, paths: list[Path], notes: Notes) -> None:
+        """Reads through all files for their schemas and channels."""
         self._paths, self._notes = paths, notes
         self._topics: list[dict[int, str]] = [{} for _ in paths]  # of each file, topic by channel id
         # the chunk unpacked last: number of the file and offset, and its bytes
@@ -202,6 +203,7 @@ class BoundedReader(rosbag1.Reader):
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the bag with budgets that follow from the file's size."""
         super().__init__(path)
         self._size = path.stat().st_size
         # budgets that are left: unpacked bytes, and entries of indexes
@@ -284,6 +286,7 @@ class RosBag:
     """
 
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
+        """Checks the index of a ROS 1 bag, opens the bag, and converts the definitions of its messages."""
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
         self._definitions = Definitions()
         with self._convert_errors():

@@ -137,6 +137,7 @@ class _Frames:
     """The frames of a video with stamps (N,) ns, decoded in order; going back decodes again from the start."""
 
     def __init__(self, path: Path, t_ns: Stamps) -> None:
+        """Prepares for a video whose frames have the stamps `t_ns` (N,); nothing is decoded yet."""
         self._path, self._t_ns = path, t_ns
         self._frames: Iterator[Any] = iter(())  # the frames that are still to be decoded
         # number of the next frame, -1 if decoding has to start again; pixels (H, W, 3) of the last one

@@ -55,6 +55,7 @@ class MessageEncoder:
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
+        """Checks the depth encoding; `jpeg_quality` None sends lossless images."""
         if depth_encoding not in ros_images.DEPTH_ENCODINGS:
             raise ConfigError("Encoder", "depth_encoding", depth_encoding, " or ".join(ros_images.DEPTH_ENCODINGS))
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
@@ -107,6 +108,7 @@ class MessageDecoder:
     """
 
     def __init__(self, topic: str, typename: str) -> None:
+        """Checks that the type is one that can be read."""
         if typename not in READABLE:
             expected = ", ".join(sorted(READABLE))
             raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
@@ -190,6 +192,7 @@ class LiveRecorder:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the file under a hidden name, with the version of the schema."""
         self.path = path
         self.count = 0
         self._previous: tuple[str, dict[str, str]] | None = None  # YAML of the rig and metadata, as written last
@@ -205,6 +208,7 @@ class LiveRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Completes the file, also after an error; without a message it is removed."""
         if self.count:
             self._file.finish()
         else:  # without a message there is no recording

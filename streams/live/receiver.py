@@ -103,6 +103,7 @@ class Receiver:
     """
 
     def __init__(self, address: tuple[str, int]) -> None:
+        """Opens the endpoint; samples are taken only once the context is entered."""
         self.address = address if address[1] else (address[0], _find_free_port(address[0]))
         self._link = ZenohLink(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
@@ -119,6 +120,7 @@ class Receiver:
         self._has_ended = self._is_closed = False  # whether a sender has ended; whether the context is left
 
     def __enter__(self) -> Self:
+        """Begins to answer senders and to take samples; at last senders get to know that the receiver is there."""
         link = self._link
         link.answer_queries("*/hello", self._answer_with(self._on_hello))
         link.answer_queries("*/end", self._answer_with(self._on_end))
@@ -130,6 +132,7 @@ class Receiver:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Closes the connections; threads that wait for room in the inbox give up."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
@@ -392,6 +395,7 @@ class Reorder:
     """
 
     def __init__(self, window_s: float) -> None:
+        """Begins with an empty buffer; the window is in s."""
         self._window_ns = round(window_s * 1e9)
         # buffered samples, each after its order (stamp, rank of its kind, topic) and its number, which decides ties
         self._heap: list[tuple[tuple[int, int, str], int, Arrival]] = []

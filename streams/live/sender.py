@@ -69,6 +69,7 @@ class Sender:
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
+        """Prepares the hello; the thread that connects and sends starts when the context is entered."""
         self._address_text, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
         self._address = address
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
@@ -97,6 +98,11 @@ class Sender:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Sends what is queued and the end, and waits until that is answered; after an error only the end.
+
+        Raises:
+            WireError: Sending has failed, unless the context is left because of another error.
+        """
         with self._changed:
             self._ending = True
             if error is not None:  # nothing more is sent, and the end names no messages beyond those sent

@@ -188,6 +188,7 @@ class ZenohLink:
     """
 
     def __init__(self, *, listen: tuple[str, int] | None = None, connect: tuple[str, int] | None = None) -> None:
+        """Opens a session that listens at one address or connects to one; only one of the two is given."""
         with explain_import_error("live and send need it", "live"):
             import zenoh
         self._zenoh, config = zenoh, zenoh.Config()  # the module is kept, as it may not be installed

@@ -96,6 +96,7 @@ class _LayoutParser:
     """
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
+        """Checks the encapsulation header, whose second byte says the byte order, and begins after it."""
         if len(payload) < ENCAPSULATION or payload[0] != 0 or payload[1] not in (0, 1):
             raise ValueError("no plain CDR encapsulation")
         self.payload, self.store = payload, store

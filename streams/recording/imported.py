@@ -77,6 +77,7 @@ class ImportedContents:
         unread: dict[str, str],
         notes: Notes,
     ) -> None:
+        """Checks all streams, reports problems to `notes`, and keeps what is valid."""
         self.rig: Rig | None = rig
         self.metadata, self.unread = metadata, unread
         self.problems, self.warnings = notes.problems, notes.warnings

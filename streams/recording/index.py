@@ -84,6 +84,7 @@ class Problem:
     count: int = 1
 
     def __str__(self) -> str:
+        """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
         at = f"{self.topic} at {self.t_ns * 1e-9:.6f} s: " if self.topic and self.t_ns is not None else ""
         more = f" ({self.count} samples)" if self.count > 1 else ""
         return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
@@ -98,6 +99,7 @@ class Notes:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Begins without notes on the source at `path`; if not `lenient`, a problem is raised as an error."""
         self.path, self.lenient = path, lenient
         self.problems: list[Problem] = []
         self.warnings: list[str] = []
@@ -186,6 +188,7 @@ class RecordingIndex:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Reads the whole file once, and raises or notes its problems."""
         self.path, self.notes = path, Notes(path, lenient)
         self.problems, self.warnings = self.notes.problems, self.notes.warnings
         self.topics: dict[str, TopicInfo] = {}

@@ -46,6 +46,7 @@ class McapContents(RecordingIndex):
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Indexes the file in one pass, see `RecordingIndex`."""
         super().__init__(path, lenient)
         # the chunk unpacked last: its offset in the file, and its messages by topic
         self._unpacked: tuple[int, dict[str, Messages]] = (-1, {})

@@ -57,6 +57,7 @@ class Unpacking:
     """Unpacks the chunks of one file once, front to back, and stops when they exceed the limits of such a file."""
 
     def __init__(self, path: Path) -> None:
+        """Sets the budgets, which follow from the file's size."""
         size = path.stat().st_size
         self._path = path
         # budgets that are left: unpacked bytes, messages, and schemas and channels

@@ -79,6 +79,7 @@ class _OpenChunk:
     """
 
     def __init__(self) -> None:
+        """Begins without messages."""
         self.parts: list[memoryview] = []
         self.size = 0
         self.entries: dict[int, list[NDArray[np.uint64]]] = {}
@@ -117,6 +118,7 @@ class McapWriter:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the hidden file and writes magic bytes and header."""
         self._path = path
         try:
             self._file = partial_path(path).open("wb")

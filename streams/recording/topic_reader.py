@@ -37,6 +37,7 @@ class TopicReader:
     """
 
     def __init__(self, topic: str, typename: str, encoding: str, definition: str) -> None:
+        """Parses the definition of the topic's message type; layout and kind follow from the first message."""
         self.topic, self.typename = topic, typename
         self._store = typestore_for(typename, encoding, definition)
         self._layout: MessageLayout | None = None  # of the messages read last

@@ -64,6 +64,7 @@ class RecordingWriter:
         depth_encoding: str = "16UC1",
         jpeg_quality: int | None = 90,
     ) -> None:
+        """Opens the hidden file and writes version, calibration and metadata, before all samples."""
         if depth_encoding not in DEPTH_ENCODINGS:
             raise ConfigError("RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
         self.path = Path(path)
@@ -91,6 +92,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Completes the file and gives it its name; after an error it stays under the hidden name."""
         try:
             self._append_encoded(0)
             if error is None:
