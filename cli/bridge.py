@@ -42,7 +42,17 @@ _SWITCH_S = 0.0005
 
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
-    """Runs `send`: plays a recording to `live` in real time or at another speed; counts what was sent and dropped."""
+    """Runs `send`: plays a recording to `live` in real time or at another speed.
+
+    Without `--topic`, all topics but the ground truth are sent. Each message is sent when its stamp is due; at speed 0
+    they are sent as fast as the receiver takes them.
+
+    Returns:
+        How many messages were sent and dropped, by topic.
+
+    Raises:
+        StrideTwinError: The recording lacks a topic, or there is no receiver.
+    """
     address = parse_address(arguments.to, "--to")
     recording = open_source(arguments)
     topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH_PREFIX)]

@@ -71,6 +71,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         raise ConfigError(
             "command line", "--report", str(arguments.report), "one RECORDING, and no --resume or --scheduler"
         )
+    # one row per recording, with the scores by estimator and what has failed
     rows = score_walks(
         jobs, options, progress, is_kept=arguments.resume is not None, on_evaluated=_page_writer(arguments.report)
     )

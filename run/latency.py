@@ -124,7 +124,7 @@ class Latency:
             estimated: Whether the sample gave a new estimate.
         """
         key = estimator, topic
-        if key not in self._whole:
+        if key not in self._whole:  # its first sample
             self._whole[key], self._work[key], self._estimates[key] = Times(), Times(), 0
         self._whole[key].add(whole_s)
         self._work[key].add(work_s)

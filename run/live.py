@@ -325,7 +325,11 @@ class _Live:
 
 
 def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
-    """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
+    """Merges two rigs; where both have an entry of one name, that of the first is kept.
+
+    Returns:
+        The merged rig; names (topics, or names of boards) of which the two rigs have different entries.
+    """
     differing: set[str] = set()
     pairs: tuple[tuple[Mapping[str, object], Mapping[str, object]], ...] = (
         (first.imus, second.imus),

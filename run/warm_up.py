@@ -41,7 +41,7 @@ def synthetic_rig() -> Rig:
     """
     imus, cameras, boards, others = {}, {}, {}, {}
     for body, axes in _AXES.items():
-        T_body_sensor = np.eye(4)
+        T_body_sensor = np.eye(4)  # the columns of the rotation are the camera's axes; IMUs have the body's axes
         T_body_sensor[:3, :3] = np.transpose(axes)
         mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
         imu = ImuCalibration(

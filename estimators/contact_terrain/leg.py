@@ -45,7 +45,7 @@ class Links(NamedTuple):
 
 
 def links(leg: Leg) -> Links:
-    """A leg in the form for compiled code."""
+    """A leg in the form for compiled code: arrays in place of the rows of its D-H table, see `Links`."""
     thigh, knee = leg.thigh.frame, leg.knee.frame
     return Links(
         table=np.array([[row.alpha, row.a, row.d, row.theta] for row in leg.rows]),

@@ -117,17 +117,22 @@ class Proposed:
         self._p_before = np.zeros(3)  # previous footprint, m, world: the one that the current step's vector starts at
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
-        if tick.dt == 0.0:
+        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed.
+
+        In order: loads and attitudes; landings; the vector between the feet while both are down; lift-offs; the
+        attitude of flat feet. There is an estimate in ticks in which the foot that landed last is flat, once it has
+        been so for long enough.
+        """
+        if tick.dt == 0.0:  # the first tick, or one after a gap
             self._reset_contacts()
         self._attitudes.update(tick)
-        rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))
+        rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))  # (2,) angular rates of the feet, rad/s
         cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
         loads = np.array([c.sum() for c in cells])
         R = self._attitudes.R
         R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
         angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
-        free = [
+        free = [  # whether each ankle is clear of its stops
             not at_stop(leg.ankle_stops, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)
         ]
         for side in range(2):

@@ -119,7 +119,11 @@ class TickBuilder:
         self._open.add(sample.topic)
 
     def _complete_tick(self) -> list[Tick]:
-        """Closes the open tick and extrapolates late attitudes; returns it, or [] if a stream is too late."""
+        """Closes the open tick, and extrapolates attitudes whose sample is late by their last angular rate.
+
+        Returns:
+            The tick in a list; an empty list if a stream is too late, or has not delivered any sample yet.
+        """
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
         if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
@@ -130,7 +134,7 @@ class TickBuilder:
             if late > _TOGETHER_S:
                 R[i], fresh[i] = R[i] @ exp(late * self._rate[i]), False
         dt = (self._now - self._tick_ns) * 1e-9
-        if self._tick_ns < 0 or dt > _HOLD_S:
+        if self._tick_ns < 0 or dt > _HOLD_S:  # the first tick, or one after a gap
             dt = 0.0
         self._tick_ns = self._now
         return [

@@ -96,7 +96,7 @@ class TransitionWindow(NamedTuple):
 def empty_window(capacity: int) -> TransitionWindow:
     """An empty window of at most `capacity` samples."""
     transition = np.zeros((capacity + 1, state.STATES, state.STATES))
-    transition[capacity] = np.eye(state.STATES)
+    transition[capacity] = np.eye(state.STATES)  # over no samples
     return TransitionWindow(
         place=np.zeros(3, np.int64),
         t_ns=np.zeros(capacity, np.int64),

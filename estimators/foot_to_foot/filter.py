@@ -109,6 +109,7 @@ class FootToFoot:
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters, published)
+        # of the method: parameters of a foot, calibrations of the IMUs, standard deviation of a gyro's scale
         foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
         if published or shoes.cameras:
             imus = {f: _without_scale_errors(imu) for f, imu in imus.items()}
@@ -321,7 +322,12 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _predict_board(self, foot: int, t_ns: int) -> BoardPrediction | None:
-        """Predicted pose of the other foot's board in the camera of a foot at `t_ns`; None if it is unknown."""
+        """Predicted pose of the other foot's board in a foot's camera; None if it is unknown.
+
+        Args:
+            foot: Index in `FEET` of the foot that carries the camera.
+            t_ns: Middle of the exposure, with the calibrated offset to the clock of the IMUs.
+        """
         T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
         known = kernel.predict_board(
             self._pair,

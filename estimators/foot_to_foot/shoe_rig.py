@@ -151,10 +151,10 @@ def shoes_of(rig: Rig) -> Shoes:
     cameras: dict[str, CameraCalibration] = {}
     boards: dict[str, Board] = {}
     sonars, topics = np.zeros((2, 3)), ["", ""]
-    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
+    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))  # position 0 and the identity quaternion, for missing parts
     for i, foot in enumerate(FEET):
         imu = _find_on_foot(rig.imus.values(), foot, "IMU")
-        if imu is None:
+        if imu is None:  # without an IMU, nothing else on the foot is of use
             continue
         imus[foot] = imu
         T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)

@@ -66,7 +66,11 @@ class GaitPhase:
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
     def update(self, sample: Imu) -> PhaseEstimate | None:
-        """Takes one sample; returns the new estimate, or None if the sample is left out."""
+        """Takes one sample; returns the new estimate, or None if the sample is left out.
+
+        The pitch rate is the component of the angular rate along the foot's y axis, toes down positive. A touch-down,
+        which may lie before the sample, ends a stride and begins the next one.
+        """
         rate, force = np.asarray(sample.angular_rate).tolist(), np.asarray(sample.specific_force).tolist()
         if sample.t_ns <= self._t_ns or not _is_possible(rate, force):
             return None

@@ -125,7 +125,12 @@ class LocomotionMode:
         return POSE_STREAM, *insoles, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample | StepEstimate) -> ModeEstimate | None:
-        """Takes one sample; returns the new prediction, or None if nothing changed."""
+        """Takes one sample; returns the new prediction, or None if nothing changed.
+
+        Poses and depth also go to the map. A jump of the poses resets all that is known of the walk. There is a
+        prediction after a touch-down, after depth from which the map has extracted planes, and after the first estimate
+        of a step by the legs, provided that a recent pose is known.
+        """
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if sample.topic == CAMERA_POSES:
@@ -232,7 +237,12 @@ class LocomotionMode:
         return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
 
     def _predict_proposed(self, t_ns: int) -> ModeEstimate:
-        """The prediction of the proposed method at a time: coming steps and the next change of the ground."""
+        """The prediction of the proposed method at a time: coming steps and the next change of the ground.
+
+        The density of the stance foot is rolled out over the ground along the path. A step's place is the mean of its
+        density, half a step's width to the side of the path; its mode is the most probable one, where ground that is
+        not observed may be of any mode.
+        """
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._path_ahead()
         profile = self._profile(line)
@@ -242,7 +252,7 @@ class LocomotionMode:
             height = foothold_heights(ground, profile, foothold.s, p)
             stance = foothold.after_passing(stance, height, self._body.max_height(rhythm.down_ns))
         chain = foothold.predict_footprints(stance, ground, feet)
-        here, _ = moments(position(stance), foothold.s)
+        here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
         modes = mix_unseen(chain.modes, chain.density @ unseen_probability(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
@@ -301,6 +311,7 @@ class LocomotionMode:
         """The prediction of Zhao 2023 (16)-(18) at a time: coming steps without changes of the ground."""
         walking, rhythm, v = self._walking, self._rhythm, self._body.velocity()
         size, step_s = walking.next_size(), walking.step_time()
+        # before two touch-downs the usual step time stands in
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
             t_ns=t_ns,

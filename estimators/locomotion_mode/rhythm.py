@@ -63,9 +63,11 @@ class StepFilter:
         self._drift, self._noise = drift, noise
 
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
-        """Updates mean and left-right difference with one step, docs/locomotion_mode.md (4).
+        """Updates mean and difference of the kinds with one step: docs/locomotion_mode.md (4).
 
-        An outlier, such as a step into a pause, gets less weight.
+        It is a Kalman update of the state (mean, half the difference) by `value` = mean + kind · half the difference.
+        An outlier, such as a step into a pause, gets less weight. A step that is surely not comparable only adds the
+        drift of the mean.
 
         Args:
             kind: 1 or -1 (`SIDE`, `CLIMB`), 0 if unknown.

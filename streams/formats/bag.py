@@ -236,7 +236,15 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
 
 
 def _open_streams(bag: Bag[KeyT], notes: Notes) -> tuple[dict[str, _Stream[KeyT]], dict[str, str]]:
-    """The streams that can be read, and the types of the others."""
+    """The streams of a bag that can be read, still without messages, and the types of the others.
+
+    Args:
+        bag: The open bag.
+        notes: Collects streams whose message definition cannot be parsed.
+
+    Returns:
+        Streams by topic; type of the messages of each other topic.
+    """
     streams: dict[str, _Stream[KeyT]] = {}
     unread: dict[str, str] = {}
     definitions = Definitions()

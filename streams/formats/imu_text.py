@@ -259,7 +259,7 @@ def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TableP
         text: Lines of the file.
         quantity: `accel` or `gyro`, which the file's name tells; "" is refused.
     """
-    keys: dict[str, str] = {}
+    keys: dict[str, str] = {}  # of the file's head, which ends with `endheader`
     for line in text:
         if line.strip().lower() == "endheader":
             break

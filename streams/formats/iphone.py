@@ -157,9 +157,9 @@ class _Frames:
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
         """
-        if number == self._next - 1:
+        if number == self._next - 1:  # the frame decoded last
             return self._last
-        if self._next < 0 or number < self._next:
+        if self._next < 0 or number < self._next:  # nothing is open, or the frame is behind: from the start
             self._frames, self._next = self._decode(), 0
         try:
             while self._next <= number:

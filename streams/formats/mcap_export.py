@@ -96,11 +96,21 @@ def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = 
 
 
 def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str, int]:
-    """Copies an MCAP file into a bag's folder and describes it in `metadata.yaml`; returns the messages by topic."""
+    """Copies an MCAP file into a bag's folder, and describes it in `metadata.yaml` as ROS 2 does.
+
+    Args:
+        bag: The messages of the file, which are counted.
+        source: The file.
+        folder: Folder of the bag.
+        name: Name of the copy, without suffix.
+
+    Returns:
+        Number of messages by topic.
+    """
     file = f"{name}.mcap"
     shutil.copyfile(source, folder / file)
     counts = {c.topic: 0 for c in bag.channels}
-    first, last = 2**63 - 1, 0
+    first, last = 2**63 - 1, 0  # log times, ns
     for topic, t_ns, _, _ in bag.read_messages(set(counts)):
         counts[topic] += 1
         first, last = min(first, t_ns), max(last, t_ns)

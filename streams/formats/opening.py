@@ -263,7 +263,11 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
 
 
 def _list_bag_files(path: Path) -> list[Path]:
-    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata."""
+    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata.
+
+    Raises:
+        StrideTwinError: The metadata are invalid, name a file that is missing, or say that the bag is compressed.
+    """
     metadata = path / "metadata.yaml"
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))

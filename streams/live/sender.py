@@ -73,6 +73,7 @@ class Sender:
         self._address_text, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
         self._address = address
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
+        # the other half of the largest hello is for the numbers by topic
         if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
             raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
         self._encoder = encoder or MessageEncoder(rig)

@@ -206,7 +206,7 @@ def decompress(chunk: records.Chunk) -> bytes:
         raise DamagedError(f"a chunk of {size} bytes unpacked: expected up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
-            frame = zstandard.frame_content_size(chunk.data)
+            frame = zstandard.frame_content_size(chunk.data)  # -1: not declared
             if frame not in (-1, size):
                 raise DamagedError("a damaged chunk")
             data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)

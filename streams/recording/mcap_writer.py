@@ -204,7 +204,11 @@ class McapWriter:
         self._file.flush()
 
     def finish(self) -> None:
-        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name."""
+        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name.
+
+        The summary repeats schemas and channels and lists chunks, attachments and metadata, so that readers need not
+        scan the file. After it come the places of its groups of records, and the footer with its CRC.
+        """
         self._finish_chunks()
         self._append(_encode(records.DataEnd(self._crc)))
         start = self._file.tell()
@@ -234,7 +238,7 @@ class McapWriter:
             if body:
                 offsets += _encode(records.SummaryOffset(opcode, start + len(summary), len(body)))
             summary += body
-        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]
+        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]  # without its CRC, which follows
         tail = summary + offsets + footer
         self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
         self._file.close()
@@ -251,7 +255,14 @@ class McapWriter:
             self._finish_chunk(lane)
 
     def _finish_chunk(self, lane: int) -> None:
-        """Compresses the open chunk of a lane, and appends it with the index of its messages."""
+        """Compresses the open chunk of a lane, and appends it to the file with the index of its messages.
+
+        After the chunk comes one index record per channel, with log time and offset of each message. Where the chunk
+        and these records are is noted for the summary at the end of the file.
+
+        Args:
+            lane: Number of the lane, which then has no open chunk.
+        """
         done = self._lanes.pop(lane)
         data = b"".join(done.parts)
         first, last = done.times

@@ -124,7 +124,10 @@ class CameraInfos:
         self._next_ns: dict[str, int] = {}  # stamp from which on the intrinsics are due again, by topic
 
     def find_due_camera(self, topic: str, t_ns: int) -> CameraCalibration | None:
-        """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None."""
+        """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None.
+
+        If they are, they count as written, and are due again a second later.
+        """
         of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
         camera = of_depth.get(topic, self.rig.cameras.get(topic))
         if camera is None or t_ns < self._next_ns.get(topic, 0):
