@@ -42,7 +42,17 @@ _SWITCH_S = 0.0005
 
 
 def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
-    """Runs `send`: plays a recording to `live` in real time or at another speed; counts what was sent and dropped."""
+    """Runs `send`: plays a recording to `live` in real time or at another speed.
+
+    Without `--topic`, all topics but the ground truth are sent. Each message is sent when its stamp is due; at speed 0
+    they are sent as fast as the receiver takes them.
+
+    Returns:
+        How many messages were sent and dropped, by topic.
+
+    Raises:
+        StrideTwinError: The recording lacks a topic, or there is no receiver.
+    """
     address = parse_address(arguments.to, "--to")
     recording = open_source(arguments)
     topics = arguments.topic or [t for t in recording.topics if not t.startswith(TRUTH_PREFIX)]
@@ -53,7 +63,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     rig = recording.rig if recording.has_rig else Rig()
     first_ns = min(recording.topics[t].first_ns for t in topics)
     span_ns = max(1, max(recording.topics[t].last_ns for t in topics) - first_ns)
-    speed = arguments.speed
+    speed = arguments.speed  # 1 is real time, 0 as fast as the receiver can
     messages = _prepare_first(to_messages(recording, topics))  # reads the first chunk before the clock starts
     start_ns = time.time_ns() + (_LEAD_NS if speed else 0)
     epoch_ns = start_ns - first_ns if speed == 1.0 else None  # as of a device whose clock started then
@@ -133,7 +143,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         window_s=None if arguments.window is None else arguments.window * 1e-3,
         skip_images_s=None if arguments.skip_images is None else arguments.skip_images * 1e-3,
     )
-    prints = wanted is not None and wanted.output is None and not arguments.json
+    prints = wanted is not None and wanted.output is None and not arguments.json  # each estimate on stdout at once
     sys.setswitchinterval(_SWITCH_S)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped service writes its files, too

@@ -84,6 +84,7 @@ class Console:
     """Progress on a stream, by default stderr, so that stdout stays for results."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
+        """Shows a bar if the stream is a terminal, and lines of text elsewhere; None is stderr."""
         stream = stream or sys.stderr
         self._shown: _Bar | _Lines = _Bar(stream) if stream.isatty() else _Lines(stream)
 
@@ -129,6 +130,8 @@ def _start_bar(stream: TextIO) -> Progress:
     from rich.text import Text
 
     class TimeLeft(TimeRemainingColumn):
+        """The time left, once enough of the stage is done to know its speed."""
+
         def render(self, task: Task) -> Text:
             return super().render(task) if task.completed >= _KNOWN_FROM else Text("-:--:--")
 
@@ -142,8 +145,10 @@ class _Lines:
     """One line per stage; long stages add a line every half minute, with the time left once it is known."""
 
     def __init__(self, stream: TextIO) -> None:
+        """Begins before the first stage, on a stream of text."""
         self._stream = stream
         self._stage = ""
+        # time and share at which the work of the stage began; time of the last line; s of the monotonic clock
         self._begun_s = self._begun_share = self._written_s = 0.0
 
     def show(self, stage: str, share: float) -> None:

@@ -29,7 +29,13 @@ AUTO, UNKNOWN = "auto", "none"
 
 
 def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
-    """Runs `estimate`: one estimator on a recording or an IMU table, and writes its estimates to files."""
+    """Runs `estimate`: one estimator on a recording or an IMU table, and writes its estimates to files.
+
+    An estimator that takes poses gets those of `--poses` or, without it, those of the default odometry.
+
+    Returns:
+        The files and their number of rows.
+    """
     estimator_class = registry.estimator(arguments.estimator)
     kind = kind_of(estimator_class.declaration)
     _check_kind_options(arguments, kind)
@@ -180,6 +186,7 @@ def _run_on_table(
         return None
     block = _table(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
+    # the estimator's parameters with those of `--set`; None without any, then `follow_block` takes its defaults
     values = with_parameters(
         Instance(estimator_class=estimator_class, options=options, streams=()), parameters
     ).parameters
@@ -225,7 +232,7 @@ def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
 
 
 def _describe_imu(imu: ImuCalibration) -> str:
-    """One line on what is known of an IMU."""
+    """One line on what is known of an IMU: rate and noise, and bias and limits if they are known (0 is unknown)."""
     known = [
         f"{imu.rate_hz:.0f} Hz",
         f"noise {math.degrees(imu.gyroscope_noise_density):.2g} °/s/√Hz and "

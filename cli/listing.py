@@ -21,7 +21,10 @@ from stridetwin.streams.yaml_file import read_entries
 
 
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
-    """Runs `list`: names and descriptions of everything that a command accepts by name."""
+    """Runs `list`: names and descriptions of everything that a command accepts by name.
+
+    Of the project's files only the descriptions are read, as the whole files would take long.
+    """
     parts = {name: read_entries(path, "kind", "description") for name, path in part_files().items()}
     data: dict[str, Any] = {
         "scenarios": {name: read_entries(path, "description")["description"] for name, path in catalogue().items()},

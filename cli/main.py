@@ -68,9 +68,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(call: Call, console: Console) -> int:
-    """Runs a parsed command, prints its outcome or one line per error, and returns the exit code.
+    """Runs a parsed command, and prints its outcome on stdout, or one line per error on stderr.
 
-    The code is that of the outcome, 2 after an error, 130 after Ctrl-C, and 141 if the reader of stdout has gone.
+    Args:
+        call: The command with its options.
+        console: Shows the progress.
+
+    Returns:
+        The exit code: that of the outcome, 2 after an error, 130 after Ctrl-C, and 141 if the reader of stdout has
+        gone.
     """
     try:
         check_outputs(call.command, call.options)
@@ -89,6 +95,7 @@ def _run(call: Call, console: Console) -> int:
     except (KeyboardInterrupt, SystemError) as error:
         if not was_interrupted(error):
             raise
+        # a KeyboardInterrupt may say what is kept for a later `--resume`
         kept = str(error) if isinstance(error, KeyboardInterrupt) else ""
         return _print_error(console, f"stopped; {kept}" if kept else "stopped") + 128
     console.close()
@@ -131,6 +138,7 @@ def _callback(name: str, command: Command) -> Callable[..., Call]:
     """A function whose signature has the fields of the command's options, and which creates them."""
 
     def call(**given: Any) -> Call:
+        """The call with the values of the command line, which Typer gives by the fields' names."""
         return Call(name, command.options(**given))
 
     setattr(call, "__signature__", Signature(_parameters(command.options)))  # noqa: B010 (no attribute of functions)
@@ -140,6 +148,7 @@ def _callback(name: str, command: Command) -> Callable[..., Call]:
 def _parameters(options: type[Options]) -> list[Parameter]:
     """One parameter per field: a command's own before the shared ones, as the order of arguments matters."""
     hints = get_type_hints(options, include_extras=True)
+    # names of the fields, those of the class itself before those of its bases
     field_order = [name for base in options.__mro__ for name in get_annotations(base)]
     parameters = []
     for option in sorted(fields(options), key=lambda f: field_order.index(f.name)):

@@ -76,6 +76,7 @@ def one_of(names: Sequence[str], other: str = "", is_other: Callable[[str], bool
     """
 
     def parser(text: str) -> str:
+        """The text if it is valid; otherwise an error that suggests a similar name."""
         if text not in names and not is_other(text):
             from stridetwin.streams.validation import suggest  # imports pydantic
 
@@ -139,6 +140,7 @@ def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], fl
     """Makes a parser of an option's number; `valid` says whether a value is accepted, `expected` says it in errors."""
 
     def parser(text: str) -> float:
+        """The number in an option's text, or an error that says what is expected; a text without one counts as NaN."""
         try:
             value = float(text)
         except ValueError:
@@ -160,6 +162,10 @@ def _whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     expected = f"a whole number from {least} {'on' if most is None else f'to {most}'}"
 
     def parser(text: str) -> int:
+        """The number in an option's text, or an error that says what is expected.
+
+        Texts with too many digits are refused first, as Python converts them slowly or not at all.
+        """
         digits = str(text)
         fits = digits.isdecimal() and len(digits) <= _MOST_DIGITS and int(digits) >= least
         if not fits or (most is not None and int(digits) > most):
@@ -260,7 +266,7 @@ def check_outputs(command: str, arguments: Options) -> None:
     Raises:
         ConfigError: An output is also an input, is given twice, or cannot be a file.
     """
-    given = dict(vars(arguments))
+    given = dict(vars(arguments))  # the options' values by name; outputs are taken out below
     if command == "history":
         given["file"] = given.pop("history")  # an input
     outputs = {name: given.pop(name) for name in _OUTPUTS if isinstance(given.get(name), Path)}
@@ -270,7 +276,7 @@ def check_outputs(command: str, arguments: Options) -> None:
         if any(_same(path, other) for other in taken):
             raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
         if name != "output" or command not in _FOLDERS:
-            partial_path(path)
+            partial_path(path)  # raises an error for a name that no file can have
             if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
                 raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
         if (command, name) in _ONLY_RECORDINGS:
@@ -288,7 +294,7 @@ def check_recording_name(option: str, path: Path) -> None:
     Raises:
         ConfigError: It is a folder, or its suffix is not `.mcap`.
     """
-    partial_path(path)
+    partial_path(path)  # raises an error for a name that no file can have
     if path.suffix != RECORDING_SUFFIX:
         raise ConfigError(option, "", str(path), f"a file that ends in {RECORDING_SUFFIX}")
 

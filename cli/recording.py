@@ -106,7 +106,19 @@ def _write_folder(recording: Recording, folder: Path, arguments: ExportOptions) 
 
 
 def _write_table(recording: Recording, output: Path, frame: str) -> dict[str, int]:
-    """Writes the samples of one stream without images; returns rows by its name."""
+    """Writes the samples of one stream without images as a table.
+
+    Args:
+        recording: The recording.
+        output: File to write, `.csv` or `.npz`.
+        frame: Name of the stream: its topic, with or without the first slash.
+
+    Returns:
+        Number of rows, by the name of the stream.
+
+    Raises:
+        ConfigError: There is no such stream, or the suffix is another one.
+    """
     names = sorted(topic.strip("/") for topic, info in recording.topics.items() if info.kind not in (Image, Depth))
     name = frame.strip("/")
     if name not in names:
@@ -148,7 +160,13 @@ def check_command(arguments: CheckOptions, progress: Progress) -> Outcome:
 
 
 def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
-    """Runs `view`: writes a recording with its estimates for Rerun and opens it, or plays a walk in MuJoCo's viewer."""
+    """Runs `view`: writes a recording with its estimates for Rerun and opens it, or plays a walk in MuJoCo's viewer.
+
+    Without a display, the file is written only, and the output says how to open it elsewhere.
+
+    Raises:
+        StrideTwinError: An option does not fit, the viewer is not installed, or the recording cannot be read.
+    """
     if arguments.mujoco:
         if arguments.output is not None:
             raise ConfigError("view", "-o", str(arguments.output), "no -o with --mujoco, which writes nothing")

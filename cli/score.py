@@ -71,6 +71,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
         raise ConfigError(
             "command line", "--report", str(arguments.report), "one RECORDING, and no --resume or --scheduler"
         )
+    # one row per recording, with the scores by estimator and what has failed
     rows = score_walks(
         jobs, options, progress, is_kept=arguments.resume is not None, on_evaluated=_page_writer(arguments.report)
     )
@@ -118,6 +119,7 @@ def _page_writer(file: Path | None) -> OnEvaluated | None:
         from stridetwin.report.score_page import score_page
 
     def write(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> None:
+        """Writes the page of one recording, unless nothing was evaluated."""
         if of_kinds:
             with atomic_file(file) as part:
                 part.write_text(score_page(recording, of_kinds), encoding="utf-8")
@@ -126,7 +128,11 @@ def _page_writer(file: Path | None) -> OnEvaluated | None:
 
 
 def _check_options(arguments: ScoreOptions) -> None:
-    """Refuses options that would have no effect, and a label that no file can hold."""
+    """Refuses options that would have no effect, and a label that no file can hold.
+
+    Raises:
+        StrideTwinError: An option needs another one, or excludes it; the message says which.
+    """
     for name in ("least", "false_alarms", "tolerance", "junit", "markdown"):
         if getattr(arguments, name) is not None and arguments.baseline is None:
             raise StrideTwinError(f"--{name.replace('_', '-')} is about changes: expected --baseline as well")

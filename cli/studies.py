@@ -81,7 +81,14 @@ class ExperimentOptions(Options):
 
 
 def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
-    """Runs `experiment`: an experiment of a paper with its published table, or a study file."""
+    """Runs `experiment`: an experiment of a paper with its published table, or a study file.
+
+    Returns:
+        The results, and our table beside the published one.
+
+    Raises:
+        StrideTwinError: An option is invalid, or the simulator is not installed.
+    """
     check_executor(arguments.workers, arguments.scheduler)
     if arguments.experiment not in experiments():
         return _study_command(arguments, progress)
@@ -118,6 +125,9 @@ def _announce(text: str) -> None:
 
 def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     """Runs `experiment` with a study file.
+
+    Returns:
+        The results, and a table with the means of every combination of factors.
 
     Raises:
         StrideTwinError: The file or an option is invalid, or the simulator is not installed.

@@ -31,7 +31,11 @@ _PRICED_WALKS = 20  # of a campaign, whose cost is announced by that of these
 
 
 def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
-    """Runs `run`: walks a scenario, runs every estimator, scores it, and writes report and film."""
+    """Runs `run`: walks a scenario, runs every estimator, scores it, and writes report and film into a folder.
+
+    Returns:
+        Scores, and the files written; the folder is that of `-o`, or `runs/` and the scenario's name.
+    """
     from stridetwin.report.runner import run_scenario
 
     parameters = parse_parameters(arguments.parameters)
@@ -78,7 +82,19 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
 
 
 def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
-    """Generates the walks of a campaign; the exit code is 1 if a walk has failed or none was accepted."""
+    """Generates the walks of a campaign into a folder, and sums up how many were accepted and why others were not.
+
+    Args:
+        path: File of the campaign.
+        arguments: Options of the command.
+        progress: Receives the stage and its progress (0-1).
+
+    Returns:
+        Counts, hours and files; the exit code is 1 if a walk has failed or none was accepted.
+
+    Raises:
+        StrideTwinError: The output is a file, the campaign is invalid, or an option does not fit it.
+    """
     if arguments.output.suffix == ".mcap" or arguments.output.is_file():
         raise ConfigError("command line", "--output", str(arguments.output), "a folder, as this is a campaign")
     check_executor(arguments.workers, arguments.scheduler)
@@ -93,6 +109,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
     )
     result = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
     walks, verdicts = result.manifest["walks"], result.verdicts
+    # of the accepted walks
     hours = sum(w["duration_s"] for w in walks if w["status"] == ACCEPTED) / 3600
     data = {
         "campaign": result.manifest["campaign"],
@@ -133,7 +150,10 @@ def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
 
 
 def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
-    """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`."""
+    """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`.
+
+    With `--only`, a group stays if one of the campaign's scenarios needs it for one of these estimators.
+    """
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
         asked = estimators_of(arguments.only, "--only")

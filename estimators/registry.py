@@ -65,6 +65,7 @@ def estimator(name: str) -> type[AnyEstimator]:
     if not isinstance(declaration, Declaration):
         raise ConfigError(where, "declaration", type(declaration).__name__, "stridetwin.estimators.base.Declaration")
     kinds = tuple(sorted({point.name for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}))
+    # the declared name must be that of the entry point, and the kind an installed one
     for field, value, valid in (("name", declaration.name, (name,)), ("kind", declaration.kind, kinds)):
         if value not in valid:
             raise ConfigError(where, f"declaration.{field}", value, ", ".join(valid))

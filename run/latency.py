@@ -58,7 +58,8 @@ class Times:
     """
 
     def __init__(self) -> None:
-        self._counts = np.zeros(_BINS, np.int64)
+        """Begins without times."""
+        self._counts = np.zeros(_BINS, np.int64)  # of each bin, whose limits grow by the factor `_GROWTH`
         self.count, self._sum = 0, 0.0
         self.least_s, self.most_s = math.inf, -math.inf
 
@@ -76,7 +77,10 @@ class Times:
         return self._sum / self.count if self.count else 0.0
 
     def quantile_s(self, share: float) -> float:
-        """The time in s that the given share (0-1) of all times does not exceed; 0 without any times."""
+        """The time in s that the given share (0-1) of all times does not exceed; 0 without any times.
+
+        It is the upper limit of the bin that holds it, and no more than the longest time.
+        """
         if not self.count:
             return 0.0
         place = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
@@ -101,11 +105,13 @@ class Latency:
     """
 
     def __init__(self, budget_s: float) -> None:
+        """Begins without samples; the budget is in s."""
         self.budget_s = budget_s
+        # by estimator and topic: times from arrival until processed, computing times, number of estimates
         self._whole: dict[tuple[str, str], Times] = {}
         self._work: dict[tuple[str, str], Times] = {}
         self._estimates: dict[tuple[str, str], int] = {}
-        self._travel: dict[str, Times] = {}
+        self._travel: dict[str, Times] = {}  # from stamp to arrival, by topic
 
     def add(self, estimator: str, topic: str, *, whole_s: float, work_s: float, estimated: bool) -> None:
         """Adds the times of one sample.
@@ -118,7 +124,7 @@ class Latency:
             estimated: Whether the sample gave a new estimate.
         """
         key = estimator, topic
-        if key not in self._whole:
+        if key not in self._whole:  # its first sample
             self._whole[key], self._work[key], self._estimates[key] = Times(), Times(), 0
         self._whole[key].add(whole_s)
         self._work[key].add(work_s)

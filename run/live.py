@@ -107,6 +107,7 @@ class _Live:
     """
 
     def __init__(self, request: LiveRequest, say: Say, emit: Say) -> None:
+        """Reads the given rig; budget and window are those of the request or else of the estimator."""
         self._request, self._say, self._emit = request, say, emit
         declaration = request.chain.load().declaration if request.chain else None
         default_window_s = declaration.window_s if declaration else WINDOW_S
@@ -115,18 +116,22 @@ class _Live:
         self._latency = Latency(default_budget_s if request.budget_s is None else request.budget_s)
         self._window_s, self._reorder = window_s, Reorder(window_s)
         self._given = Rig() if request.rig is None else read_rig(request.rig)
-        self._rig, self._metadata = self._given, dict[str, str]()
-        self._chain: Chain | None = None
+        self._rig, self._metadata = self._given, dict[str, str]()  # merged with those of the senders so far
+        self._chain: Chain | None = None  # None until the rig is sufficient
         self._compiled = False
         self._recorder: LiveRecorder | None = None
+        # why the estimator has not started yet; topics and problems that have been reported
         self._start_error, self._warned = "", set[tuple[str, str]]()
-        self._span: tuple[int, int] | None = None
+        self._span: tuple[int, int] | None = None  # arrival of the first and of the last sample, `perf_counter_ns`
         self._input_check = InputCheck({}, Rig())
+        # samples that were not used, by reason and topic
         self._counts = {name: Counter[str]() for name in ("before_start", "other_kind", "other_size", "skipped")}
         self._refusals_reported = 0
 
     def run(self) -> Outcome:
         """Compiles the estimator, listens until the senders have ended, and writes the files.
+
+        After an error, existing files of estimates stay unchanged; the recording keeps what has arrived.
 
         Raises:
             StrideTwinError: The address or a file is unavailable, or nothing was estimated.
@@ -163,7 +168,10 @@ class _Live:
             )
 
     def _follow(self, receiver: Receiver) -> None:
-        """Handles hellos and samples until the senders have ended or the user interrupts, then buffered samples."""
+        """Handles hellos and samples until the senders have ended or the user interrupts, then buffered samples.
+
+        Each round waits for arrivals, but not longer than until the next buffered sample is due.
+        """
         try:
             while not receiver.ended:
                 due_s = self._reorder.compute_wait_s(time.perf_counter_ns())
@@ -205,7 +213,10 @@ class _Live:
         self._try_chain()
 
     def _try_chain(self) -> None:
-        """Starts the estimator once the rig is sufficient; otherwise reports what is missing."""
+        """Starts the estimator once the rig is sufficient; otherwise reports what is missing, once.
+
+        Does nothing if no estimator is wanted, or one has started.
+        """
         wanted = self._request.chain
         if wanted is None or self._chain is not None:
             return
@@ -230,7 +241,7 @@ class _Live:
             return
         try:
             trial = Chain(replace(wanted, output=None), synthetic_rig(), self._metadata)
-        except StrideTwinError:
+        except StrideTwinError:  # its inputs are not known yet, or the synthetic rig lacks them
             return
         note = f"{wanted.estimator} is being compiled, which takes minutes the first time"
         timer = threading.Timer(SLOW_START_S, self._say, [note])  # compiled functions are loaded in less
@@ -268,7 +279,7 @@ class _Live:
             if self._is_stale(arrival, before):
                 self._counts["skipped"][topic] += 1
                 continue
-            for estimator, line in self._chain.update(arrival.sample):
+            for estimator, line in self._chain.update(arrival.sample):  # yields when an estimator has finished
                 now = time.perf_counter_ns()
                 self._latency.add(
                     estimator,
@@ -301,14 +312,24 @@ class _Live:
             self._say(f"warning: refused {refusal}")
 
     def _warn_once(self, topic: str, what: str, first: str = "") -> None:
-        """Reports a problem of a topic once, with its first case."""
+        """Reports a problem of a topic once, with its first case.
+
+        Args:
+            topic: The topic.
+            what: The problem in general.
+            first: The problem in this case; "" if there is nothing to add.
+        """
         if (topic, what) not in self._warned:
             self._warned.add((topic, what))
             self._say(f"warning: {topic}: {what}{first and f' ({first})'}")
 
 
 def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
-    """Both rigs merged, where the first takes precedence, and the names whose entries differ."""
+    """Merges two rigs; where both have an entry of one name, that of the first is kept.
+
+    Returns:
+        The merged rig; names (topics, or names of boards) of which the two rigs have different entries.
+    """
     differing: set[str] = set()
     pairs: tuple[tuple[Mapping[str, object], Mapping[str, object]], ...] = (
         (first.imus, second.imus),

@@ -60,9 +60,11 @@ class Chain:
     """
 
     def __init__(self, request: Request, rig: Rig, metadata: Mapping[str, str]) -> None:
+        """Builds the estimator and, if its kind takes poses, an odometry before it."""
         estimator_class = request.load()
         options = replace(request.options, metadata=metadata, source="hello")
         self._name, kind = estimator_class.declaration.name, kind_of(estimator_class.declaration)
+        # odometry and estimator together; None for an estimator that takes no poses
         self._driven: OdometryDriven | None = None
         self.takes: dict[str, type[Sample]]
         if kind.takes_poses:
@@ -72,7 +74,7 @@ class Chain:
             streams = [s for s in estimator_class.streams(rig, options) if s.live]
             for stream in streams:
                 if stream.required and stream.kind is Imu:
-                    rig.imu(stream.topic)
+                    rig.imu(stream.topic)  # raises an error if the rig has none
             self._estimator = estimator_class(rig, options=options)
             self.takes = {s.topic: s.kind for s in streams}
         self._output = kind.live_output(estimator_class.declaration, request.output)
@@ -107,6 +109,7 @@ class InputCheck:
     """
 
     def __init__(self, takes: Mapping[str, type[Sample]], rig: Rig) -> None:
+        """Notes the camera of each topic of images and depth."""
         self._takes = takes
         self._cameras: dict[str, CameraCalibration] = {}
         for camera in rig.cameras.values():

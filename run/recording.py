@@ -115,8 +115,9 @@ def run_recording(
         find_paths: Callable[..., list[PathEstimate]] = partial(
             all_paths, recording, only=selection.only, parameters=selection.parameters
         )
-        driven: list[KindOutputs] | None = None
+        driven: list[KindOutputs] | None = None  # of the kinds that take poses, if they have been run already
         if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
+            # the other process estimates the paths of those that supply no poses; this one odometry and what it drives
             pool = stack.enter_context(open_pool(1))
             future = pool.submit(_other_paths, recording.path, recording.lenient, selection)
             odometries = find_paths(supplies_poses=True)
@@ -189,7 +190,14 @@ def run_driven(
 
 
 def has_two_image_estimators(recording: Recording, only: Container[str] | None = None) -> bool:
-    """Whether the recording feeds images to the odometry and to another estimator of paths among those to run."""
+    """Whether the recording feeds images to the odometry and to another estimator of paths among those to run.
+
+    Only then a second process saves time.
+
+    Args:
+        recording: The recording.
+        only: Names of the estimators to run; None stands for all.
+    """
     supplies_poses = {
         estimator_class.declaration.supplies_poses
         for name, estimator_class in estimator_registry.estimators(PATH).items()

@@ -41,7 +41,7 @@ def synthetic_rig() -> Rig:
     """
     imus, cameras, boards, others = {}, {}, {}, {}
     for body, axes in _AXES.items():
-        T_body_sensor = np.eye(4)
+        T_body_sensor = np.eye(4)  # the columns of the rotation are the camera's axes; IMUs have the body's axes
         T_body_sensor[:3, :3] = np.transpose(axes)
         mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
         imu = ImuCalibration(
@@ -129,9 +129,16 @@ def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
 
 
 def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
-    """Yields the synthetic samples, not yet as decoded from messages."""
+    """Yields the synthetic samples in time order, not yet as decoded from messages.
+
+    The values of each kind are constant, except that IMUs tremble at first. Kinds without such values are left out.
+
+    Args:
+        takes: The kind of sample by topic.
+    """
     pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
     rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
+    # time (ns), topic and number of every sample
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
     constant: dict[type[Sample], dict[str, Any]] = {
         Image: {"pixels": pixels},
@@ -150,7 +157,11 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
 
 
 def _board() -> NDArray[np.uint8]:
-    """The other shoe's board as either camera sees it from 0.2 m, (H, W); its columns run against the image's."""
+    """An image (H, W) of the other shoe's board, as either shoe camera sees it from 0.2 m.
+
+    A square has 9 pixels, a white margin of one square is around the board, and the rest is grey. The board's columns
+    run against those of the image, as it faces the camera.
+    """
     columns, rows = _SQUARES
     dark = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0
     squares = np.pad(np.where(dark, 30, 220).astype(np.uint8)[:, ::-1], 1, constant_values=220)
@@ -168,12 +179,19 @@ def _colours() -> NDArray[np.uint8]:
 
 
 def _depths() -> NDArray[np.float32]:
-    """Depth (H, W) m of a floor and a stair, seen by the head's camera."""
+    """Depth (H, W) m of a floor and a stair, seen by the head's camera.
+
+    All pixels of a row see the same depth, as nothing changes sideways: a ray per row is followed until it meets the
+    ground.
+    """
     _, down, forward = _AXES["head"]
-    rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL
+    rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL  # (H,) downward slope of each row's ray in the camera
+    # (H,) by how much a ray goes forward and up, for a depth of 1
     ahead, rise = rows * down[0] + forward[0], rows * down[2] + forward[2]
     x = np.arange(0.0, _WALL_M, 0.005)
+    # height of the ground at distances x, m; the wall at the end stops every ray
     ground = _RISER_M * np.clip(np.ceil((x - _STAIR_M) / _TREAD_M), 0, _RISERS)
     ground[-1] = np.inf
+    # (H,) distance at which each ray first is below the ground, m
     hit = x[np.argmax(_EYE_HEIGHT_M + np.outer(rise / ahead, x) <= ground, axis=1)]
     return np.repeat((hit / ahead).astype(np.float32)[:, None], _WIDTH, axis=1)

@@ -110,6 +110,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
         settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 
     def compiled(function: F) -> F:
+        """Compiles a function, with the checksum of the sources as the stamp of its cache."""
         kernel: Any = njit(cache=True, **settings)(getattr(function, "py_func", function))
         if _WITH_INTERNALS:
             index = kernel._cache._cache_file

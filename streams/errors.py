@@ -105,6 +105,7 @@ class ConfigError(StrideTwinError):
     """
 
     def __init__(self, source: object, field: str, value: object, valid: str) -> None:
+        """Builds the message `SOURCE: FIELD: invalid VALUE: expected VALID`."""
         self.source, self.field, self.value, self.valid = str(source), field, value, valid
         where = f"{source}: {field}" if field else str(source)
         super().__init__(f"{where}: {self.problem}")
@@ -165,6 +166,7 @@ class ConfigFileError(ConfigError):
     """
 
     def __init__(self, errors: Sequence[StrideTwinError]) -> None:
+        """Takes the fields of the first ConfigError, and joins the first messages, one per line."""
         first = next((e for e in errors if isinstance(e, ConfigError)), None)
         if first is not None:
             self.source, self.field, self.value, self.valid = first.source, first.field, first.value, first.valid

@@ -106,6 +106,7 @@ class Required:
         return resolved
 
     def _check(self, node: object) -> object:
+        """The value as it is in the file, or an error if it is a mapping without one of the keys."""
         if isinstance(node, dict) and (missing := [key for key in self._keys if key not in node]):
             raise field_error(Missing(), "this key", missing[0])
         return node
@@ -132,6 +133,7 @@ class OneKey(Generic[V]):
         )
 
     def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
+        """The schema of a mapping with the one key `kind`, whose value has the schema `value`, and of what is built."""
         one_field = core_schema.typed_dict_schema(
             {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
         )

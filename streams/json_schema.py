@@ -22,6 +22,7 @@ def schema_of(kind: object) -> JsonSchemaValue:
 
 @cache
 def _build_schema(kind: Any) -> JsonSchemaValue:
+    """Builds the JSON Schema of a type; the cache keeps it for the next call."""
     return TypeAdapter(kind).json_schema(schema_generator=_DescribingGenerator)
 
 

@@ -46,9 +46,14 @@ _BEYOND_NOISE = (
 
 
 def rig_to_yaml(rig: Rig) -> str:
-    """The YAML text of a rig: Kalibr's sections of cameras and IMUs, and under a key of our own what else it knows."""
-    document: dict[str, Any] = {}
-    ours: dict[str, Any] = {}
+    """The YAML text of a rig: Kalibr's sections of cameras and IMUs, and under a key of our own what else it knows.
+
+    Raises:
+        ConfigError: A camera's IMU is on another body.
+        StrideTwinError: A camera names an IMU that the rig lacks.
+    """
+    document: dict[str, Any] = {}  # sections `cam0`, ..., `imu0`, ... of Kalibr
+    ours: dict[str, Any] = {}  # what Kalibr has no keys for, by the same names
     for i, camera in enumerate(rig.cameras.values()):
         document[f"cam{i}"] = {
             "camera_model": "pinhole",
@@ -259,7 +264,7 @@ def _to_rig(document: Any, source: str) -> Rig:
         source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
     )
     cameras: list[CameraCalibration] = []
-    previous: Array | None = None
+    previous: Array | None = None  # T_cam_imu of the camera before, which the next one may refer to
     for name in cams:
         camera = getattr(calibration, name)
         previous = _chain_T_cam_imu(camera, previous)

@@ -11,6 +11,7 @@ from stridetwin.streams.samples import Array
 
 
 def _to_rotation(rows: Any) -> Array:
+    """The (3, 3) array of three rows in a file, or an error if it is no rotation."""
     R = np.array(rows)
     if not _is_rotation(R):
         raise field_error(R.tolist(), "a rotation matrix")
@@ -18,6 +19,7 @@ def _to_rotation(rows: Any) -> Array:
 
 
 def _to_rigid_transform(rows: Any) -> Array:
+    """The (4, 4) array of four rows in a file, or an error if it is no rigid transform."""
     T = np.array(rows)
     if not _is_rotation(T[:3, :3]) or not np.array_equal(T[3], (0, 0, 0, 1)):
         raise field_error(T.tolist(), "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1")
@@ -25,6 +27,7 @@ def _to_rigid_transform(rows: Any) -> Array:
 
 
 def _is_rotation(R: Array) -> bool:
+    """Whether a (3, 3) matrix is orthogonal, up to the rounding of a file, and no reflection."""
     return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-4) and np.linalg.det(R) > 0)
 
 

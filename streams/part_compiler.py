@@ -27,6 +27,7 @@ class PartLibrary(JITCodeLibrary):
     """Code of a function that only goes into others, neither linked nor made machine code."""
 
     def finalize(self) -> None:  # noqa: D102
+        # in place of Numba's, which would optimise the code and make machine code of it
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
                 function.linkage = "linkonce_odr"  # several entry points may contain it
@@ -49,6 +50,7 @@ class EntryLibrary(JITCodeLibrary):
     """Code of an entry point and of all parts that it calls, directly or not."""
 
     def finalize(self) -> None:  # noqa: D102
+        # adds the code of all parts to the entry point's own, which Numba then optimises as one
         for library in _all_below(self):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_own_module(library), preserve=True)
@@ -66,6 +68,7 @@ def _all_below(library: JITCodeLibrary) -> list[JITCodeLibrary]:
 
     Callers come before what they call: LLVM leaves out a function that nothing linked before calls.
     """
+    # depth-first search: libraries all of whose calls are visited, in that order; those on the way, with their calls
     finished: dict[JITCodeLibrary, None] = {}
     open_ = [(library, iter(library._linking_libraries))]
     entered = {library}
@@ -92,6 +95,7 @@ class PartLowering(NativeLowering):
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
+        # a function object that stands for the part in the code of its callers; Python never calls it
         key = _dynfunc.make_function(state.cr.fndesc.lookup_module(), "part", "", 0, state.cr.env, (state.library,))
         state.targetctx.insert_user_function(key, state.cr.fndesc, [state.library])
         state.cr = state.cr._replace(cfunc=key)
@@ -156,12 +160,14 @@ def _in_parts(llvm_level: int) -> Iterator[None]:
     plain, plain_call, plain_level = Compiler.define_pipelines, Dispatcher.get_call_template, settings.OPT
 
     def define_pipelines(self: Compiler) -> list[PassManager]:
+        """In place of that of Numba's compiler: functions that Numba adds become parts."""
         added = self.state.flags.no_compile or self.state.func_id.modname.startswith("numba.")
         return _pipelines(self.state, PartLowering) if added else plain(self)
 
     def get_call_template(
         self: Dispatcher[Callable[..., object]], args: tuple[types.Type, ...], kws: dict[str, types.Type]
     ) -> object:
+        """In place of that of Numba's dispatcher: a literal argument of a part has the type of a variable."""
         if self._compiler.pipeline_class is PartCompiler:  # type: ignore[attr-defined]
             args = tuple(types.unliteral(a) for a in args)
         return plain_call(self, args, kws)

@@ -280,6 +280,7 @@ class Block(Generic[SampleT]):
         return len(self.t_ns)
 
     def __iter__(self) -> Iterator[SampleT]:
+        """Yields the samples one by one; their arrays are views of the block's columns."""
         names = list(self.columns)
         for i, t in enumerate(self.t_ns.tolist()):
             row = {n: self.columns[n][i] for n in names}

@@ -28,6 +28,7 @@ class Trajectory:
     covariance: Array | None = None
 
     def __post_init__(self) -> None:
+        """Raises StrideTwinError where an array has another shape, or stamps do not increase."""
         n = len(self.t_ns)
         shapes = {"p_frame_in_world": (n, 3), "q_world_frame": (n, 4), "covariance": (n, 6, 6)}
         for name, shape in shapes.items():

@@ -56,6 +56,7 @@ def type_adapter(kind: type[T]) -> TypeAdapter[T]:
 
 @cache
 def _build_adapter(kind: Any) -> TypeAdapter[Any]:
+    """Builds the validator of a type; the cache keeps it for the next call."""
     return TypeAdapter(kind)
 
 
@@ -73,17 +74,28 @@ def suggest(value: object, names: Iterable[str]) -> str:
 
 
 def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, at: str) -> StrideTwinError | None:
-    """The error of one entry of a pydantic error; None if the entry only repeats others (a list whose items failed)."""
+    """The error of one entry of a pydantic error.
+
+    Args:
+        entry: Kind of error, location (keys, indices and tags from the top), invalid value and context.
+        root: JSON Schema of the whole file.
+        data: Data of the file.
+        source: File, for the message.
+        at: Path of the data inside the file.
+
+    Returns:
+        The error; None if the entry only repeats others, as that of a list whose items have failed.
+    """
     kind, steps, value, context = entry["type"], list(entry["loc"]), entry["input"], entry.get("ctx", {})
-    if kind == "elsewhere":
+    if kind == "elsewhere":  # an error in another file, of `fields.other_file_error`
         error: StrideTwinError = context["error"]
         return error
     if kind == "too_short" and value:
         return None
-    key = steps.pop() if kind in _MISSING + _UNKNOWN else None
+    key = steps.pop() if kind in _MISSING + _UNKNOWN else None  # the missing or unknown key
     nodes = list(_walk_data(data, [*steps, *context.get("below", ())]))
     path, schemas = _join_path(at, *(step for step, _ in nodes)), _schemas_at(root, steps)
-    if kind == "refused":
+    if kind == "refused":  # by a validator, with `fields.field_error`
         absent = context["below"][-1:] if isinstance(context["value"], Missing) else ()
         return ConfigError(source, _join_path(path, *absent), context["value"], context["valid"])
     if isinstance(key, int):  # an item too few or too many in a list of fixed length
@@ -96,7 +108,7 @@ def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, 
     if kind == "union_tag_invalid":
         if kinds := [s["properties"]["kind"]["const"] for s in schemas if "kind" in s.get("properties", {})]:
             return ConfigError(source, _join_path(path, "kind"), value["kind"], suggest(value["kind"], kinds))
-        value = next(iter(value))
+        value = next(iter(value))  # a mapping of one key: the key is invalid
     return ConfigError(source, path, value, _describe_expected(schemas, root, value))
 
 
@@ -158,6 +170,7 @@ def _alternatives(schema: _Schema, root: _Schema) -> list[_Schema]:
 
 
 def _keys(schemas: Iterable[_Schema]) -> list[str]:
+    """The keys that any of the schemas allows, each once."""
     return list(dict.fromkeys(key for schema in schemas for key in schema.get("properties", {})))
 
 
@@ -188,6 +201,7 @@ def _describe_type(schema: _Schema, root: _Schema) -> str:
 
 
 def _describe_list(schema: _Schema, root: _Schema) -> str:
+    """Description of a list: its length as far as it is limited, and its items."""
     forms = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
     items = [_describe_expected(_alternatives(form, root), root) for form in forms]
     match schema:
@@ -200,6 +214,7 @@ def _describe_list(schema: _Schema, root: _Schema) -> str:
 
 
 def _describe_range(schema: _Schema) -> str:
+    """Description of a number by its least and largest value."""
     match schema:
         case {"minimum": low, "maximum": high}:
             low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))

@@ -49,12 +49,21 @@ class Way:
         return np.array([(p.s0, p.s1, p.x, p.y, p.heading, p.curvature) for p in self.segments]).T
 
     def _locate(self, s: ArrayLike) -> tuple[Array, Array, Array, Array]:
-        """Point (..., 2), heading (...) and curvature (...) at arc lengths, and the distance of s beyond the way."""
+        """Where the way is at arc lengths; beyond an end it is taken at that end.
+
+        Args:
+            s: (...) arc lengths, m.
+
+        Returns:
+            (..., 2) points in the world, m; (...) heading, rad; (...) curvature, 1/m; (...) distance of s beyond the
+            end of the way, m, negative before the start, 0 on it.
+        """
         s = np.asarray(s, dtype=float)
         s0, s1, x, y, heading, curvature = self._columns
         i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
         inside = np.clip(s, s0[0], s1[-1])
         run, k = inside - s0[i], curvature[i]
+        # an arc by its chord: length and direction from the start of the segment
         half = 0.5 * k * run
         chord = run * np.sinc(half / np.pi)
         toward = heading[i] + half
@@ -86,6 +95,7 @@ class Way:
         s0, s1 = self.segments[0].s0, self.segments[-1].s1
         grid = np.linspace(s0, s1, max(2, int((s1 - s0) / _PROJECTION_M)))
         points, heading = self.point(grid), self.heading(grid)
+        # number of grid points that a sample may move; grid point nearest to the last sample
         window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid - begin)))
         nearest = np.empty(len(path), dtype=int)
         for k, p in enumerate(path):

@@ -78,7 +78,7 @@ def read_entries(path: Path, *keys: str) -> dict[str, str]:
         StrideTwinError: The file cannot be read, or lacks one of the keys.
     """
     entries: dict[str, str] = {}
-    depth, key = 0, ""
+    depth, key = 0, ""  # of nested collections; the key whose value comes next, "" if a key comes next
     for event in yaml.parse(read_text(path, LARGEST_SETTING), Loader=SafeLoader):
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
@@ -96,7 +96,14 @@ def read_entries(path: Path, *keys: str) -> dict[str, str]:
 
 @dataclass
 class _OpenCollection:
-    """A list or mapping that is being scanned; `keys` is None for a list."""
+    """A list or mapping that is being scanned.
+
+    Attributes:
+        anchor: Name by which aliases refer to it; None without one.
+        before: Number of values before it.
+        keys: Keys so far; None for a list.
+        key_next: Whether the next value inside is a key.
+    """
 
     anchor: str | None
     before: int
@@ -116,9 +123,9 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
     if len(text) > LARGEST_SETTING:
         raise ConfigError(source, "length in characters", len(text), f"up to {LARGEST_SETTING}")
     most_aliases = most_values if most_aliases is None else most_aliases
-    sizes: dict[str | None, int] = {}
-    open_: list[_OpenCollection] = []
-    count = aliases = 0
+    sizes: dict[str | None, int] = {}  # number of values by anchor, aliases inside written out
+    open_: list[_OpenCollection] = []  # the collections around the next value
+    count = aliases = 0  # values with all aliases written out; aliases
     try:
         for event in yaml.parse(text, Loader=SafeLoader):
             if isinstance(event, yaml.CollectionEndEvent):
@@ -173,10 +180,12 @@ def _to_plain_data(node: object, source: str, path: str) -> object:
 
 
 def _line_of(event: yaml.Event) -> str:
+    """Where an event is in the text, for messages; lines count from 1."""
     return f"line {event.start_mark.line + 1}" if event.start_mark else ""
 
 
 def _yaml_error(source: str, error: yaml.YAMLError) -> StrideTwinError:
+    """The error to raise about text that is not YAML, with the line where PyYAML stopped, if it says so."""
     mark = getattr(error, "problem_mark", None)
     where = f" line {mark.line + 1}:" if mark else ""
     what = " ".join(str(getattr(error, "problem", error)).split())

@@ -76,6 +76,7 @@ class TerrainSvm:
     """
 
     def __init__(self, slope: ArrayLike, elevation: ArrayLike, modes: ArrayLike) -> None:
+        """Trains the machine on N steps: slopes (N,) in rad, elevations (N,) in m, and the mode of each."""
         try:
             from sklearn.svm import SVC
         except ModuleNotFoundError as error:

@@ -60,6 +60,7 @@ class ContactTerrain:
         exoskeleton: Exoskeleton | None = None,
         parameters: ContactTerrainParameters = DEFAULTS,
     ) -> None:
+        """Builds the method that the options name, for the given geometry or that of the options."""
         Rig.check(rig, "ContactTerrain")
         options = options or Options()
         method, exo = options.method, exoskeleton or _geometry(options)

@@ -31,16 +31,26 @@ _FLAT_TICKS = 6  # ticks for which a foot has to be flat before its slope is est
 
 
 class CellLoads:
-    """Loads on the four cells of one insole, with each cell's output in the air subtracted."""
+    """Loads on the four cells of one insole, with each cell's output in the air subtracted.
+
+    A "stride" is here `_STRIDE_S` of time in which the foot rotates: whoever stands still makes no stride.
+    """
 
     def __init__(self) -> None:
-        self._least = np.full((2, 4), np.inf)  # of this stride and the last
-        self._most = np.full((3, 4), -np.inf)  # of one more: two may pass in one long swing, as over two risers
-        self._rotating_s = 0.0
-        self._force = np.zeros(4)
+        """Begins with a foot of which no sample is known."""
+        # (2, 4) N, least force of each cell while the foot rotated, in this stride and in the last
+        self._least = np.full((2, 4), np.inf)
+        # (3, 4) N, largest force of each cell in this stride and the last two: one long swing, as over two risers, may
+        # last for two strides
+        self._most = np.full((3, 4), -np.inf)
+        self._rotating_s = 0.0  # rotating time in this stride
+        self._force = np.zeros(4)  # the newest readings, for `empty`
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
-        """(4,) N, load on each cell.
+        """Takes one tick of an insole; returns the (4,) load on each cell, N.
+
+        The load is the measured force minus the cell's least force in this stride and the last. Before the end of the
+        first stride it is the measured force.
 
         Args:
             force: (4,) N as measured.
@@ -62,12 +72,12 @@ class CellLoads:
         return load
 
     def empty(self) -> None:
-        """Marks the foot as in the air: the current readings are not load."""
+        """Marks the foot as in the air: the current readings become the zero of the cells."""
         self._least = np.stack([self._force, self._force])
 
     @property
     def alive(self) -> NDArray[np.bool_]:
-        """(4,) whether each cell has measured a load in the last strides."""
+        """(4,) whether each cell works: its force has changed by more than `_ALIVE_N` in the last strides."""
         moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > _ALIVE_N
         return moved
 
@@ -91,13 +101,20 @@ class Footfall:
     """
 
     def __init__(self, step: int, on_heel: bool) -> None:
+        """Begins with a landing: the number of the step that it ends, and whether it was on the heel."""
         self.step, self.on_heel = step, on_heel
         self.forward, self.up = np.zeros(3), np.zeros(3)
         self.weight, self.ticks = 0.0, 0
+        # largest pitch of the flat foot so far, rad, toes up positive; sum of the weights with the ankle off its stops
         self._highest, self._free = -math.inf, 0.0
 
     def add(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
-        """Takes the attitude of a foot on the ground; returns whether it is flat in this tick.
+        """Takes one tick of a foot on the ground; if the foot is flat, its attitude enters a weighted mean.
+
+        The foot is flat if it is loaded, rotates slowly, and has not begun to lift its heel: its toes have not gone
+        down by more than `_HEEL_RISES_RAD` from their highest pitch while flat. The mean attitude follows from the
+        sums `forward`, `up` and `weight`. A tick weighs less the faster the foot rotates, much less while the other
+        foot carries load too, and least with the ankle at a stop.
 
         Args:
             R_world_sole: (3, 3) rotation, sole to world.
@@ -106,13 +123,16 @@ class Footfall:
             alone: Whether the other foot is unloaded: a foot that has just landed is still being pressed flat.
             free: Whether the ankle is clear of its stops: at a stop the leg rotates the exoskeleton's foot off the
                 shoe.
+
+        Returns:
+            Whether the foot is flat in this tick. If not, nothing changes.
         """
-        pitch = math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))
+        pitch = math.asin(max(-1.0, min(1.0, R_world_sole[2, 0])))  # of the sole's x axis, rad; toes up is positive
         if not loaded or rate > _FLAT_RADPS or pitch < self._highest - _HEEL_RISES_RAD:
             return False
         self._highest = max(self._highest, pitch)
         weight = (1.0 if alone else _SHARED_WEIGHT) / (1.0 + (rate / _HALF_WEIGHT_RADPS) ** 2)
-        self._free += weight if free else 0.0
+        self._free += weight if free else 0.0  # `strained` compares it with `_FREE_WEIGHT`
         weight *= 1.0 if free else _STRAINED_WEIGHT
         self.forward += weight * R_world_sole[:, 0]
         self.up += weight * R_world_sole[:, 2]
@@ -127,11 +147,14 @@ class Footfall:
 
     @property
     def strained(self) -> float:
-        """Share of the foot's attitude from ticks with the ankle at a stop, 0-1."""
+        """How much the mean attitude depends on ticks with the ankle at a stop: 1 entirely, 0 not at all.
+
+        It is 0 once the other ticks have a weight of `_FREE_WEIGHT`.
+        """
         return max(0.0, 1.0 - self._free / _FREE_WEIGHT)
 
     def R_world_sole(self) -> Array:
-        """(3, 3) mean attitude of the flat sole."""
+        """(3, 3) mean attitude of the flat sole, sole to world; the foot must have been flat in a tick."""
         return _rotation_from_axes(self.forward, self.up)
 
 
@@ -155,5 +178,5 @@ def _rotation_from_axes(forward: Array, up: Array) -> Array:
 
 
 def contact_point(sole: Sole, on_heel: bool) -> Array:
-    """(3,) m on the sole, the fixed contact point: the heel's edge, or the toe hinge."""
+    """(3,) m on the sole, the point about which the foot rolls: the heel's edge if `on_heel`, else the toe hinge."""
     return np.array([sole.heel_x, 0.0, 0.0]) if on_heel else np.array([sole.hinge_x, 0.0, sole.hinge_z])

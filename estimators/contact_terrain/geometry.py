@@ -236,7 +236,10 @@ def parse_exoskeleton(text: str, source: str) -> Exoskeleton:
 
 
 def to_text(exo: Exoskeleton) -> str:
-    """The file of an exoskeleton."""
+    """The YAML text of an exoskeleton, which `parse_exoskeleton` reads back: angles in degrees, lengths in m.
+
+    A joint without stops has no `range_deg`. The frame of a foot's AHRS is not written, as it is always the last one.
+    """
     legs = {
         side: {
             "frames": [
@@ -330,11 +333,19 @@ class _Leg(FileModel):
 
 
 def _to_leg(leg: _Leg) -> Leg:
-    """The leg of a file, after a check of its frames."""
+    """The leg of a file, after a check of its frames.
+
+    The numbers of the frames count from 1, the first row of the table. Joints before the thigh's frame are those of the
+    hip; then comes the knee's joint alone; those beyond are the ankle's.
+
+    Raises:
+        PydanticCustomError: The frame of the thigh or the knee is no such frame, or there are too many or too few
+            joints.
+    """
     rows, thigh, knee = leg.frames, leg.thigh.frame, leg.knee.frame
     if not 1 <= thigh < len(rows):
         raise field_error(thigh, f"1-{len(rows) - 1}, a frame before the foot's", "thigh", "frame")
-    turning = [i for i, row in enumerate(rows, 1) if row.turns]
+    turning = [i for i, row in enumerate(rows, 1) if row.turns]  # numbers of the frames that a joint rotates
     if knee not in turning or knee <= thigh:
         raise field_error(knee, "a frame beyond the thigh's that a joint turns", "knee", "frame")
     hip = [i for i in turning if i <= thigh]

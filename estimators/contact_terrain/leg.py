@@ -45,7 +45,7 @@ class Links(NamedTuple):
 
 
 def links(leg: Leg) -> Links:
-    """A leg in the form for compiled code."""
+    """A leg in the form for compiled code: arrays in place of the rows of its D-H table, see `Links`."""
     thigh, knee = leg.thigh.frame, leg.knee.frame
     return Links(
         table=np.array([[row.alpha, row.a, row.d, row.theta] for row in leg.rows]),
@@ -116,13 +116,14 @@ def joint_angles(parts: Array, R: Array) -> Array:
         R: (3, 3) rotation from beyond the last joint to before the first.
     """
     n = len(parts) - 1
-    M = multiply(multiply(transposed(parts[0]), R), transposed(parts[n]))
+    M = multiply(multiply(transposed(parts[0]), R), transposed(parts[n]))  # Rz(q_1) C_1 ... Rz(q_n)
     q = np.empty(n)
-    if n == 1:
+    if n == 1:  # M is the rotation about z that is closest to R
         q[0] = math.atan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
         return q
-    between = parts[1]
+    between = parts[1]  # rotation from the last joint to the first, with the middle joint's angle if there is one
     if n == 3:
+        # M[2, 2], the cosine between the first and the last axis, is a cos q_2 + b sin q_2 + constant
         a = parts[1, 2, 0] * parts[2, 0, 2] + parts[1, 2, 1] * parts[2, 1, 2]
         b = parts[1, 2, 1] * parts[2, 0, 2] - parts[1, 2, 0] * parts[2, 1, 2]
         middle, reach = math.atan2(b, a), math.hypot(a, b)
@@ -151,6 +152,7 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
     """
     R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
     hip = joint_angles(leg.hip_parts, multiply(transposed(R[0]), R_world_thigh))
+    # rotation from the thigh's frame to the knee's; lengths are not needed and left out as 0
     T_thigh_knee, R_thigh_knee = identity(4), np.empty((3, 3))
     for i in range(leg.thigh, leg.knee):
         theta = leg.table[i, 3] + (knee if leg.turns[i] else 0.0)
@@ -171,7 +173,7 @@ def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
 
 @entry_kernel(_HERE)
 def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
-    """Whether a joint of the ankle is at one of its stops.
+    """Whether at least one joint of the ankle is within a margin of one of its stops, or beyond it.
 
     Args:
         ankle_stops: (joints, 2) rad of `Links`.
@@ -198,7 +200,10 @@ BACK, THIGH, FOOT, KNEE, LENGTH, SAG, OFFSETS = 0, 3, 9, 15, 17, 21, 22
 
 @entry_kernel(_HERE)
 def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Array]:
-    """Position of a foot's last frame relative to frame 0, in world axes.
+    """Position of a foot's last frame relative to frame 0, in world axes, and its derivative by the offsets.
+
+    The columns of the derivative begin at `BACK`, `THIGH`, `FOOT`, `KNEE` and `LENGTH`; from `THIGH` on, those of the
+    left leg come before those of the right. Columns of the other leg, and `SAG`, are 0.
 
     Args:
         leg: Its links.
@@ -210,11 +215,12 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
         (3,) m, origin of the last frame; (3, OFFSETS) its derivative by the offsets.
     """
     poses = forward(leg.table, leg.turns, q)
+    # origins of the frames at the joints, relative to frame 0, world axes, m
     hip, at_knee = _rotate_column(R[0], poses[leg.thigh - 1], 3), _rotate_column(R[0], poses[leg.knee - 1], 3)
     ankle, foot = _rotate_column(R[0], poses[leg.knee], 3), _rotate_column(R[0], poses[len(poses) - 1], 3)
     thigh, shank = _vector_between(hip, at_knee), _vector_between(at_knee, ankle)
-    axis = _rotate_column(R[0], poses[leg.knee - 1], 2)
-    by_knee = apply(hat(axis), shank)
+    axis = _rotate_column(R[0], poses[leg.knee - 1], 2)  # of the knee, world axes
+    by_knee = apply(hat(axis), shank)  # derivative of the ankle's position by the knee's angle, m/rad
     thigh_m, shank_m = math.sqrt(dot(thigh, thigh)), math.sqrt(dot(shank, shank))
     J = np.zeros((3, OFFSETS))
     _set_block(rotation_jacobian(hip, R[0]), J, BACK)
@@ -229,7 +235,9 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
 
 @entry_kernel(_HERE)
 def rotation_jacobian(arm: Array, R: Array) -> Array:
-    """(3, 3) derivative of a vector by a small rotation of its frame, in that frame's axes: -[arm]× R.
+    """(3, 3) derivative of a vector in the world by a small rotation of the frame that carries it: -[arm]× R.
+
+    The rotation is a rotation vector (rad) in that frame's axes.
 
     Args:
         arm: (3,) m, the vector in the world.

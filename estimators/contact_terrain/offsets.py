@@ -82,6 +82,7 @@ class Offsets:
     """
 
     def __init__(self, parameters: ContactTerrainParameters, sag_sd_m: float) -> None:
+        """Begins with offsets of 0 and their prior covariance; `sag_sd_m` is that of a loaded heel's sag, m."""
         p = parameters
         self._plane_noise = np.array([p.plane_sd_m, _PARALLEL_SD_RAD]) ** 2
         self._level_noise = np.array([_LEVEL_SD_RAD**2])
@@ -99,6 +100,10 @@ class Offsets:
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
 
+        The state z holds the offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
+        maps it to the corrections of vector and slopes. Three hypotheses correct it one after the other, each with its
+        probability: level ground under this foot; at the start also under the other; both footprints in one plane.
+
         Args:
             step: The step as measured.
             start: Whether it is the pair of feet at the start rather than a step.
@@ -107,7 +112,7 @@ class Offsets:
         H[:3, :n], H[3:, :n] = step.J_vector, step.J_slopes
         np.fill_diagonal(P[n:, n:], step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
-        for row in (3, 4) if start else (3,):
+        for row in (3, 4) if start else (3,):  # rows of the slopes of this foot and the previous one
             at = slice(row, row + 1)
             z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
         A = _plane_residual_jacobian(measured)
@@ -117,7 +122,7 @@ class Offsets:
         return Posterior(values=measured + H @ z, covariance=H @ P @ H.T, offsets=z[:n], P=P[:n, :n])
 
     def store(self, posterior: Posterior) -> None:
-        """Stores the offsets estimated with a completed step."""
+        """Stores the offsets estimated with a completed step; the attitudes' offsets may change until the next one."""
         self._z[:OFFSETS], self._P[:OFFSETS, :OFFSETS] = posterior.offsets, posterior.P + self._walk
 
 
@@ -165,7 +170,7 @@ def _update(
         innovation[i] = y[i]
         for j in range(n):
             innovation[i] -= H[i, j] * z[j]
-    determinant = S[0, 0]
+    determinant = S[0, 0]  # of S (m, m), the innovation's covariance; its inverse follows in closed form
     inverse[0, 0] = 1.0 / S[0, 0]
     if m == 2:
         determinant = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
@@ -177,7 +182,7 @@ def _update(
         for j in range(m):
             squared += innovation[i] * inverse[i, j] * innovation[j]
     density = math.exp(-0.5 * squared) / math.sqrt((2.0 * math.pi) ** m * determinant)
-    share = prior * density / (prior * density + (1.0 - prior) / spread)
+    share = prior * density / (prior * density + (1.0 - prior) / spread)  # probability that the equation holds
     move, moved, updated = np.zeros(n), np.empty(n), np.empty((n, n))
     for i in range(n):
         for j in range(m):

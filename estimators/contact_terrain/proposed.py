@@ -51,7 +51,9 @@ class DoubleSupport:
     """
 
     def __init__(self) -> None:
+        """Begins a step without ticks."""
         self.weight = self.strained = 0.0
+        # weighted sums over the ticks: vectors, their derivatives by the offsets, squares of their coordinates
         self._vector, self._J = np.zeros(3), np.zeros((3, OFFSETS))
         self._squares = np.zeros(3)
 
@@ -93,6 +95,7 @@ class Proposed:
     """
 
     def __init__(self, exo: Exoskeleton, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        """Begins with both feet on the ground, at step 0."""
         self._parameters, self._compliance = parameters, exo.compliance
         soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
@@ -106,25 +109,30 @@ class Proposed:
         self._attitudes = Attitudes(parameters)
         self._offsets = Offsets(parameters, exo.compliance.sag_sd_m)
         self._cells = [CellLoads(), CellLoads()]
-        self._contacts = [Footfall(0, True), Footfall(0, True)]
-        self._down, self._left_ns = [True, True], [0, 0]
-        self._newest, self._steps = 0, 0
-        self._support = DoubleSupport()
-        self._posterior: Posterior | None = None
-        self._p_before = np.zeros(3)
+        self._contacts = [Footfall(0, True), Footfall(0, True)]  # newest landing of each foot
+        self._down, self._left_ns = [True, True], [0, 0]  # whether each foot is down; when it last left the ground
+        self._newest, self._steps = 0, 0  # index of the foot that landed last; number of landings
+        self._support = DoubleSupport()  # of the current step
+        self._posterior: Posterior | None = None  # newest estimate of the current step
+        self._p_before = np.zeros(3)  # previous footprint, m, world: the one that the current step's vector starts at
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
-        if tick.dt == 0.0:
+        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed.
+
+        In order: loads and attitudes; landings; the vector between the feet while both are down; lift-offs; the
+        attitude of flat feet. There is an estimate in ticks in which the foot that landed last is flat, once it has
+        been so for long enough.
+        """
+        if tick.dt == 0.0:  # the first tick, or one after a gap
             self._reset_contacts()
         self._attitudes.update(tick)
-        rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))
+        rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))  # (2,) angular rates of the feet, rad/s
         cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
         loads = np.array([c.sum() for c in cells])
         R = self._attitudes.R
         R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
         angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
-        free = [
+        free = [  # whether each ankle is clear of its stops
             not at_stop(leg.ankle_stops, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)
         ]
         for side in range(2):
@@ -147,10 +155,19 @@ class Proposed:
     def _detect_landing(
         self, side: int, t_ns: int, loads: Array, rates: Array, cells: Array, R_world_sole: Array
     ) -> None:
-        """Records that a foot has landed.
+        """Marks a foot as down once it has landed, and begins a step.
 
         A walker always has one foot down. If the only foot on the ground unloads and rotates faster than the other one,
-        it is lifting off: the other foot has landed on cells that do not respond.
+        it is lifting off: the other foot has landed on cells that do not respond. A foot that lands within `_BOUNCE_NS`
+        of leaving the ground has bounced: it is down, but begins no step.
+
+        Args:
+            side: Index of the foot in `SIDES`.
+            t_ns: Time of the tick.
+            loads: (2,) N, load on each foot.
+            rates: (2,) rad/s, angular rate of each foot.
+            cells: (4,) N, load on each cell of this foot, the heel's first.
+            R_world_sole: (3, 3) attitude of this foot's sole.
         """
         other, parameters = 1 - side, self._parameters
         leaves = loads[other] < parameters.left_n and rates[other] > rates[side]
@@ -159,14 +176,21 @@ class Proposed:
         self._down[side] = True
         if t_ns - self._left_ns[side] > _BOUNCE_NS:
             reliable = loads[side] > parameters.landed_n and self._cells[side].alive[0]
+            # by the load on the heel's cell or, where cells do not respond, by the pitch of the sole (toes up positive)
             on_heel = 2.0 * cells[0] > loads[side] if reliable else R_world_sole[2, 0] > -math.sin(_TOES_DOWN_RAD)
             self._land(side, bool(on_heel))
 
     def _detect_lift_off(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
-        """Records that a foot has left the ground; the last one stays, of two unloaded feet the stationary one.
+        """Marks a foot as off the ground once it has no load, if the other one is down.
 
-        A foot that swings beside a loaded one, with little load except on one cell, has left the ground: that cell is
-        stuck, or all of them have crept.
+        One foot always stays down: of two unloaded feet the one that rotates less. A foot that swings beside a loaded
+        one, with little load except on one cell, has left the ground, too: that cell is stuck, or all have crept.
+
+        Args:
+            t_ns: Time of the tick.
+            loads: (2,) N, load on each foot.
+            rates: (2,) rad/s, angular rate of each foot.
+            cells: (4,) N of each foot, load on its cells.
         """
         for side in sorted(range(2), key=lambda side: -rates[side]):
             swings = rates[side] > _SWING_RADPS and loads[1 - side] > _SINGLE_SUPPORT_N
@@ -176,8 +200,13 @@ class Proposed:
                 self._cells[side].empty()
 
     def _land(self, side: int, on_heel: bool) -> None:
-        """Begins a step; stores the offsets estimated with the previous one."""
-        if self._posterior is not None:
+        """Begins a step with the landing of a foot; stores the result of the previous step.
+
+        Args:
+            side: Index in `SIDES` of the foot that has landed.
+            on_heel: Whether it landed on the heel.
+        """
+        if self._posterior is not None:  # None: the previous step gave no estimate
             self._offsets.store(self._posterior)
             if side != self._newest:  # a foot that lands twice steps from the other foot both times
                 self._p_before = self._p_before + self._posterior.values[:3]
@@ -186,12 +215,22 @@ class Proposed:
         self._newest, self._support, self._posterior = side, DoubleSupport(), None
 
     def _reset_contacts(self) -> None:
-        """Resets the contacts: after a gap the feet may have moved."""
+        """Forgets attitudes and vector measured in this step: after a gap the feet may have moved."""
         self._contacts = [Footfall(fall.step, fall.on_heel) for fall in self._contacts]
         self._support, self._posterior = DoubleSupport(), None
 
     def _add_support(self, angles: list[Array], loads: Array, rate: float, free: bool) -> None:
-        """Adds a tick with both feet down to the vector between their contacts (docs/contact_terrain.md (7))."""
+        """Adds a tick with both feet down to the vector between their contacts (docs/contact_terrain.md (7)).
+
+        The vector goes from the toe hinge of the old foot to the heel's edge of the new one or, if it landed on the
+        forefoot, to its toe hinge. A tick weighs less while the load is still on one foot, or a heel still rotates.
+
+        Args:
+            angles: Joint angles of each leg, rad, from `leg_angles`.
+            loads: (2,) N, load on each foot.
+            rate: Angular rate of the foot that landed last, rad/s.
+            free: Whether both ankles are clear of their stops.
+        """
         new, old = self._newest, 1 - self._newest
         fall = self._contacts[new]
         weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2
@@ -200,7 +239,7 @@ class Proposed:
         vector, J = self._contact_position(new, fall.on_heel, angles[new])
         before, J_before = self._contact_position(old, False, angles[old])
         J = J - J_before
-        J[2, SAG] = 1.0 if fall.on_heel else 0.0
+        J[2, SAG] = 1.0 if fall.on_heel else 0.0  # the sag of a loaded heel acts on the height only
         self._support.add(weight, vector - before, J, free)
 
     def _contact_position(self, side: int, on_heel: bool, q: Array) -> tuple[Array, Array]:
@@ -221,7 +260,12 @@ class Proposed:
         return p + arm, J
 
     def _measure_step(self) -> StepFigures:
-        """The measurements of the current step so far."""
+        """The measurements of the current step so far, with their derivatives by the offsets and their errors.
+
+        The mean vector between the contact points is turned into one between the origins of the soles: the arm from
+        sole to contact is subtracted for the new foot and added for the old one. The slope of a foot is the pitch of
+        its mean flat attitude, toes up positive; of a foot that was not flat, the level stands in.
+        """
         new, old = self._newest, 1 - self._newest
         vector, J = self._support.mean()
         slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
@@ -233,7 +277,7 @@ class Proposed:
             at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
             vector = vector + sign * arm
             J[:, at] += sign * rotation_jacobian(arm, R_foot)
-            f = R_sole[:, 0].copy()
+            f = R_sole[:, 0].copy()  # forward axis of the sole in the world
             slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
             J_slopes[k, at] = rotation_jacobian(f, R_foot)[2] / math.cos(slopes[k])
         strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
@@ -248,17 +292,17 @@ class Proposed:
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 
     def _estimate(self, t_ns: int) -> StepEstimate:
-        """The estimate from the step and the offsets."""
+        """The estimate of the current step, and of the offsets with it, which are kept in `_posterior`."""
         fall = self._contacts[self._newest]
         self._posterior = posterior = self._offsets.posterior(self._measure_step(), start=fall.step == 0)
         x, y, height, slope, before = posterior.values
         covariance = posterior.covariance.copy()
-        covariance[2, 2] += (
+        covariance[2, 2] += (  # on a slope the holders yield differently than on the level
             self._compliance.sloping_sd_m
             * ramp_probability(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
         ) ** 2
         sd = np.sqrt(np.diag(covariance))
-        beyond = height_beyond_slopes(height, math.hypot(x, y), slope, before)
+        beyond = height_beyond_slopes(height, math.hypot(x, y), slope, before)  # m
         mode, probability = most_likely(
             mode_probabilities(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
         )
@@ -281,7 +325,7 @@ class Proposed:
 def _normal(R_world_sole: Array, slope: float) -> Array:
     """(3,) the sole's normal in world axes, rotated about the sole's y axis to the estimated slope (rad)."""
     x, y = R_world_sole[0, 0], R_world_sole[1, 0]
-    level = math.cos(slope) / math.hypot(x, y)
+    level = math.cos(slope) / math.hypot(x, y)  # scales the horizontal part of the forward axis for a unit vector
     left = R_world_sole[:, 1]
     normal = np.cross(np.array([level * x, level * y, math.sin(slope)]), left)
     return np.asarray(normal / np.linalg.norm(normal))

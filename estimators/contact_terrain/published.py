@@ -99,12 +99,18 @@ class Pivot:
     """
 
     def __init__(self) -> None:
+        """Begins at the origin, under the left foot."""
         self.foot = 0
         self.p_in_world = np.zeros(3)
+        # latest centre of pressure of each foot, (3,) m in its last frame; None before its first load
         self._cop: list[Array | None] = [None, None]
 
     def move(self, foot: int, cop_in_foot: Sequence[Array | None], R_world_base: Array, T_base_foot: Array) -> None:
         """Propagates the pivot by the motion in this tick, to the foot that holds it from now on: Shim 2019 (12)-(16).
+
+        If the same foot keeps the pivot, it moves with that foot's centre of pressure. If the other foot takes it, it
+        moves from one foot's centre of pressure to the other's. It stays where a foot has never been loaded. An
+        unloaded foot keeps its latest centre of pressure.
 
         Args:
             foot: Index of that foot in `SIDES`.
@@ -113,6 +119,7 @@ class Pivot:
             T_base_foot: (2, 4, 4) poses of the last frames in frame 0.
         """
         latest = [last if cop is None else cop for cop, last in zip(cop_in_foot, self._cop)]
+        # where the pivot goes and where it comes from: (3,) m in the last frame of `foot` and of `self.foot`
         to_contact, from_contact = latest[foot], self._cop[foot] if foot == self.foot else latest[self.foot]
         if to_contact is not None and from_contact is not None:
             p_to = T_base_foot[foot, :3, :3] @ to_contact + T_base_foot[foot, :3, 3]
@@ -145,10 +152,11 @@ class Markers:
     """
 
     def __init__(self, parameters: PublishedParameters = DEFAULTS.published) -> None:
+        """Begins a footprint without markers."""
         self._parameters = parameters
         self.count = 0
-        self._origin = np.zeros(3)
-        self._sum = np.zeros(3)
+        self._origin = np.zeros(3)  # the first marker, m; moments are about it, for accuracy
+        self._sum = np.zeros(3)  # of the markers, m
         self._moments = np.zeros((3, 4))  # of (x, y, 1) with (x, y, 1, z), virtual markers too
 
     def add(self, p_in_world: Array, medial_in_world: Array) -> None:
@@ -157,7 +165,7 @@ class Markers:
             self._origin = p_in_world
         self.count += 1
         self._sum += p_in_world
-        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):
+        for point in (p_in_world, p_in_world + self._parameters.virtual_m * medial_in_world):  # marker, virtual one
             x, y, z = point - self._origin
             self._moments += np.outer((x, y, 1.0), (x, y, 1.0, z))
 
@@ -227,17 +235,22 @@ class Published:
     def __init__(
         self, exo: Exoskeleton, svm: TerrainSvm | None = None, parameters: PublishedParameters = DEFAULTS.published
     ) -> None:
+        """Begins with both feet on the ground, at step 0; without `svm`, modes stay unknown."""
         self._svm, self._parameters = svm, parameters
         self._soles = [exo.legs[side].sole for side in SIDES]
         self._links = [links(exo.legs[side]) for side in SIDES]
         self._pivot = Pivot()
         self._prints = [_Footprint(markers=Markers(parameters)), _Footprint(markers=Markers(parameters))]
-        self._down = [True, True]
-        self._steps = 0
+        self._down = [True, True]  # whether each foot is loaded
+        self._steps = 0  # number of touch-downs
 
     def update(self, tick: Tick) -> StepEstimate | None:
-        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed."""
-        T_base_foot = np.empty((2, 4, 4))
+        """Takes a tick; returns the new estimate of the last footprint, or None if nothing changed.
+
+        Only a tick in which the foot with the pivot is flat adds a marker. After its heel has lifted, a footprint is
+        over and takes no more.
+        """
+        T_base_foot = np.empty((2, 4, 4))  # pose of each foot's last frame in the back panel's
         for i, leg in enumerate(self._links):
             q = leg_angles(leg, tick.R, i, tick.knee[i])
             T_base_foot[i] = forward(leg.table, leg.turns, q)[-1]
@@ -260,7 +273,13 @@ class Published:
         return self._add_marker(tick, foot, contact, tick.R[0] @ T_base_foot[foot, :3, :3])
 
     def _start_footprints(self, phases: list[Phase]) -> None:
-        """Begins a new footprint where a foot touches down."""
+        """Begins a new footprint where a foot touches down, and marks those as over whose heel has lifted.
+
+        The other foot's footprint gets the final height of the finished one in `below`, if that is not set yet.
+
+        Args:
+            phases: Phase of each foot in this tick.
+        """
         for i, phase in enumerate(phases):
             down = phase is not Phase.FOOT_OFF
             if down and not self._down[i]:
@@ -284,11 +303,11 @@ class Published:
         """
         sole, footprint, previous = self._soles[foot], self._prints[foot], self._prints[1 - foot]
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
-        medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]
+        medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]  # inner side; the y axis is left
         footprint.markers.add(self._pivot.p_in_world, medial)
         footprint.soles += self._pivot.p_in_world + R_world_foot @ (sole.T_foot_sole[:3, 3] - contact)
         plane = footprint.markers.plane()
-        below = (
+        below = (  # height of the previous footprint, m: final or, while it is still updated, its mean so far
             footprint.below
             if footprint.below is not None
             else previous.markers.centre[2]

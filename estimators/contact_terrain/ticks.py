@@ -71,19 +71,26 @@ class TickBuilder:
     """
 
     def __init__(self, exo: Exoskeleton) -> None:
+        """Prepares for the streams that the exoskeleton's geometry names; no sample is known yet."""
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
+        # by topic: index of the attitude and rotation frame to sensor; index and sign of the knee; index of the foot
         self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
         self._encoder = {leg.knee.topic: (i, leg.knee.sign) for i, leg in enumerate(legs)}
         self._insole = {leg.sole.topic: i for i, leg in enumerate(legs)}
-        self._last = dict.fromkeys(exo.topics, -1)
+        self._last = dict.fromkeys(exo.topics, -1)  # time of each stream's newest sample, ns
+        # newest values of all streams, as in `Tick`
         self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
         self._knee, self._force = np.zeros(2), np.zeros((2, 4))
-        self._open: set[str] = set()
-        self._now = self._tick_ns = -1
+        self._open: set[str] = set()  # streams that have delivered their sample of the open tick
+        self._now = self._tick_ns = -1  # time of the open tick, and of the last one returned, ns
 
     def add(self, sample: Sample) -> list[Tick]:
-        """Takes one sample; returns the ticks that it completes or closes, at most two."""
+        """Takes one sample; returns the ticks that it completes or closes, at most two.
+
+        A sample of a later instant closes the open tick, although streams are missing, and opens another one. A sample
+        of an unknown stream, one that is out of order and an invalid one are ignored.
+        """
         if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _is_valid(sample):
             return []
         ticks = []
@@ -112,7 +119,11 @@ class TickBuilder:
         self._open.add(sample.topic)
 
     def _complete_tick(self) -> list[Tick]:
-        """Closes the open tick and extrapolates late attitudes; returns it, or [] if a stream is too late."""
+        """Closes the open tick, and extrapolates attitudes whose sample is late by their last angular rate.
+
+        Returns:
+            The tick in a list; an empty list if a stream is too late, or has not delivered any sample yet.
+        """
         self._open, fresh = set(), np.ones(5, dtype=bool)
         oldest = min(self._last.values())
         if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
@@ -123,7 +134,7 @@ class TickBuilder:
             if late > _TOGETHER_S:
                 R[i], fresh[i] = R[i] @ exp(late * self._rate[i]), False
         dt = (self._now - self._tick_ns) * 1e-9
-        if self._tick_ns < 0 or dt > _HOLD_S:
+        if self._tick_ns < 0 or dt > _HOLD_S:  # the first tick, or one after a gap
             dt = 0.0
         self._tick_ns = self._now
         return [
@@ -205,6 +216,7 @@ class Attitudes:
     """
 
     def __init__(self, parameters: ContactTerrainParameters = DEFAULTS) -> None:
+        """Begins with unknown attitudes, with the parameters' noise of AHRS and gyros."""
         self._noise = _Noise(
             stationary_sd_rad=parameters.ahrs_stationary_sd_rad,
             moving_sd_rad=parameters.ahrs_moving_sd_rad,
@@ -237,6 +249,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
     R, last, variance, last_rate, since = state
     for i in range(len(R)):
         since[i] += dt
+        # a lost sample: the attitude is extrapolated by the last measured rate
         if not fresh[i] and variance[i] >= 0.0 and dt > 0.0:
             copy_matrix(multiply(last[i], matrices.exp(_scale(since[i], last_rate[i]))), R[i])
             variance[i] += _LOST_SD_RAD**2
@@ -245,16 +258,17 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             copy_matrix(measured[i], R[i])
             variance[i] = noise.stationary_sd_rad**2 if variance[i] < 0.0 else noise.moving_sd_rad**2
         else:
-            turn = np.empty(3)
+            turn = np.empty(3)  # by the mean of the rates before and after, rad
             for j in range(3):
                 turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
             moved = multiply(last[i], matrices.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
             share = min(math.sqrt(dot(rate[i], rate[i])) / _FULL_MOTION_RADPS, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
+            # the correlated error of an AHRS counts as a white one of the same power, 2 τ σ² / dt
             gain = variance[i] / (variance[i] + 2.0 * noise.correlation_s / since[i] * sd * sd)
             variance[i] *= 1.0 - gain
-            off = matrices.log(multiply(measured[i], transposed(moved)))
+            off = matrices.log(multiply(measured[i], transposed(moved)))  # from predicted to measured, rad, world axes
             copy_matrix(multiply(matrices.exp(_scale(gain, off)), moved), R[i])
         copy_matrix(R[i], last[i])
         for j in range(3):

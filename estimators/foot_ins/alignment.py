@@ -37,9 +37,14 @@ _GAP_SPEED_MPS, _GAP_TURN_RATE_RADPS = 1.5, 0.5  # motion of the wearer while th
 
 @njit(**INNER_KERNEL)
 def begin(memory: state.FilterState, t_ns: int) -> None:
-    """Starts the search for a stationary window at the sample of time `t_ns`; clears what came before."""
+    """Starts an alignment: the search for a stationary window, from the sample of time `t_ns` on.
+
+    It empties the ring of samples and the force sums, forgets the contact with the floor, and sets the velocity to 0.
+    Position, heading and biases are kept. The attitude so far is stored in `memory.tilted`, which `level_attitude`
+    starts from.
+    """
     memory.clock[state.PHASE] = state.ALIGNING
-    memory.norm[0] = 0.0
+    memory.norm[0] = 0.0  # size of the force at rest: unknown
     memory.clock[state.T_ALIGN] = t_ns
     memory.clock[state.T_STATIONARY] = t_ns
     memory.clock[state.FILL] = 0
@@ -53,17 +58,22 @@ def begin(memory: state.FilterState, t_ns: int) -> None:
 
 @njit(**INNER_KERNEL)
 def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, force: Vec3, statistic: float) -> None:
-    """Takes one sample into the alignment; ends it once the foot was stationary for `_ALIGN_S`, or late.
+    """Takes one sample into the alignment, which levels the attitude by the mean force.
+
+    The alignment ends once the foot was stationary for `_ALIGN_S`. It also ends, with larger standard deviations, after
+    `_ALIGN_TIMEOUT_S` in motion. At its end the phase becomes NAVIGATING. At the end of the first alignment the lever
+    arm is also set: from the sensor straight down to the sole, by `lever_arm_m`.
 
     Args:
-        memory: State of the foot, changed in place.
+        memory: State of the foot, changed in place. Its `force_sum` has a row for the stationary period and a row for
+            the whole alignment: sum of the force (entries 0-2, m/s²) and number of samples (entry 3).
         parameters: Parameters of the filter.
         t_ns: Time of the sample.
         force: (3,) m/s², specific force.
         statistic: Motion statistic at the sample.
     """
     clock, force_sum = memory.clock, memory.force_sum
-    if statistic > parameters.stationary_level + unknown_bias_statistic(memory):
+    if statistic > parameters.stationary_level + unknown_bias_statistic(memory):  # the foot moves: start again
         clock[state.T_STATIONARY] = t_ns
         clear(force_sum[0])
     for k in range(2):
@@ -72,7 +82,7 @@ def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, fo
         force_sum[k, 3] += 1.0
     stationary = (t_ns - clock[state.T_STATIONARY]) * 1e-9 >= _ALIGN_S
     late = (t_ns - clock[state.T_ALIGN]) * 1e-9 >= _ALIGN_TIMEOUT_S
-    period = 0 if stationary or not late else 1
+    period = 0 if stationary or not late else 1  # row of `force_sum`: stationary period, or the whole alignment
     level_attitude(memory, vec3_at(force_sum[period], 0))
     tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
     speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
@@ -88,7 +98,7 @@ def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, fo
             up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
             store_vec3_at(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
             P, o = memory.covariance, memory.row + state.D_CONTACT
-            for i in range(3):
+            for i in range(3):  # the stationary point is uncertain only across the sole
                 for j in range(3):
                     P[o + i, o + j] = 0.0
             add_across_sole(memory, parameters.contact_sd_m**2)
@@ -106,11 +116,13 @@ def _widen_accel_bias(memory: state.FilterState, excess: float) -> None:
 def level_attitude(memory: state.FilterState, force: Vec3) -> None:
     """Rotates the initial attitude the shortest way until the mean force points up; an unknown heading becomes 0.
 
-    The rotation starts from `memory.tilted` each time: successive shortest rotations, as the mean settles, would rotate
-    the heading. That is the heading of the sensor's x axis, or of its z axis if x is within 25° of the vertical.
+    The rotation starts from `memory.tilted` each time. If each call continued from the last result, the small
+    rotations would add up to a false change of heading while the mean settles. The heading is that of the sensor's x
+    axis. If x is within 25° of the vertical, it is that of the z axis.
 
     Args:
-        memory: State of the foot, whose attitude is written.
+        memory: State of the foot, whose attitude is written. `memory.tilted` is the quaternion, sensor to world, from
+            the beginning of the alignment.
         force: (3,) sum of the specific force, sensor axes.
     """
     q = quaternion_at(memory.tilted, 0)
@@ -127,7 +139,10 @@ def level_attitude(memory: state.FilterState, force: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
-    """The shortest rotation of a unit vector onto the vertical, not normalised."""
+    """The shortest rotation of a unit vector (x, y, z) onto the vertical: a quaternion (w, x, y, z), not normalised.
+
+    A vector that points straight down is rotated by half a turn about x: there the shortest rotation is not unique.
+    """
     return (1.0 + z, y, -x, 0.0) if z > -0.999999 else (0.0, 1.0, 0.0, 0.0)
 
 
@@ -135,7 +150,11 @@ def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
 def _set_covariance(
     memory: state.FilterState, parameters: KernelParameters, t_ns: int, tilt_sd: float, speed_sd: float
 ) -> None:
-    """Covariance of an alignment: the variances of position, heading and biases are kept.
+    """Sets the covariance of an alignment.
+
+    All correlations become 0. Velocity, roll and pitch get the variances of the alignment. The variances of position
+    and heading are kept and grow by what the wearer may have moved since the foot was last tracked; those of the biases
+    are kept. At the first alignment, when the lever arm is not known yet, all of these get their initial values.
 
     Args:
         memory: State of the foot, changed in place.
@@ -149,8 +168,9 @@ def _set_covariance(
         for j in range(P.shape[0]):
             if j != i:
                 P[i, j] = P[j, i] = 0.0
+    # time without tracking, s, now and at the last call; `growth` in s² is added to the variances, at each call anew
     lost, lost_before = (t_ns - clock[state.T_KNOWN]) * 1e-9, (clock[state.T_LAST] - clock[state.T_KNOWN]) * 1e-9
-    growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0
+    growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0  # levered: not the first alignment
     for i in range(3):
         p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i
         P[p, p] = P[p, p] + _GAP_SPEED_MPS**2 * growth if levered else memory.start_sd[0] ** 2

@@ -31,6 +31,10 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
 
     docs/foot_ins.md (15).
 
+    It adds the peak to the samples in the ring, and writes the corrections of position, velocity and attitude after
+    each of them into `memory.restored`. `memory.clock[RESTORED]` becomes the number of samples since the peak began, 0
+    if no peak has just ended.
+
     At push-off the foot rotates faster than many a gyro's range, and before landing it brakes beyond many an
     accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
     corrects that only in part. The signal enters and leaves the range with a slope; the cubic between (Hermite) is the
@@ -49,12 +53,12 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
     x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
     down = vec3_at(memory.lever, 0)
     p, v = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY)
-    for back in range(first + 1):
+    for back in range(first + 1):  # backward from the newest sample, without the peak; stores each state in `moved`
         i = state.ring_row(memory, back)
         for k in range(state.GYRO_BIAS):
             moved[back, k] = x[k]
         propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), -_dt(memory, i), gravity, down)
-    for back in range(first, -1, -1):
+    for back in range(first, -1, -1):  # forward again with the peak; `moved` becomes the difference of the states
         i = state.ring_row(memory, back)
         for channel in range(6):
             memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
@@ -103,6 +107,15 @@ def _range(parameters: KernelParameters, channel: int) -> float:
 def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, channel: int) -> int:
     """Writes the hidden part of one channel's peak into `memory.hidden`: docs/foot_ins.md (15).
 
+    A peak has just ended if the two newest samples are within the range and the third newest is not. A peak with too
+    few clipped samples may be a landing impact: if the force points up, the same amount is added to each of them.
+    Any other peak is a cubic between the slopes with which the signal leaves and enters the range.
+
+    Args:
+        memory: State of the foot; `hidden` is written, in rad/s or m/s², one row per sample, the newest first.
+        parameters: Ranges of the sensor, 0 if unknown, and the share of a range from which on a sample is clipped.
+        channel: Column of the ring: 0-2 angular rate, 3-5 specific force.
+
     Returns:
         Number of samples since the peak began; 0 if none has just ended.
     """
@@ -114,16 +127,18 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     if known <= 0.0 or fill < 6 or abs(last) < limit:
         return 0
     sign = 1.0 if last > 0.0 else -1.0
+    # samples 2 to `end` - 1, counted back from the newest, are clipped; `top` is their sum, later their mean
     end, top = 2, 0.0
     while end < fill - 3 and _sample(memory, end, channel, sign) >= limit:
         top += _sample(memory, end, channel, sign)
         end += 1
+    # x0, x1: the two samples after the peak; x_end, x_before: the two before it
     x0, x1 = _sample(memory, 0, channel, sign), _sample(memory, 1, channel, sign)
     x_end, x_before = _sample(memory, end, channel, sign), _sample(memory, end + 1, channel, sign)
     span = (memory.ring_t_ns[state.ring_row(memory, 0)] - memory.ring_t_ns[state.ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
-    rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt
-    if max(x0, x1, x_end) >= limit:
+    rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt  # slopes at both ends, positive for a peak
+    if max(x0, x1, x_end) >= limit:  # the peak goes on, or began before the samples in the ring
         return 0
     if end - 2 < least:
         up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
@@ -135,6 +150,7 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     if min(rise, fall) <= 0.0 or span > _MAX_PEAK_S:
         return 0
     top /= end - 2
+    # time from the last sample before the peak to the range, and from the range to the first sample after it, s
     before, after = min((top - x_end) / rise, dt), min((top - x1) / fall, dt)
     length = (end - 1) * dt - before - after
     if length <= 0.0:
@@ -142,7 +158,7 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     # the slopes are measured outside the range; a peak of even curvature is flatter where it begins
     flatter = 1.0 / (1.0 + (dt + before + after) / length)
     for back in range(2, end):
-        u = min(max(((end - back) * dt - before) / length, 0.0), 1.0)
+        u = min(max(((end - back) * dt - before) / length, 0.0), 1.0)  # share of the peak's duration
         memory.hidden[back, channel] = sign * flatter * length * u * (1.0 - u) * (rise * (1.0 - u) + fall * u)
     return end
 

@@ -46,7 +46,10 @@ class StartPose:
                 raise ConfigError("StartPose", name, getattr(self, name), "a finite number ≥ 0")
 
     def apply_to(self, memory: state.FilterState) -> None:
-        """Places a foot without samples at this pose."""
+        """Writes this pose, and its standard deviations, into the state of a foot without samples.
+
+        The first alignment then keeps the heading of the pose and corrects only its tilt.
+        """
         q = np.asarray(self.q_world_imu, dtype=float)
         memory.nominal[state.POSITION : state.POSITION + 3] = self.p_imu_in_world
         memory.nominal[state.ATTITUDE : state.ATTITUDE + 4] = q / np.linalg.norm(q)
@@ -85,9 +88,11 @@ class FootInsEstimate:
             standing_speed_sd: Standard deviation of the speed of a stationary foot, m/s; inf if it is moving.
             frame: Frame of the sensor.
         """
+        # o: first row of this foot in the covariance, which may hold both feet
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[state.T_LAST])
         p, q = x[state.POSITION : state.POSITION + 3], x[state.ATTITUDE : state.ATTITUDE + 4]
         covariance = memory.covariance[o : o + state.REPORTED, o : o + state.REPORTED].copy()
+        # the length of the path is unknown by the share `path[3]`: variance along the line from the first sample
         way = p - memory.path[:3]
         covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
         return cls(

@@ -58,6 +58,7 @@ class FootIns:
         *,
         options: Options | None = None,
     ) -> None:
+        """Prepares a foot without samples, with the noise of the rig's IMU on the foot that the options name."""
         if rig is not None:
             Rig.check(rig, "FootIns")
         options = options or Options()
@@ -67,7 +68,8 @@ class FootIns:
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = initial_state()
-        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
+        # time, rate and force of one sample: `update` uses these buffers and allocates none
+        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         self._results = self._allocate_results(1)
         if start is not None:
             start.apply_to(self._memory)
@@ -142,7 +144,12 @@ class FootIns:
         return FootInsPath.of(block.t_ns, *results)
 
     def _allocate_results(self, n: int) -> tuple[NDArray[np.int8], Array, Array, Array]:
-        """Phase (N,), standing speed (N,), nominal state (N, 22), pose covariance (N, 6, 6)."""
+        """Empty buffers that `kernel.run` fills for n samples.
+
+        Returns:
+            Phase (n,); standard deviation of a stationary foot's speed (n,); nominal states (n, 22); covariance of
+            position and attitude (n, 6, 6).
+        """
         return np.empty(n, np.int8), np.empty(n), np.empty((n, len(self._memory.nominal))), np.empty((n, 6, 6))
 
 

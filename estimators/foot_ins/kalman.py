@@ -117,7 +117,10 @@ def correct_probably(
 
 @njit(**INNER_KERNEL)
 def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
-    """The innovation z' = z - h dx and its variance s = h P hᵀ + r; writes P hᵀ into `gain`."""
+    """The innovation z' = z - h dx and its variance s = h P hᵀ + r; writes P hᵀ into `gain`.
+
+    The error `dx` is part of the prediction, as it is not in the nominal state yet. Arguments as in `correct`.
+    """
     _covariance_times_row(P, gain, o, h)
     s = r
     for j in range(len(h)):
@@ -129,7 +132,7 @@ def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r:
 
 @njit(**INNER_KERNEL)
 def _covariance_times_row(P: Array, gain: Array, o: int, h: Array) -> None:
-    """Writes P hᵀ into `gain`."""
+    """Writes P hᵀ into `gain` (n,), for the row h (m,) by the m states from row `o` of P (n, n) on."""
     zero(gain)
     for j in range(len(h)):
         if h[j] != 0.0:
@@ -139,7 +142,14 @@ def _covariance_times_row(P: Array, gain: Array, o: int, h: Array) -> None:
 
 @njit(**INNER_KERNEL)
 def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
-    """Writes H P Hᵀ of the first m rows of the Jacobian, by the states from row `o` on, into the workspace."""
+    """Writes H P Hᵀ (m, m), the covariance of the predicted measurements, into `work.spread` (its lower triangle).
+
+    Args:
+        P: (n, n) covariance of the error states.
+        work: Workspace with the Jacobian H; its `gain` is left as P hᵀ of the last row.
+        o: First row of the states that H is about.
+        m: Number of measurements, the first rows of H.
+    """
     H = work.jacobian
     for i in range(m):
         _covariance_times_row(P, work.gain, o, H[i])
@@ -154,7 +164,8 @@ def spread_measurements(P: Array, work: Workspace, o: int, m: int) -> None:
 def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     """Length of the innovation of m measurements, in standard deviations, with noise of this variance.
 
-    √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` comes before.
+    √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` must have been
+    called before. L is left in `work.factor`, L⁻¹ z in `work.solved`.
     """
     y, length2 = work.solved, 0.0
     factorise(work.spread, variance, work.factor, m)
@@ -174,9 +185,10 @@ def back_substitute(work: Workspace, m: int) -> None:
 
 @njit(**INNER_KERNEL)
 def apply_gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
-    """Update with m measurements, whose noise grows in proportion to what of the innovation exceeds a gate.
+    """Update with m measurements; their noise is increased if the innovation is improbably large.
 
-    docs/foot_ins.md (11).
+    docs/foot_ins.md (11). If the innovation is k times as long as the gate, k > 1, the noise has k times its standard
+    deviation. The measurements are applied one after the other, each of unit noise, as scalar updates.
 
     Args:
         P: (n, n) covariance, changed in place.

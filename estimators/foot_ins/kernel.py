@@ -53,7 +53,10 @@ def is_possible(rate: Vec3, force: Vec3) -> bool:
 def add_sample(
     memory: state.FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float, float]:
-    """Takes a sample into the ring and, until the filter is aligned, into the alignment.
+    """Takes a sample into the ring of the last samples and, until the filter is aligned, into the alignment.
+
+    The first sample begins an alignment and sets the start of the path. After a gap of more than `MAX_GAP_S` the filter
+    begins a new alignment. Impossible samples, and those not later than the last one, change nothing.
 
     Args:
         memory: State of the foot, changed in place.
@@ -72,8 +75,8 @@ def add_sample(
     if clock[state.PHASE] == state.EMPTY:
         begin(memory, t_ns)
         clock[state.T_LAST] = t_ns
-        store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.path, 0)
-        memory.path[3] = parameters.path_scale_sd
+        store_vec3_at(vec3_at(memory.nominal, state.POSITION), memory.path, 0)  # start of the path, m
+        memory.path[3] = parameters.path_scale_sd  # share of the path's length that stays unknown
     elif t_ns <= clock[state.T_LAST]:
         return state.IGNORED, 0.0, 0.0
     dt = (t_ns - clock[state.T_LAST]) * 1e-9
@@ -87,7 +90,7 @@ def add_sample(
         memory.peak[0] = statistic
         align(memory, parameters, t_ns, force, statistic)
     else:
-        clock[state.T_KNOWN] = t_ns
+        clock[state.T_KNOWN] = t_ns  # the last time at which the filter followed the foot
     clock[state.T_LAST] = t_ns
     return phase, dt, statistic
 
@@ -96,7 +99,9 @@ def add_sample(
 def step(
     memory: state.FilterState, parameters: KernelParameters, t_ns: int, rate: Vec3, force: Vec3
 ) -> tuple[int, float]:
-    """Takes one sample into the memory.
+    """One step of the filter: propagates the state over the sample's interval, then applies all updates that are due.
+
+    These are the reconstruction of a clipped peak, zero velocity, level floor and, for a foot long at rest, zero rate.
 
     Args:
         memory: State of the foot, changed in place.
@@ -112,7 +117,7 @@ def step(
     phase, dt, statistic = add_sample(memory, parameters, t_ns, rate, force)
     if phase != state.NAVIGATING:
         return phase, math.inf
-    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))
+    memory.peak[0] = max(statistic, memory.peak[0] * math.exp(-dt / _PEAK_DECAY_S))  # decaying peak of the statistic
     predict(memory, parameters, rate, force, dt)
     restore_peaks(memory, parameters)
     move_contact_point(memory, parameters, dt)
@@ -132,17 +137,19 @@ def step(
 def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array) -> None:
     """Writes the nominal state, and the covariance of position and attitude.
 
-    The scale of the path is unknown by a share that no update of one foot observes: a state that only adds to the
-    covariance of the position, along the way from the start.
+    The filter may be wrong about the length of the path by a constant share, which no update of one foot can observe.
+    This error is no state of the filter. Only the reported covariance of the position has it: along the straight line
+    from the first sample to here, it adds the variance (share × length)².
 
     Args:
-        memory: State of the foot.
+        memory: State of the foot. `memory.row` is the first of this foot's 21 rows in `memory.covariance`, which may
+            hold both feet. `memory.path` is the position of the first sample (entries 0-2, m) and the share (entry 3).
         nominal: (22,) written: nominal state.
         covariance: (6, 6) written: of position (m) and attitude (rad), world axes.
     """
     P = memory.covariance
     position, attitude = memory.row + state.D_POSITION, memory.row + state.D_ATTITUDE
-    way = axpy(vec3_at(memory.nominal, state.POSITION), -1.0, vec3_at(memory.path, 0))
+    way = axpy(vec3_at(memory.nominal, state.POSITION), -1.0, vec3_at(memory.path, 0))  # from the first sample, m
     copy(memory.nominal, nominal)
     for i in range(3):
         for j in range(3):

@@ -38,8 +38,8 @@ Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 @njit(**INNER_KERNEL)
 def _write(window: TransitionWindow, out: Rows, k: int) -> None:
-    """Releases the oldest sample and writes it into row `k` of `out`."""
-    i = release_oldest(window)
+    """Takes the oldest sample out of the window, smoothed, and writes it into row `k` of the buffers `out`."""
+    i = release_oldest(window)  # row of the sample in the window's ring
     out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
     write_estimate(window.released, out[3][k], out[4][k])
 
@@ -57,6 +57,8 @@ def run(
     out: Rows,
 ) -> int:
     """Takes N samples; after each, outputs the oldest held one if it is `lag_ns` old or the window is full.
+
+    Ignored samples are not held. When the filter has restored a clipped peak, the held samples are corrected, too.
 
     Args:
         memory: State of the foot from `initial_augmented_state`, changed in place.
@@ -124,12 +126,14 @@ class FootInsSmoother:
         parameters: FootInsParameters | None = None,
         start: StartPose | None = None,
     ) -> None:
+        """Prepares filter and window for a lag in s; without a calibration, the IMU is any consumer sensor."""
         if not 0.0 <= lag_s <= MAX_LAG_S:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
         self._memory = initial_augmented_state()
-        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))  # `update` allocates nothing for these
+        # time, rate and force of one sample: `update` uses these buffers and allocates none
+        self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
         self._row = _rows(1)
         self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
         if start is not None:
@@ -163,7 +167,13 @@ class FootInsSmoother:
         return int(self._window.place[HELD])
 
     def _path(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> FootInsPath:
-        """The path over the samples still held and over these, all of them output."""
+        """The path over the samples still held, and then over new ones; afterwards none is held.
+
+        Args:
+            t_ns: (N,) times of the new samples.
+            rate: (N, 3) rad/s.
+            force: (N, 3) m/s², specific force.
+        """
         out = _rows(len(t_ns) + self.held)
         n = run(
             self._memory,

@@ -55,7 +55,11 @@ _STAND_S = 0.0298  # stationary time before the height of a foot counts [real wa
 
 @njit(**INNER_KERNEL)
 def append_sample(memory: state.FilterState, t_ns: int, rate: Vec3, force: Vec3) -> None:
-    """Appends one sample (rad/s, m/s²) to the ring."""
+    """Appends one sample to the ring of the last samples, over the oldest one.
+
+    A row of the ring is the angular rate (entries 0-2, rad/s) and the specific force (entries 3-5, m/s²). `clock[HEAD]`
+    is the row of the newest sample, `clock[FILL]` the number of valid rows.
+    """
     head = (memory.clock[state.HEAD] + 1) % state.RING
     memory.clock[state.HEAD] = head
     memory.clock[state.FILL] = min(memory.clock[state.FILL] + 1, state.RING)
@@ -73,8 +77,9 @@ def motion_statistic(memory: state.FilterState, parameters: KernelParameters) ->
 
     mean |f - g f̄/|f̄||² / accel_scale² + mean |ω - b_g|² / gyro_scale²
 
-    |g| is the size of the force at rest, which an uncalibrated accelerometer measures with an error of some per cent;
-    before the alignment, any size within `_MAX_NORM_ERROR` of gravity.
+    |g| is the size of the force at rest, as measured in the alignment (`memory.norm`): an uncalibrated accelerometer
+    measures gravity with an error of some per cent. Before that, it is the size of the mean force, limited to within
+    `_MAX_NORM_ERROR` of gravity. The statistic is small for a foot at rest.
     """
     newest = memory.ring_t_ns[state.ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
@@ -93,25 +98,35 @@ def motion_statistic(memory: state.FilterState, parameters: KernelParameters) ->
     if g == 0.0:
         most = _MAX_NORM_ERROR * parameters.gravity_mps2
         g = parameters.gravity_mps2 + min(max(size - parameters.gravity_mps2, -most), most)
-    spread2 = force2 / n - 2.0 * g * size + g * g
+    spread2 = force2 / n - 2.0 * g * size + g * g  # mean |f - g f̄/|f̄||², multiplied out
     return max(spread2, 0.0) / ACCEL_SCALE_MPS2**2 + rate2 / n / GYRO_SCALE_RADPS**2
 
 
 @njit(**INNER_KERNEL)
 def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParameters) -> float:
-    """Standard deviation of a stationary foot's speed, m/s, by the motion statistic (docs/foot_ins.md (7))."""
+    """Standard deviation of a stationary foot's speed, m/s, by the motion statistic (docs/foot_ins.md (7)).
+
+    It grows with the statistic, without a limit: the caller decides from which value on the foot counts as moving.
+
+    Args:
+        statistic: Motion statistic at the sample (`motion_statistic`).
+        peak: Slowly decaying peak of it: the stances of a fast gait are less quiet.
+        parameters: Parameters of the filter.
+    """
     level = max(parameters.stationary_level, parameters.stationary_share * peak)
     return parameters.stationary_speed_mps * math.sqrt(1.0 + (statistic / level) ** parameters.stationary_power)
 
 
 @njit(**INNER_KERNEL)
 def move_contact_point(memory: state.FilterState, parameters: KernelParameters, dt: float) -> None:
-    """Random displacement of the stationary point along the sole over `dt` (s): docs/foot_ins.md (13).
+    """Propagates the displacement of the stationary point along the sole over `dt` (s): docs/foot_ins.md (13).
 
-    A first-order Gauss-Markov process of standard deviation `contact_sd_m` and time constant `_CONTACT_S`, across the
-    lever arm: a foot rolls over the same ball in every step.
+    It is a first-order Gauss-Markov process of standard deviation `contact_sd_m` and time constant `_CONTACT_S`. So the
+    displacement returns to 0 only slowly: a foot rolls over the same ball in every step. The noise is across the lever
+    arm only.
     """
     x, P, o = memory.nominal, memory.covariance, memory.row + state.D_CONTACT
+    # share of the displacement that is left after dt; it scales the state, and its rows and columns of P
     kept = math.exp(-dt / _CONTACT_S)
     for i in range(3):
         x[state.CONTACT + i] *= kept
@@ -125,6 +140,7 @@ def move_contact_point(memory: state.FilterState, parameters: KernelParameters, 
 def vary_height_drift(memory: state.FilterState, parameters: KernelParameters, dt: float) -> None:
     """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
     x, P, o = memory.nominal, memory.covariance, memory.row + state.D_DRIFT
+    # share of the drift that is left after dt; it scales the state, and its row and column of P
     kept = math.exp(-dt / _HEIGHT_DRIFT_S)
     x[state.DRIFT] *= kept
     for j in range(P.shape[0]):
@@ -187,9 +203,10 @@ def zero_velocity_update(
         _put_column(work.jacobian, state.D_ATTITUDE + i, matvec(whitening, cross(v, _UNIT[i])))
         _put_column(work.jacobian, state.D_GYRO_BIAS + i, matvec(whitening, cross(r, axes[i])))
         _put_column(work.jacobian, state.D_CONTACT + i, matvec(whitening, cross(w, axes[i])))
-    slip = axpy(v, 1.0, cross(w, r))
+    slip = axpy(v, 1.0, cross(w, r))  # velocity of the sole's stationary point by the state, m/s: should be 0
     store_vec3_at(matvec(whitening, axpy((0.0, 0.0, 0.0), -1.0, slip)), work.innovation, 0)
     apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
+    # statistics of consistency: with the noise of a single sample, not that of the correlated updates; 3 axes
     memory.nis[state.BY_VELOCITY, 0] += innovation_norm(work, 3, 1.0 / (shared * shared)) ** 2 / 3.0
     memory.nis[state.BY_VELOCITY, 1] += 1.0
     inject(memory)
@@ -203,7 +220,15 @@ def _put_column(H: Array, column: int, v: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
-    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9)."""
+    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9).
+
+    A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger.
+
+    Args:
+        w: (3,) rad/s, angular rate of the foot, world axes.
+        speed_sd: Standard deviation of a stationary foot's speed, m/s.
+        lever_sd: Standard deviation of the lever arm in every direction, m.
+    """
     w2 = dot(w, w)
     across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
     k = (1.0 / speed_sd - across) / max(w2, 1e-12)
@@ -243,7 +268,11 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
 
 @njit(**INNER_KERNEL)
 def inject(memory: state.FilterState) -> None:
-    """Moves the foot's own error into its nominal state, in place."""
+    """Adds the foot's accumulated error to its nominal state, and sets the error to 0, in place.
+
+    The error of the attitude is a rotation in the world that comes before the attitude. As position and velocity have
+    moved, the covariance is transformed by `shift_covariance`.
+    """
     x, error, o = memory.nominal, memory.error, memory.row
     for i in range(state.ATTITUDE):
         x[i] += error[o + i]
@@ -258,7 +287,11 @@ def inject(memory: state.FilterState) -> None:
 
 @njit(**INNER_KERNEL)
 def _floor_variance(memory: state.FilterState, parameters: KernelParameters) -> float:
-    """Variance of the height differences on one floor, m²: `floor_sd_m`, worth `_FLOOR_PRIOR` steps, and the walk's."""
+    """Variance of the height differences on one floor, m².
+
+    The weighted mean of the prior `floor_sd_m`², which counts as `_FLOOR_PRIOR` steps, and of the steps so far:
+    `memory.floor[1]` is how many of them were on one floor, `memory.floor[2]` the sum of their squared differences, m².
+    """
     return (_FLOOR_PRIOR * parameters.floor_sd_m**2 + memory.floor[2]) / (_FLOOR_PRIOR + memory.floor[1])
 
 
@@ -266,16 +299,18 @@ def _floor_variance(memory: state.FilterState, parameters: KernelParameters) -> 
 def _learn_level_step(memory: state.FilterState, same: float, step: float, variance: float, spread: float) -> None:
     """Learns from a step by how much steps on one floor differ in height.
 
-    Of the squared step, only the part counts that is expected to be the floor's and not the path's.
+    The measured difference is partly the floor's unevenness and partly error of the estimated path. The expected square
+    of the floor's part alone is added, weighted by the probability that the floor is the same.
 
     Args:
-        memory: State of the foot, changed in place.
+        memory: State of the foot. Written are `floor`: probability `same` (entry 0), sum of the probabilities (1), sum
+            of the squared differences in m² (2); and `nis[BY_FLOOR]`, the statistics of consistency.
         same: Probability that the step stayed on its floor.
         step: Height of the foot above its last floor, m.
         variance: Variance of the height differences on one floor, m².
         spread: Variance of the step by the path's error, m².
     """
-    share = variance / (variance + spread)
+    share = variance / (variance + spread)  # of the step that is expected to be the floor's
     memory.floor[0] = same
     memory.floor[1] += same
     memory.nis[state.BY_FLOOR, 0] += same * step * step / (variance + spread)
@@ -300,8 +335,11 @@ def level_floor_update(
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
     ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
     to its unevenness and the arm of a tilted sole, or another one anywhere within `_NEW_FLOOR_RANGE_M`. The height is
-    corrected by the probability of the first (`kalman.correct_probably`). If that is below a half, as on a stair or
-    ramp, the floor is at the foot's height and as uncertain as the foot.
+    corrected by the probability of the first (`kalman.correct_probably`). If that is not above a half, as on a stair or
+    ramp, the foot stands on a new floor: its height becomes that of the foot, and it is as uncertain as the foot.
+
+    The comparison happens once per stance, after the foot has been surely stationary for `_STAND_S`. In other samples
+    the function only follows the contact phase of the foot (swinging or standing).
 
     Args:
         memory: State of the foot, changed in place.
@@ -322,14 +360,14 @@ def level_floor_update(
     clear(work, 1)
     h = work.jacobian[0]  # of the sole's height above the floor
     h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
-    height = x[state.POSITION + 2] + r[2]
+    height = x[state.POSITION + 2] + r[2]  # of the sole in the world, m
     known, clock[state.CONTACT_PHASE] = clock[state.CONTACT_PHASE] != state.NEVER_LANDED, state.STANDING
     step = height - x[state.FLOOR]
-    lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)
+    lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)  # by the tilt of the sole, m
     variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
     likelihood = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
-    same, last = 0.0, memory.floor[0]
+    same, last = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on the floor
     prior = last * parameters.same_floor + (1.0 - last) * _SAME_AFTER_NEW
     if known and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood / (likelihood + 1.0 / prior - 1.0)
@@ -338,9 +376,9 @@ def level_floor_update(
         inject(memory)
     if same > 0.5:
         return
-    height = x[state.POSITION + 2] + r[2]
+    height = x[state.POSITION + 2] + r[2]  # again, as a correction may have moved the foot
     x[state.FLOOR] = height
-    h[state.D_FLOOR] = 0.0
+    h[state.D_FLOOR] = 0.0  # the new floor does not depend on the old one
     spread_measurements(P, work, o, 1)
     for j in range(P.shape[0]):
         P[o + state.D_FLOOR, j] = P[j, o + state.D_FLOOR] = work.gain[j]

@@ -33,11 +33,19 @@ _MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a se
 
 @njit(**INNER_KERNEL)
 def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
-    """P <- F P Fᵀ in place, for the foot whose 15 error states begin at row `o`.
+    """P <- F P Fᵀ in place, for the foot whose 21 error states begin at row `o`.
 
-    See docs/foot_ins.md (4). F is the strapdown error model of Titterton & Weston 2004, ch. 12, over `dt` (s), without
-    Earth rotation, at an attitude R (world <- sensor) and a specific force in the world, m/s². P is symmetric: it is
-    computed as F (F P)ᵀ.
+    See docs/foot_ins.md (4). F is the strapdown error model of Titterton & Weston 2004, ch. 12, without Earth rotation.
+    P is symmetric: so F P Fᵀ is computed as F (F P)ᵀ.
+
+    Args:
+        P: (n, n) covariance of the error states.
+        o: First row of the foot's error states.
+        R: (3, 3) rotation, sensor to world, in the middle of the interval.
+        f_world: (3,) m/s², specific force, world axes.
+        dt: Length of the interval, s.
+        path: Length of the path over the interval, m.
+        turn: (3,) rad, rotation across the sole's normal, world axes, by which an error of the gyro's scale acts.
     """
     _apply_transition(P, o, R, f_world, dt, path, turn)
     transpose_rows(P, o + state.D_POSITION, 9)
@@ -47,10 +55,16 @@ def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, pa
 
 @njit(**INNER_KERNEL)
 def transpose_rows(M: Array, first: int, count: int) -> None:
-    """Transposes a matrix (n, n) that is symmetric outside of `count` rows and the same columns, in place."""
+    """Transposes a matrix (n, n) in place that is symmetric except in `count` rows and the same columns.
+
+    Args:
+        M: (n, n) the matrix; only elements in these rows and columns are exchanged.
+        first: First of the rows and columns.
+        count: Number of them.
+    """
     for i in range(first, first + count):
         for j in range(M.shape[1]):
-            if j < first or j > i:
+            if j < first or j > i:  # each pair once
                 M[i, j], M[j, i] = M[j, i], M[i, j]
 
 
@@ -64,7 +78,11 @@ def mirror(M: Array, first: int, count: int) -> None:
 
 @njit(**INNER_KERNEL)
 def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
-    """M <- F M in place; only the foot's own rows of position, velocity and attitude change."""
+    """M <- F M in place; only the foot's own rows of position, velocity and attitude change.
+
+    The arguments are those of `propagate_covariance`. Half of the change of the position comes from the velocity before
+    the step, half from that after it.
+    """
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     g, b = o + state.D_GYRO_BIAS, o + state.D_ACCEL_BIAS
     fx, fy, fz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
@@ -88,7 +106,9 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
 
 @njit(**INNER_KERNEL)
 def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """Covariance of the error seen from a state corrected by `dp` (m) and `dv` (m/s), in place: docs/foot_ins.md (12).
+    """Transforms the covariance P (n, n) in place after position and velocity were corrected: docs/foot_ins.md (12).
+
+    The foot's rows begin at `o`; the corrections were `dp` (m) and `dv` (m/s), world axes.
 
     P <- T P Tᵀ with T of `shift_rows`. A rotation of the whole world about the vertical z is unobservable; in the error
     it is (z × p, z × v, z) at position, velocity and attitude. Where a correction moves p and v, this direction must
@@ -117,7 +137,9 @@ def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
-    """Force at the middle of a rotation by (x, y, z) rad with the velocity change of the constant `f` over it.
+    """Force at the middle of a rotation that changes the velocity as the constant force `f` does over the rotation.
+
+    The rotation is by (x, y, z) rad; `f` (m/s²) and the result are in sensor axes, the result in those at the middle.
 
     The velocity changes by Γ₁(φ) f dt, Γ₁ the left Jacobian of SO(3), which is Exp(φ/2) (1 + [φ]x²/24) to the second
     order (Barfoot 2017, ch. 7).
@@ -146,6 +168,7 @@ def propagate_state(
         across `down` in the world, rad.
     """
     w = axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS))
+    # part of the rate perpendicular to the sole's normal: the scale error acts on it
     across = axpy(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
     wx, wy, wz = axpy(w, -x[state.SCALE], across)
     half = exp((0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz), state.SERIES_RAD)

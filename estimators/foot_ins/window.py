@@ -96,7 +96,7 @@ class TransitionWindow(NamedTuple):
 def empty_window(capacity: int) -> TransitionWindow:
     """An empty window of at most `capacity` samples."""
     transition = np.zeros((capacity + 1, state.STATES, state.STATES))
-    transition[capacity] = np.eye(state.STATES)
+    transition[capacity] = np.eye(state.STATES)  # over no samples
     return TransitionWindow(
         place=np.zeros(3, np.int64),
         t_ns=np.zeros(capacity, np.int64),
@@ -120,7 +120,11 @@ def initial_augmented_state() -> state.FilterState:
 
 @njit(**INNER_KERNEL)
 def augment(memory: state.FilterState) -> None:
-    """Writes zeros and ones into the additional rows of covariance and error before the next sample, in place."""
+    """Prepares the additional 21 rows of covariance and error for the next sample, in place.
+
+    Their covariance with each other is 0, with the foot's own 21 errors the identity; their error is 0. After the
+    filter's step they hold the transition over the sample: see the module's docstring.
+    """
     P, n = memory.covariance, 2 * state.STATES
     for i in range(state.STATES, n):
         for j in range(n):
@@ -132,13 +136,17 @@ def augment(memory: state.FilterState) -> None:
 def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
+    `memory.restored` has a row per sample, counted back from the newest: correction of position (entries 0-2, m),
+    velocity (3-5, m/s) and attitude (quaternion, 6-9). It is added to the stored nominal states; covariances and
+    transitions are mapped to the errors of the corrected states.
+
     Args:
         window: The samples held.
         memory: State after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
     held, summed, moved = place[HELD], place[SUMMED], memory.restored
-    reach = 0  # samples back, from the newest held; older ones have left the window
+    reach = 0  # how many samples of the peak the window still holds, from the newest on
     for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
         if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[state.ring_row(memory, back)]:
             break
@@ -153,13 +161,14 @@ def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
         q = multiply(quaternion_at(moved[back], state.ATTITUDE), quaternion_at(x, state.ATTITUDE))
         store_quaternion_at(normalized(q), x, state.ATTITUDE)
         shift_covariance(window.covariance[i], 0, dp, dv)
-        if held - back >= summed:
+        if held - back >= summed:  # its transition is that from the sample before, not a sum
             _apply_reset(window, i, moved, back, back + 1, reach)
-    last_summed = held - summed + 1
+    last_summed = held - summed + 1  # the last sample that sums of transitions reach to, counted back
     if last_summed <= reach:
         for k in range(summed):
             _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
-    _apply_reset(window, capacity, moved, 1, last_summed, reach)
+    _apply_reset(window, capacity, moved, 1, last_summed, reach)  # the transition over all samples not yet summed
+    # the transition of the newest sample, which `append` is about to take from the rows of `augment`
     dp, dv = vec3_at(moved[1], state.POSITION), vec3_at(moved[1], state.VELOCITY)
     _reset_symmetric(memory.covariance, state.STATES, dp, dv)
     _reset_row(memory.error, state.STATES, dp, dv)
@@ -215,7 +224,17 @@ def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def append(window: TransitionWindow, memory: state.FilterState, phase: int, speed: float) -> None:
-    """Stores the filter's state after a sample that it used in `phase`; the window must not be full."""
+    """Stores the filter's state after a sample; the window must not be full.
+
+    The transition from the sample before to this one (Ψ, J, j) is read from the additional 21 rows of covariance and
+    error, which `augment` has prepared. The sum over the samples not yet summed, in row C of the arrays, is extended.
+
+    Args:
+        window: The samples held, changed in place.
+        memory: State of the filter after the sample.
+        phase: Phase in which the filter used the sample.
+        speed: Standard deviation of a stationary foot's speed, m/s; inf if it is moving.
+    """
     capacity = len(window.t_ns)
     i = (window.place[OLDEST] + window.place[HELD]) % capacity
     window.place[HELD] += 1
@@ -234,7 +253,10 @@ def append(window: TransitionWindow, memory: state.FilterState, phase: int, spee
 
 @njit(**INNER_KERNEL)
 def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
-    """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16)."""
+    """Extends the transition of row `earlier` by that of row `later`, in place: docs/foot_ins.md (16).
+
+    Ψ <- Ψ_later Ψ, J <- J + Ψᵀ J_later Ψ, j <- j + Ψᵀ j_later; row `later` does not change.
+    """
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
     add_transposed_matvec(A, window.evidence[later], window.evidence[earlier])
     multiply_into(window.information[later], A, JA)
@@ -256,6 +278,10 @@ def _symmetrize(A: Array, out: Array) -> None:
 def release_oldest(window: TransitionWindow) -> int:
     """Moves the oldest sample, smoothed with all later ones, into `released`: docs/foot_ins.md (17).
 
+    If no held sample has sums left, the transitions of all of them are summed from the newest back to the oldest, and
+    row C starts again as the identity. The later samples' information is then the sum in the next sample's row,
+    continued by the sum in row C.
+
     Returns:
         Row of the sample in the ring. One must be held.
     """
@@ -274,6 +300,7 @@ def release_oldest(window: TransitionWindow) -> int:
     place[HELD] -= 1
     place[SUMMED] -= 1
     released, P, first, second = window.released, window.covariance[i], window.scratch[0], window.scratch[1]
+    # `released.work.gain` is used as scratch memory of (21,)
     J, evidence, evidence_sum = window.information[capacity], window.evidence[capacity], released.work.gain
     if place[SUMMED] > 0:
         oldest = place[OLDEST]
@@ -287,7 +314,7 @@ def release_oldest(window: TransitionWindow) -> int:
     _symmetrize(J, first)
     multiply_into(P, first, second)
     multiply_into(second, P, first)
-    _symmetrize(first, second)
+    _symmetrize(first, second)  # P J P
     for k in range(state.STATES):
         released.error[k] = 0.0
         for m in range(state.STATES):

@@ -48,6 +48,8 @@ class BoardPrediction:
             points_in_board: (M, 3) m, points that are in front of the camera.
             focal_px: Focal length of the camera, pixels.
         """
+        # points in the camera; `project` (M, 2, 3) and J (M, 2, 6): derivatives of the normalised image coordinates by
+        # the point and by the board's pose
         arms = points_in_board @ self.T_camera_board[:3, :3].T
         x, y, z = (arms + self.T_camera_board[:3, 3]).T
         zero = np.zeros_like(z)
@@ -70,6 +72,8 @@ class BoardTracker:
     """
 
     def __init__(self, shoes: Shoes, exposure_s: float) -> None:
+        """Prepares a detector for each shoe camera that can see a board on the other shoe."""
+        # by topic of the camera: detector of the other shoe's board; index in `FEET` of the camera's foot, calibration
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
         for i, foot in enumerate(FEET):
@@ -79,14 +83,18 @@ class BoardTracker:
                 self._cameras[camera.topic] = i, camera
                 self._detectors[camera.topic] = BoardDetector(board, camera)
         self.exposure_ns = round(exposure_s * 1e9)
-        self._waiting: deque[Image] = deque(maxlen=_HELD)
-        self._searched_ns = dict.fromkeys(self._cameras, -_LOST_EVERY_NS)
-        self._newest_ns = dict.fromkeys(self._cameras, -(2**62))
+        self._waiting: deque[Image] = deque(maxlen=_HELD)  # until both IMUs have reached their time
+        self._searched_ns = dict.fromkeys(self._cameras, -_LOST_EVERY_NS)  # when an image was last searched as a whole
+        self._newest_ns = dict.fromkeys(self._cameras, -(2**62))  # time of each camera's newest image
         # when a board was last found at its prediction; at first, time of the first image
         self._found_ns: int | None = None
 
     def enqueue(self, image: Image) -> bool:
-        """Queues an image; False if no board can be in it, or it is out of order."""
+        """Queues an image until the IMUs have reached its time.
+
+        Returns:
+            Whether it was queued: not if no board can be in it, or if it is out of order.
+        """
         if image.topic not in self._cameras or image.t_ns <= self._newest_ns[image.topic]:
             return False
         self._newest_ns[image.topic] = image.t_ns
@@ -94,7 +102,15 @@ class BoardTracker:
         return True
 
     def pop_ready(self, reached_ns: int) -> list[tuple[Image, int, int]]:
-        """Images whose time both IMUs have reached, with the camera's foot and the time on the IMUs' clock."""
+        """Removes the images whose time both IMUs have reached from the queue.
+
+        Args:
+            reached_ns: Time that both IMUs have reached.
+
+        Returns:
+            These images in time order, each with the index in `FEET` of the camera's foot, and its time on the IMUs'
+            clock, ns.
+        """
         ready = []
         for _ in range(len(self._waiting)):
             image = self._waiting.popleft()
@@ -107,7 +123,10 @@ class BoardTracker:
         return sorted(ready, key=lambda item: item[2])
 
     def detect(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
-        """The board in an image; None if it is not detected or not searched."""
+        """The board in an image; None if it is not detected or not searched.
+
+        If no board has been found at its prediction for `_MISSED_NS`, the whole image is searched first.
+        """
         if self._found_ns is None:
             self._found_ns = image.t_ns
         if image.t_ns - self._found_ns > _MISSED_NS:
@@ -117,7 +136,15 @@ class BoardTracker:
         return self._search_prediction(image, expected)
 
     def _search_prediction(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
-        """The board in an image at its prediction, or anywhere if the prediction is uncertain."""
+        """The board in an image at its prediction, or anywhere if the prediction is uncertain.
+
+        Args:
+            image: The image.
+            expected: Predicted pose of the board.
+
+        Returns:
+            None if it is not detected, or not searched because it faces away or is out of view.
+        """
         detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
         guess = detector.predict(expected.T_camera_board)
         error_px = np.inf
@@ -127,6 +154,7 @@ class BoardTracker:
             return None  # it certainly faces away, or is behind the camera
         if guess is None or not error_px < _LOST_PX:
             return self._search(image, detector, _LOST_EVERY_NS)
+        # a predicted corner may be in the image, given the size of the search region
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
         if not inside.any():
             return None

@@ -68,7 +68,8 @@ class RelativePosition:
         if not poses:
             return None
         T_camera_other = poses[0].T_camera_board @ np.linalg.inv(np.asarray(T_other_board, dtype=float))
-        x, y, z = T_camera_other[:3, 3] - poses[0].T_camera_board[:3, 3]
+        x, y, z = T_camera_other[:3, 3] - poses[0].T_camera_board[:3, 3]  # from the board to the other IMU, camera axes
+        # (3, 6) derivative of the other IMU's position by the board's position and rotation
         J = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
         sd = float(np.sqrt(np.trace(J @ poses[0].covariance @ J.T) / 3))
         p = (np.asarray(T_imu_camera) @ T_camera_other)[:3, 3]
@@ -96,6 +97,7 @@ def merge_events(
     """
     feet = [f for f in range(2) if FEET[f] in imus]
     blocks = [imus[FEET[f]] for f in feet]
+    # IMU samples: time and foot, one foot after the other; `place` is each one's position in time order
     t_ns = _concatenate([b.t_ns for b in blocks], np.int64, (0,))
     foot = np.repeat(np.array(feet, np.int8), [len(b) for b in blocks])
     sequence = np.lexsort((foot, t_ns))
@@ -103,7 +105,8 @@ def merge_events(
     place[sequence] = np.arange(len(t_ns))
 
     aid_t = np.array([a.t_ns for _, a in aids], np.int64)
-    due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)
+    due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)  # ns that both feet must have reached
+    # place of the IMU sample that each aid follows: -1 at once, the number of samples if its time is still to come
     ready = np.full(len(aids), -1)
     for f in range(2):
         rows = place[foot == f]
@@ -114,6 +117,7 @@ def merge_events(
     used = [a for a, pending in zip(aids, is_pending) if not pending]
     aid_t, ready = aid_t[~is_pending], ready[~is_pending]
 
+    # all events, IMU samples first: kind, row in the arrays of the kind, and `final`, their order
     kind = np.array([IMU] * len(t_ns) + [_KIND[type(a)] for _, a in used], np.int8)
     row = np.empty(len(kind), np.int64)
     for k in range(len(_KIND) + 1):
@@ -146,12 +150,17 @@ _KIND = {BoardObservation: OBSERVATION, RelativePosition: RELATIVE, Range: RANGE
 
 
 def _concatenate(arrays: Sequence[NDArray[Any]], dtype: type, empty: tuple[int, ...]) -> NDArray[Any]:
-    """Arrays of one kind after each other, contiguous."""
+    """Arrays of one kind after each other, contiguous; without any, an array of the shape `empty`."""
     return np.concatenate([np.zeros(empty, dtype), *arrays]).astype(dtype, copy=False)
 
 
 def _pad_observations(seen: Sequence[BoardObservation]) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Points (S, M, 3), rays (S, M, 2) and their sd (S, M), M the largest number of points, and (S,) numbers."""
+    """Arrays of S observations with up to M points each; the rows beyond an observation's points are padding.
+
+    Returns:
+        (S, M, 3) m, points in the board's frame; (S, M, 2) their normalised image coordinates; (S, M) standard
+        deviation of each coordinate; (S,) number of points of each observation.
+    """
     count = np.array([len(s.rays) for s in seen], np.int64)
     m = max(count, default=0)
     points, rays, ray_sd = np.zeros((len(seen), m, 3)), np.zeros((len(seen), m, 2)), np.ones((len(seen), m))

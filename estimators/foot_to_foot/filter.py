@@ -100,6 +100,7 @@ class FootToFoot:
         start: Mapping[str, StartPose] | None = None,
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
+        """Prepares the joint state of both feet for the sensors on them, without samples."""
         Rig.check(rig, "FootToFoot")
         method = (options or Options()).method
         if method not in METHODS:
@@ -108,6 +109,7 @@ class FootToFoot:
         self._listens_to = METHODS[method]
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters, published)
+        # of the method: parameters of a foot, calibrations of the IMUs, standard deviation of a gyro's scale
         foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
         if published or shoes.cameras:
             imus = {f: _without_scale_errors(imu) for f, imu in imus.items()}
@@ -128,11 +130,13 @@ class FootToFoot:
             start = side_by_side_start(shoes) if len(shoes.imus) == 2 else {}
         for name, pose in start.items():
             pose.apply_to(self._pair.feet[FEET.index(name)])
-        self._newest_ns = [NEVER, NEVER]
+        self._newest_ns = [NEVER, NEVER]  # time of each foot's newest sample
+        # of each foot's newest used sample: phase, and standard deviation of the stationary foot's speed (m/s)
         self._phase, self._speed = [EMPTY, EMPTY], [np.inf, np.inf]
-        self._held: deque[Aid] = deque(maxlen=MAX_WAITING_AIDS)
+        self._held: deque[Aid] = deque(maxlen=MAX_WAITING_AIDS)  # aids whose time the IMUs have not reached yet
         self._boards = BoardTracker(shoes, parameters.exposure_s)
         self._left_right = LeftRightCheck(shoes.mounts)
+        # index in `FEET` of the foot, by topic of the sensor
         self._camera_of = {camera.topic: FEET.index(f) for f, camera in shoes.cameras.items()}
         self._imu_of = {imu.topic: FEET.index(f) for f, imu in shoes.imus.items()}
         self._sonar_of = {topic: i for i, topic in enumerate(shoes.sonar_topics) if topic}
@@ -197,6 +201,7 @@ class FootToFoot:
             used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.enqueue(sample)
         else:
             used = len(self._process({}, [sample])[1]) > 0
+        # a queued image whose time the IMUs have not reached changes nothing yet
         if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
             return None
         feet = {
@@ -205,7 +210,7 @@ class FootToFoot:
             if self._phase[f] != EMPTY
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
-        reported = np.r_[:REPORTED, STATES : STATES + REPORTED]
+        reported = np.r_[:REPORTED, STATES : STATES + REPORTED]  # the first 15 errors of each foot
         covariance = self._pair.covariance[np.ix_(reported, reported)]
         return FootToFootEstimate(
             t_ns=sample.t_ns, feet=feet, covariance=covariance, observations=tuple(seen or ()), pose=pose
@@ -259,6 +264,13 @@ class FootToFoot:
     ) -> tuple[Events, NDArray[np.int8], Array, Array, Array]:
         """Runs the kernel on samples and on the aids whose time has come.
 
+        Aids that the method does not use, and echoes without a valid distance, are dropped. Aids whose time is still to
+        come are held until a later call. The time, phase and speed of each foot's newest sample are noted.
+
+        Args:
+            imus: Samples of each foot, by `l` and `r`.
+            aids: New aids, in any order.
+
         Returns:
             The events; and phase, figure, state and covariance of each, see `kernel.run`.
         """
@@ -283,7 +295,11 @@ class FootToFoot:
         return self._foot_index(aid, self._sonar_of if isinstance(aid, Range) else self._camera_of)
 
     def _process_images(self) -> list[BoardObservation] | None:
-        """Processes the images whose time has come and uses their observations; None if there is no such image."""
+        """Searches the images whose time has come for boards, and updates the filter by them.
+
+        Returns:
+            The boards found, also those not used while left and right may be exchanged; None if no image was due.
+        """
         ready = self._boards.pop_ready(min(self._newest_ns))
         seen = []
         for image, foot, t_ns in ready:
@@ -306,7 +322,12 @@ class FootToFoot:
         return np.asarray(Rotation.from_quat(q, scalar_first=True).as_matrix())
 
     def _predict_board(self, foot: int, t_ns: int) -> BoardPrediction | None:
-        """Predicted pose of the other foot's board in the camera of a foot at `t_ns`; None if it is unknown."""
+        """Predicted pose of the other foot's board in a foot's camera; None if it is unknown.
+
+        Args:
+            foot: Index in `FEET` of the foot that carries the camera.
+            t_ns: Middle of the exposure, with the calibrated offset to the clock of the IMUs.
+        """
         T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
         known = kernel.predict_board(
             self._pair,

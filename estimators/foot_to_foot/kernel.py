@@ -70,16 +70,24 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
 
     docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two feet
     that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
-    After a gap longer than `MAX_GAP_S` the foot is aligned again, and nothing is done here.
+
+    Nothing is done while the foot is aligned, after a gap longer than `MAX_GAP_S`, for a sample that is out of order,
+    and if the scale is no unknown (variance 0).
+
+    Args:
+        pair: State of both feet, whose covariance is changed in place.
+        foot: Index of the foot in `FEET`.
+        rate: (3,) rad/s, angular rate ω of the sample, sensor axes.
+        t_ns: Time of the sample.
     """
     memory = pair.feet[foot]
     dt = (t_ns - memory.clock[T_LAST]) * 1e-9
-    s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE
+    s, a = SCALES + 3 * foot, memory.row + D_ATTITUDE  # first rows of the foot's scale and attitude errors
     if memory.clock[PHASE] != NAVIGATING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
         return
     R = to_matrix(quaternion_at(memory.nominal, ATTITUDE))
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
-    transpose_rows(pair.covariance, a, 3)
+    transpose_rows(pair.covariance, a, 3)  # P <- F P Fᵀ, computed as F (F P)ᵀ
     _add_scale_error(pair.covariance, a, s, R, rate, dt)
     mirror(pair.covariance, a, 3)
 
@@ -106,6 +114,8 @@ def run(
 ) -> None:
     """Takes N events and writes the estimates after each.
 
+    The proposed method ignores an aid while a foot's sensor is clipped: its error is restored only afterwards.
+
     Args:
         pair: State of both feet, changed in place.
         feet: Parameters of the left and of the right foot.
@@ -117,7 +127,7 @@ def run(
         state: (N, 22) written: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) written: of that foot's position (m) and attitude (rad), world axes.
     """
-    last, earth = -1, vec3_at(pair.earth, 0)
+    last, earth = -1, vec3_at(pair.earth, 0)  # last: the newest IMU sample among the events, -1 before the first
     for k in range(len(events.t_ns)):
         kind, t_ns, f, row = events.kind[k], events.t_ns[k], int(events.foot[k]), events.row[k]
         if kind == IMU:
@@ -175,7 +185,7 @@ def predict_board(
         T_before: (3, 4) written: the earlier pose.
 
     Returns:
-        Whether both poses are known.
+        Whether both poses are known; if not, what is written must not be used.
     """
     then_ns = t_ns + round(1e9 * pair.late[camera])
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)

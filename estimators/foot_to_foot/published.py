@@ -49,7 +49,10 @@ def variance_statistic(memory: FilterState, parameters: PairParameters) -> float
 
 @njit(**INNER_KERNEL)
 def _variance(memory: FilterState, window_s: float, channel: int) -> float:
-    """Variance of one channel over the last `window_s`."""
+    """Variance of one channel over the last `window_s`, of at least two samples if there are two.
+
+    Channels 0-2 are the angular rate, (rad/s)², 3-5 the specific force, (m/s²)².
+    """
     newest = memory.ring_t_ns[ring_row(memory, 0)]
     n, total, squares = 0, 0.0, 0.0
     for back in range(memory.clock[FILL]):
@@ -87,7 +90,7 @@ def step_published(
     predict(memory, foot, rate, force, dt)
     if variance_statistic(memory, parameters) >= parameters.threshold:
         return NAVIGATING, math.inf
-    for i in range(3):
+    for i in range(3):  # zero velocity, one axis after the other
         clear(memory.work, 1)
         h = memory.work.jacobian[0]
         h[D_VELOCITY + i] = 1.0
@@ -128,7 +131,7 @@ def relative_position_update(
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
-    z = axpy(matvec(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))
+    z = axpy(matvec(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))  # measured minus predicted, world axes, m
     variance = sd**2 + parameters.relative_position_sd_m**2
     for i in range(3):
         clear(pair.work, 1)

@@ -104,11 +104,12 @@ def board_update(
     if not (a.known and b.known):
         return UNUSED
     since_s = (t_ns - pair.seen[camera]) * 1e-9
+    # variance by which the camera's clock has drifted since its last observation, s²
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R = board_in_camera(pair, camera, a, b)
     work, board, P = pair.work, pair.board, pair.covariance
     predict_pose(pair.covariance, work, board)
-    for i in range(6):
+    for i in range(6):  # the drift of the clock is part of the predicted pose's covariance
         for j in range(6):
             by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
             board.covariance[i, j] += walked * by_clock
@@ -116,6 +117,7 @@ def board_update(
     rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
+    # `alone` is the factor by which a bad fit increases the noise of this image alone, `shared` that of all images
     ahead, alone = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
     if not ahead:
         return UNUSED
@@ -131,7 +133,13 @@ def board_update(
 
 @njit(**INNER_KERNEL)
 def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
-    """Writes G P Gᵀ into `board.covariance`: covariance of the pose whose derivatives G `board_in_camera` wrote."""
+    """Writes the covariance G P Gᵀ (6, 6) of the board's predicted pose into `board.covariance`.
+
+    Args:
+        P: (n, n) covariance of the error states.
+        work: Workspace whose `jacobian` holds G (6, n), the pose's derivatives, as `board_in_camera` has written them.
+        board: Workspace of the image.
+    """
     spread_measurements(P, work, 0, 6)
     for i in range(6):
         for j in range(i + 1):
@@ -147,7 +155,7 @@ def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
         reduced: Workspace with T (6, 6) and the innovation (6,) of the pose.
         weight: One over the standard deviation of the measurement.
     """
-    T, G, column = reduced.jacobian, work.jacobian, work.solved
+    T, G, column = reduced.jacobian, work.jacobian, work.solved  # `column` (6,) is scratch memory
     for j in range(G.shape[1]):
         for i in range(6):
             column[i] = G[i, j]
@@ -195,10 +203,11 @@ def reduce_measurement(
     work, C, triangle = board.reduced, board.covariance, board.triangle
     T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
     zero(u)  # estimated minus predicted pose
-    for turn in range(_MAX_LINEARIZATIONS):
+    for turn in range(_MAX_LINEARIZATIONS):  # number of the linearisation
         R_now = matmul(to_matrix(exp(vec3_at(u, 3), SERIES_RAD)), R)
         if not _triangulate(board, axpy(p, 1.0, vec3_at(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
-            return turn > 0, alone
+            return turn > 0, alone  # a linearisation before this one is used, if there was one
+        # length of the residuals that no pose explains, over its expectation: 2M coordinates, 6 unknowns
         alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
         for i in range(6):
             z[i] = triangle[i, 6]
@@ -214,7 +223,7 @@ def reduce_measurement(
             work.gain[j] = 0.0
             for i in range(6):
                 work.gain[j] += T[i, j] * work.solved[i]
-        moved2 = 0.0
+        moved2 = 0.0  # squared change of the predicted rays, in standard deviations
         for i in range(6):
             change[i] = -u[i]
             u[i] = 0.0
@@ -258,15 +267,17 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     R_camera_b = matmul(to_camera, b.R)  # camera <- b's IMU
 
     clear(pair.work, 6)
+    # derivatives of the board's position by the rotations of a and b, in world axes
     by_a, by_b = rows_cross(to_camera, d), scale_matrix(-1.0, rows_cross(to_camera, arm))
     _put_pose_columns(G, STATES * camera, scale_matrix(-1.0, to_camera), by_a, a)
     _put_pose_columns(G, STATES * board, to_camera, by_b, b)
+    # derivatives of position and rotation by the camera's clock: velocity and angular rate of the board
     rates = axpy(matvec(by_a, a.rate), 1.0, matvec(by_b, b.rate))
     p_rate = axpy(matvec(to_camera, axpy(b.v, -1.0, a.v)), 1.0, rates)
     R_rate = matvec(to_camera, axpy(b.rate, -1.0, a.rate))
     for i in range(3):
         G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
-    c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
+    c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)  # first columns of camera and board mounts
     store_mat3_at(scale_matrix(-1.0, out), G, 0, c)
     store_mat3_at(rows_cross(out, from_camera), G, 0, c + 3)
     store_mat3_at(scale_matrix(-1.0, out), G, 3, c + 3)
@@ -327,7 +338,7 @@ def _triangulate(
             return False
         x, y, sd = x / depth, y / depth, math.sqrt(ray_sd[i] ** 2 + rotated)
         scale = 1.0 / (depth * sd)
-        for k in range(2):
+        for k in range(2):  # x and y of the ray
             by_point = (scale, 0.0, -x * scale) if k == 0 else (0.0, scale, -y * scale)
             store_vec3_at(by_point, row, 0)
             store_vec3_at(cross(arm, by_point), row, 3)
@@ -338,7 +349,12 @@ def _triangulate(
 
 @njit(**INNER_KERNEL)
 def _add_row(triangle: Array, row: Array) -> None:
-    """Adds a row to the R of a QR decomposition, by Givens rotations; `row` is overwritten."""
+    """Adds a row to the R of a QR decomposition, by Givens rotations, in place.
+
+    Args:
+        triangle: (n, n) upper triangle R; afterwards RᵀR is larger by the outer product of the row with itself.
+        row: (n,) the row, overwritten.
+    """
     for k in range(len(row)):
         size = math.sqrt(triangle[k, k] ** 2 + row[k] ** 2)
         if row[k] != 0.0 and size > 0.0:
@@ -378,12 +394,12 @@ def sonar_update(
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     arm_a, arm_b = matvec(a.R, vec3_at(pair.sonars[sonar], 0)), matvec(b.R, vec3_at(pair.sonars[other], 0))
-    d = axpy(axpy(b.p, 1.0, arm_b), -1.0, axpy(a.p, 1.0, arm_a))
+    d = axpy(axpy(b.p, 1.0, arm_b), -1.0, axpy(a.p, 1.0, arm_a))  # from the sonar to the reflecting point, world, m
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
         return UNUSED
     none = 0.0, 0.0, 0.0
-    to = axpy(none, 1.0 / (size * parameters.range_sd_m), d)
+    to = axpy(none, 1.0 / (size * parameters.range_sd_m), d)  # unit vector over the standard deviation
     clear(work, 1)
     h = work.jacobian[0]
     of_a, of_b = STATES * sonar, STATES * other

@@ -52,8 +52,9 @@ class PastState(NamedTuple):
 def rewind(memory: state.FilterState, gravity: float, t_ns: int, max_age_s: float) -> PastState:
     """State of the foot's IMU at a past time, from the newest state back through the samples since.
 
-    It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A little
-    after the newest sample (a camera's clock may be late) that sample is extrapolated, up to `_MAX_LEAD_S`.
+    It reverses `foot_ins.strapdown.predict` sample by sample, and so is exact except for the noise in between. A time a
+    little after the newest sample is possible, too, as a camera's clock may be late: that sample is extrapolated by up
+    to `_MAX_LEAD_S`. If the state is not known, `known` is false, and the other values must not be used.
 
     Args:
         memory: State of the foot.
@@ -67,16 +68,16 @@ def rewind(memory: state.FilterState, gravity: float, t_ns: int, max_age_s: floa
     age = (clock[state.T_LAST] - t_ns) * 1e-9
     known = clock[state.PHASE] == state.NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
     w = axpy(state.rate_of(memory, state.ring_row(memory, 0)), -1.0, gyro_bias)
-    back, left = 0, known
+    back, left = 0, known  # samples gone back so far; whether the past time is not reached yet
     while left:
         i, before = state.ring_row(memory, back), state.ring_row(memory, back + 1)
-        if age > 0.0 and back + 1 >= clock[state.FILL]:
+        if age > 0.0 and back + 1 >= clock[state.FILL]:  # the ring does not reach back so far
             known = False
             break
         if age > 0.0:
             left = memory.ring_t_ns[before] > t_ns
             dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
-        else:
+        else:  # one step forward: the negative dt extrapolates the newest sample
             left, dt = False, age
         w = axpy(state.rate_of(memory, i), -1.0, gyro_bias)
         half = exp(times(-0.5 * dt, w), state.SERIES_RAD)
@@ -88,6 +89,7 @@ def rewind(memory: state.FilterState, gravity: float, t_ns: int, max_age_s: floa
         p = axpy(p, -dt, axpy(v, 0.5 * dt, a))
         q = normalized(multiply(middle, half))
         back += 1
+    # displacement from the newest state, without that by its velocity and by gravity
     moved = axpy(axpy(p, -1.0, vec3_at(x, state.POSITION)), age, vec3_at(x, state.VELOCITY))
     displacement = moved[0], moved[1], moved[2] + 0.5 * gravity * age * age
     R = to_matrix(q)

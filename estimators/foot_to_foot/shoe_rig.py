@@ -52,13 +52,16 @@ class LeftRightCheck:
     """
 
     def __init__(self, mounts: Array) -> None:
+        """Begins without evidence; a row of `mounts` (4, 7) is position (m) and quaternion (w, x, y, z)."""
         self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
-        self._against = np.zeros(len(_WAYS))
-        self._newest_ns = NEVER
-        self._settled = False
+        self._against = np.zeros(len(_WAYS))  # negative log-likelihood of each assignment
+        self._newest_ns = NEVER  # time of the last image used
+        self._settled = False  # that nothing is exchanged is certain
 
     def agrees(self, observation: BoardObservation, camera: int, R_world_imu: Array) -> bool:
         """Whether an observation by a foot's camera may be used: False while left and right seem exchanged.
+
+        The observation is added to the evidence, unless it is too close in time to the last one.
 
         Args:
             observation: Board of the other foot in an image.
@@ -76,7 +79,7 @@ class LeftRightCheck:
             self._newest_ns = observation.t_ns
             seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
             self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
-        behind = self._against[0] - self._against[1:].min()
+        behind = self._against[0] - self._against[1:].min()  # positive if another assignment is more likely
         self._settled = behind < -_CERTAIN
         if behind > _CERTAIN and np.diff(np.sort(self._against))[0] > _MARGIN:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
@@ -97,6 +100,7 @@ class LeftRightCheck:
             cameras: 1 if the cameras are exchanged, else 0.
         """
         foot = camera ^ cameras  # the foot that actually carries the camera
+        # relative rotation of the shoes, by the image (N, 3, 3) and by the IMUs (3, 3); `off` is the angle between them
         by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
         cosine = (np.einsum("nij,ij->n", by_image, by_imus).max() - 1.0) / 2.0
@@ -147,10 +151,10 @@ def shoes_of(rig: Rig) -> Shoes:
     cameras: dict[str, CameraCalibration] = {}
     boards: dict[str, Board] = {}
     sonars, topics = np.zeros((2, 3)), ["", ""]
-    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))
+    mounts = np.tile([0.0, 0, 0, 1, 0, 0, 0], (4, 1))  # position 0 and the identity quaternion, for missing parts
     for i, foot in enumerate(FEET):
         imu = _find_on_foot(rig.imus.values(), foot, "IMU")
-        if imu is None:
+        if imu is None:  # without an IMU, nothing else on the foot is of use
             continue
         imus[foot] = imu
         T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)

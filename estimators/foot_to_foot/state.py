@@ -28,7 +28,7 @@ CLOCKS = MOUNTS + 4 * 6
 SCALES = CLOCKS + 2
 ALL_STATES = SCALES + 2 * 3
 
-NEVER = -(2**62)  # ns
+NEVER = -(2**62)  # ns, a time before all samples
 OBSERVATIONS, ECHOES = 0, 1  # rows of what is known of their innovations
 
 
@@ -133,7 +133,10 @@ def blank_pair(
 
 @njit(**INNER_KERNEL)
 def inject_all(pair: Pair) -> None:
-    """Moves the error found so far into the nominal state of feet, mounts, clocks and scales, in place."""
+    """Adds the error found so far to the nominal state of feet, mounts, clocks and scales, and sets it to 0, in place.
+
+    A row of `pair.mounts` is position (entries 0-2, m) and quaternion (3-6); its six errors are position and rotation.
+    """
     for foot in range(2):
         inject(pair.feet[foot])
     error = pair.error

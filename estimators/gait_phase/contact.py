@@ -35,20 +35,26 @@ class ContactDetector:
     """
 
     def __init__(self, parameters: GaitPhaseParameters, force_range_mps2: float = 0.0) -> None:
+        """Begins with a foot on the ground, of which no sample is known; a force range of 0 is unknown."""
         self._p = parameters
+        # magnitude from which on an axis counts as clipped, m/s²
         self._limit = _CLIPPED_SHARE * force_range_mps2 if force_range_mps2 > 0.0 else math.inf
         self.is_swing = False
-        self._force: Vec3 = (0.0, 0.0, 0.0)
+        self._force: Vec3 = (0.0, 0.0, 0.0)  # of the last sample, m/s²
         self._jerk = [math.nan] * 3  # of the last interval by axis; NaN next to a gap or a limit
         self._consecutive = 0  # samples without a gap before
-        self._is_pushing = False
+        self._is_pushing = False  # the foot pitches down fast enough for a push-off
+        # time of the last reversal of the pitch rate, the last touch-down and the last sample not at rest; -1 before
         self._reversal_ns = self._touch_down_ns = self._moved_ns = -1
-        self._swing_rate = self._swing_rad = 0.0  # fastest and total upward rotation since the reversal
-        self._usual_impact = math.log(_FIRST_IMPACT_MPS3)
+        self._swing_rate = self._swing_rad = 0.0  # fastest (rad/s) and total (rad) upward rotation since the reversal
+        self._usual_impact = math.log(_FIRST_IMPACT_MPS3)  # mean logarithm of the person's impacts
         self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
 
     def update(self, t_ns: int, interval_s: float, pitch_rate: float, force: Vec3, stride: StrideFilter) -> int | None:
         """Takes one sample; returns the time of a touch-down, ns, or None.
+
+        In a swing, a foot touches down with an impact that is large enough and not too early or, if it lands softly,
+        shortly before it comes to rest. A touch-down in between two swings that was missed is reported late.
 
         Args:
             t_ns: Time of the sample.
@@ -72,11 +78,12 @@ class ContactDetector:
         if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
             return None
         threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
+        # an impact early in the stride, before the foot has rotated up, or while it still does so fast is a knock
         is_due = not stride.is_walking or stride.phase >= _LANDING_PHASE
         is_due &= self._swing_rad > _SWING_RAD and pitch_rate > -_SWING_SHARE * self._swing_rate
         if impact > threshold and is_due:
             self._impact = impact
-            return self._land(t_ns - round(0.5e9 * interval_s))
+            return self._land(t_ns - round(0.5e9 * interval_s))  # in the middle of the interval
         if (t_ns - self._moved_ns) * 1e-9 > _REST_S:
             return self._land(self._moved_ns - round(1e9 * _LANDING_S))
         return None
@@ -88,7 +95,14 @@ class ContactDetector:
         return self._touch_down_ns
 
     def _jerk_change(self, interval_s: float, force: Vec3) -> float:
-        """Change s_k of the jerk between the last two intervals, m/s³, docs/gait_phase.md (1); 0 after a gap."""
+        """Change s_k of the jerk between the last two intervals, m/s³, docs/gait_phase.md (1); 0 after a gap.
+
+        It is the length of the vector over the axes. An axis at its limit in one of the samples is left out.
+
+        Args:
+            interval_s: Time since the sample before, s.
+            force: (3,) m/s², specific force.
+        """
         is_near = 0.0 < interval_s <= _MAX_STEP_S
         self._consecutive = self._consecutive + 1 if is_near else 0
         square = 0.0
@@ -105,8 +119,12 @@ class ContactDetector:
         return math.sqrt(square)
 
     def _learn_impact(self, t_ns: int, impact: float) -> None:
-        """Averages the peaks of the person's impacts, in logarithms."""
-        if self._impact == 0.0:
+        """Averages the peaks of the person's impacts, in logarithms.
+
+        The peak is the largest change of the jerk (`impact`, m/s³) within `_PEAK_S` of a touch-down; then it enters the
+        average.
+        """
+        if self._impact == 0.0:  # no impact since the touch-down that is not averaged yet
             return
         self._impact = max(self._impact, impact)
         if (t_ns - self._touch_down_ns) * 1e-9 > _PEAK_S:
@@ -114,7 +132,15 @@ class ContactDetector:
             self._impact = 0.0
 
     def _detect_reversal(self, t_ns: int, pitch_rate: float, stride: StrideFilter) -> int | None:
-        """Follows the pitch rate through push-off and its reversal.
+        """Follows the pitch rate through push-off and its reversal, which begins the swing.
+
+        Push-off is a fast rotation toes down, the reversal a rotation toes up after it. A push-off counts only from a
+        quarter of a usual stride (in a swing: from a half) after the last touch-down or reversal on.
+
+        Args:
+            t_ns: Time of the sample.
+            pitch_rate: Angular rate about the foot's y axis, rad/s, toes down positive.
+            stride: The filter of the running stride.
 
         Returns:
             Likely time of a touch-down that was missed, ns: two reversals without one between say so; else None.

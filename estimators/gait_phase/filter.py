@@ -48,6 +48,7 @@ class GaitPhase:
     def __init__(
         self, rig: Rig, *, options: Options | None = None, parameters: GaitPhaseParameters | None = None
     ) -> None:
+        """Prepares for the IMU that the rig has on the foot that the options name."""
         Rig.check(rig, "GaitPhase")
         options = options or Options()
         if options.foot not in FOOT_NAMES:
@@ -65,7 +66,11 @@ class GaitPhase:
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
     def update(self, sample: Imu) -> PhaseEstimate | None:
-        """Takes one sample; returns the new estimate, or None if the sample is left out."""
+        """Takes one sample; returns the new estimate, or None if the sample is left out.
+
+        The pitch rate is the component of the angular rate along the foot's y axis, toes down positive. A touch-down,
+        which may lie before the sample, ends a stride and begins the next one.
+        """
         rate, force = np.asarray(sample.angular_rate).tolist(), np.asarray(sample.specific_force).tolist()
         if sample.t_ns <= self._t_ns or not _is_possible(rate, force):
             return None

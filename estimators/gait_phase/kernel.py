@@ -84,14 +84,15 @@ def set_prior(
         shares: (N_STRIDE_KINDS,) probability of each kind of stride.
         ratios: Stride times of the kinds over those on level ground.
     """
-    error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])
+    error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])  # (N_STRIDE_KINDS, CELLS)
+    # each kind is a mixture of a narrow normal density of usual strides and a wide one of irregular strides
     narrow = variance + ratios.variance[:, None]
     wide = narrow + _IRREGULAR_SD**2
     regular = (1.0 - _IRREGULAR_SHARE) * np.exp(-0.5 * error2 / narrow) / np.sqrt(narrow)
     irregular = _IRREGULAR_SHARE * np.exp(-0.5 * error2 / wide) / np.sqrt(wide)
     density = shares[:, None] * (regular + irregular) + 1e-30
     belief.walk[:] = np.log(density)
-    belief.stand[0] = math.log(density.sum() * stand_share / (1.0 - stand_share))
+    belief.stand[0] = math.log(density.sum() * stand_share / (1.0 - stand_share))  # standing then has `stand_share`
 
 
 @_entry_kernel
@@ -100,7 +101,8 @@ def weigh(
 ) -> tuple[float, float, float, float]:
     """Weighs the hypotheses with one pitch rate and takes their means.
 
-    Weights: docs/gait_phase.md (4), (6); means: docs/gait_phase.md (5).
+    Weights: docs/gait_phase.md (4), (6); means: docs/gait_phase.md (5). A hypothesis whose stride time has passed is
+    impossible from then on. The log-weights are scaled so that the largest is 0.
 
     Args:
         belief: Changed in place.
@@ -121,7 +123,7 @@ def weigh(
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE
                 continue
-            place = max(phase * BINS - 0.5, 0.0)
+            place = max(phase * BINS - 0.5, 0.0)  # linear interpolation between the middles of bins i and i + 1
             i = min(int(place), BINS - 2)
             part = min(place - i, 1.0)
             mean = template.mean[c, i] * (1.0 - part) + template.mean[c, i + 1] * part
@@ -132,6 +134,7 @@ def weigh(
             largest = max(largest, belief.walk[c, j])
     belief.stand[0] += share * _log_t(rate, noise)
     largest = max(largest, belief.stand[0])
+    # sums over the hypotheses that the person walks: weight, and weight times phase, squared phase and phase rate
     total, phase_sum, square_sum, rate_sum = 1e-300, 0.0, 0.0, 0.0
     for c in range(N_STRIDE_KINDS):
         for j in range(CELLS):

@@ -67,9 +67,11 @@ class StrideFilter:
     """
 
     def __init__(self, parameters: GaitPhaseParameters) -> None:
+        """Begins without a stride, with what is known of all people."""
         self._p = p = parameters
         self.begin_ns, self.is_regular, self.is_walking = -1, False, False
         self.phase = self.phase_sd = self.rate = 0.0
+        # mean logarithm of the person's stride time (s) on level ground, and its variance
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
         self._belief = Belief(walk=np.zeros((N_STRIDE_KINDS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
@@ -83,6 +85,7 @@ class StrideFilter:
             BEFORE, AFTER
         ]  # (N_STRIDE_KINDS,) probability of a kind of stride, given where it begins
         self._landing = np.eye(LANDINGS)[LEVEL]  # probability of each kind of the last touch-down
+        # stored samples of the running stride: time since its touch-down, s; pitch rate, rad/s; their number
         self._times, self._rates = np.empty(_SAMPLES), np.empty(_SAMPLES)
         self._stored = 0
 
@@ -92,7 +95,11 @@ class StrideFilter:
         return math.exp(self._log_stride)
 
     def begin(self, t_ns: int) -> None:
-        """Ends the running stride with a touch-down, learns from it, and begins the next one."""
+        """Ends the running stride with a touch-down at `t_ns`, learns from it, and begins the next one.
+
+        Nothing is learned from a stride with a gap or a stop, or one of an impossible duration; the person's stride
+        time is then less certain, and the next stride begins on level ground.
+        """
         if self.begin_ns >= 0:
             stride_s = (t_ns - self.begin_ns) * 1e-9
             if self.is_regular and self.is_walking and SHORTEST_S <= stride_s < LONGEST_S:
@@ -107,6 +114,9 @@ class StrideFilter:
 
     def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
         """Updates phase and belief with a pitch rate of the running stride.
+
+        Does nothing while no stride is running. A stride ends without a touch-down when it takes longer than the
+        longest stride, or when the person has more likely stopped than not: `is_walking` is then false.
 
         Args:
             t_ns: Time of the sample.
@@ -131,14 +141,19 @@ class StrideFilter:
             self.is_walking = False
 
     def _learn(self, stride_s: float) -> None:
-        """Learns kind, stride time and template from a stride that has ended: docs/gait_phase.md (7)-(9)."""
+        """Learns kind, stride time and template from a stride that has ended: docs/gait_phase.md (7)-(9).
+
+        Args:
+            stride_s: Duration of the stride, s.
+        """
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]
-        kind = np.exp(column - column.max())
+        kind = np.exp(column - column.max())  # (N_STRIDE_KINDS,) probability of each kind, given the stride time
+        # where all hypotheses of this stride time had become impossible, the prior decides
         kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         kind = kind / kind.sum()
         ratio_variance = float((kind * self._ratios.variance).sum())
-        # docs/gait_phase.md (8)
+        # docs/gait_phase.md (8): Kalman update of the stride time, and of the ratios of the kinds of stride
         innovation = math.log(stride_s) - float((kind * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
         if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
@@ -150,17 +165,23 @@ class StrideFilter:
         gains = kind * self._ratios.variance / expected
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
-        # docs/gait_phase.md (7)
+        # docs/gait_phase.md (7): probability of each kind of ground under this touch-down
         self._landing = np.bincount(AFTER, kind, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
         likely = int(kind.argmax())
         if kind[likely] >= _CERTAIN and self._stored > 1:
             self._learn_template(likely, stride_s)
 
     def _learn_template(self, kind: int, stride_s: float) -> None:
-        """Moves the template of one kind of stride towards the last stride: docs/gait_phase.md (9)."""
+        """Moves the template of one kind of stride towards the last stride: docs/gait_phase.md (9).
+
+        Args:
+            kind: Index of the kind of stride.
+            stride_s: Duration of the stride, s; its samples are those stored.
+        """
         self._strides[kind] = min(self._strides[kind] + 1.0, _TEMPLATE_MEMORY)
         gain = 1.0 / self._strides[kind]
         stored = slice(self._stored)
+        # (BINS,) pitch rate times stride time in the middle of each phase bin, minus the template's
         error = np.interp(_BIN_CENTERS * stride_s, self._times[stored], self._rates[stored]) * stride_s
         error -= self._template.mean[kind]
         self._template.mean[kind] += gain * error

@@ -45,10 +45,12 @@ class Body:
     """
 
     def __init__(self, p_body_in_frame: Array, R_frame_camera: Array, settings: Settings) -> None:
+        """Begins without poses; body's origin (3,) m and camera's rotation (3, 3) are those in their frame."""
         self.set_mount(p_body_in_frame, R_frame_camera)
         self._max_gap_s, self._max_speed_mps = settings.map.max_gap_s, settings.map.max_speed_mps
+        # times (ns) and positions (3,) of the body in the last `_HISTORY_S`
         self._history: deque[tuple[int, Array]] = deque(maxlen=round(_HISTORY_S / _HISTORY_PERIOD_S) + 2)
-        self._look: Array | None = None
+        self._look: Array | None = None  # (2,) horizontal viewing direction of the camera, averaged over time
         self.t_ns = -1
         self.p = np.zeros(3)
 
@@ -58,15 +60,18 @@ class Body:
         self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
 
     def add(self, pose: Odometry) -> bool:
-        """Takes a pose; returns whether the body jumped, or the pose came after a long gap.
+        """Takes a pose, and updates position, history and viewing direction.
 
         Late or non-finite poses are ignored.
+
+        Returns:
+            Whether the body jumped, or the pose came after a long gap; the history then begins anew.
         """
         if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
         R = rotation_matrix(pose.q_world_frame)
         place, forward = pose.p_frame_in_world + R @ self._p, (R @ self._ahead)[:2]
-        forward = forward / max(math.hypot(*forward.tolist()), 1e-9)
+        forward = forward / max(math.hypot(*forward.tolist()), 1e-9)  # (2,) horizontal viewing direction
         dt = (pose.t_ns - self.t_ns) * 1e-9
         far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_SLACK_M + self._max_speed_mps * min(dt, 1.0)
         jumped = self.t_ns >= 0 and (far or dt > self._max_gap_s)
@@ -105,6 +110,7 @@ class Body:
         """
         way = (self.p - self.position_before(min(stride_s, _HISTORY_S)))[:2]
         look = np.zeros(2) if self._look is None else self._look
+        # as if the walker had gone `_STILL_M` more in the viewing direction: that decides only for one who hardly moves
         way = way + _STILL_M * look / max(float(np.linalg.norm(look)), 1e-9)
         return math.atan2(way[1], way[0])
 

@@ -26,16 +26,25 @@ _TREAD_DOWN_FACTOR = 2.0
 
 
 def _find_first_change(ground: Sequence[Segment], here: int, mode: str, p: Settings) -> tuple[str, int] | None:
-    """The first segment ahead of `here` from which the steps' mode is no longer `mode`: the new mode, and its index.
+    """Finds the first segment ahead from which on the steps' mode is another one.
 
     Stairs end at their last edge: the step over it still climbs, the next one does not.
+
+    Args:
+        ground: Terrain segments along the path.
+        here: Index of the segment under the foot.
+        mode: Mode of the steps there.
+        p: Dimensions of steps.
+
+    Returns:
+        The new mode, and the segment's index; None if the mode stays.
     """
     table = mode_table(ground, p)
     for k in range(here + 1, len(ground)):
-        into = MODES[int(table[k - 1, k].argmax())]
+        into = MODES[int(table[k - 1, k].argmax())]  # mode of the step onto segment k
         if into not in (mode, "LG"):
             return into, k
-        onward = MODES[int(table[k, k].argmax())]
+        onward = MODES[int(table[k, k].argmax())]  # mode of steps within it
         if mode in ("SA", "SD"):
             last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
             if into == mode and last and ground[k].length > p.map.max_tread_m:
@@ -81,10 +90,10 @@ def find_next_change(
     if first_change is None:
         return None
     mode, segment = first_change[0], ground[first_change[1]]
-    beyond = chain.on[:, first_change[1] :].sum(axis=1) > 0.5
+    beyond = chain.on[:, first_change[1] :].sum(axis=1) > 0.5  # whether each step more likely lands beyond the change
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
-    else:
+    else:  # so many usual steps more than are predicted
         more = math.ceil(max(0.0, segment.start - moments(chain.density[-1], s)[0]) / step_m)
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
     place = line.origin + segment.start * line.forward

@@ -91,6 +91,7 @@ class LocomotionMode:
         ground: TerrainMap | None = None,
         parameters: LocomotionModeParameters | None = None,
     ) -> None:
+        """Prepares for the depth camera of the rig; without `ground`, it builds a map of its own."""
         Rig.check(rig, "LocomotionMode")
         options = options or Options()
         camera, method = depth_calibration(rig), options.method
@@ -100,12 +101,13 @@ class LocomotionMode:
         self.parameters = parameters or LocomotionModeParameters()
         self.ground, self.method = ground or TerrainMap(rig, options=options), method
         self._settings = p = Settings(self.parameters, self.ground.parameters)
+        # (4, 4) pose of the followed point in the camera's optical frame, see `_mount_in_frame`
         self._T_camera_followed = np.linalg.inv(camera.mount.T_body_sensor) if method == PROPOSED else np.eye(4)
         self._body = Body(*self._mount_in_frame(T_frame_camera), p)
         self._touch = TouchDowns(p)
         self._walking = WalkingInformation(p)
         self._rhythm, self._foothold = StepRhythm(p), FootholdEstimator(p)
-        self._stairs: Stairs | None = None
+        self._stairs: Stairs | None = None  # the last well-known flight: others of the building are alike
 
     @property
     def inner_estimators(self) -> tuple[TerrainMap, ...]:
@@ -123,7 +125,12 @@ class LocomotionMode:
         return POSE_STREAM, *insoles, Stream(role="depth", topic=depth_calibration(rig).depth_topic, kind=Depth)
 
     def update(self, sample: Sample | StepEstimate) -> ModeEstimate | None:
-        """Takes one sample; returns the new prediction, or None if nothing changed."""
+        """Takes one sample; returns the new prediction, or None if nothing changed.
+
+        Poses and depth also go to the map. A jump of the poses resets all that is known of the walk. There is a
+        prediction after a touch-down, after depth from which the map has extracted planes, and after the first estimate
+        of a step by the legs, provided that a recent pose is known.
+        """
         if isinstance(sample, Odometry):
             self.ground.update(sample)
             if sample.topic == CAMERA_POSES:
@@ -160,10 +167,17 @@ class LocomotionMode:
         return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
     def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
-        """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics."""
+        """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics.
+
+        Args:
+            foot: `l` or `r`.
+            t_ns: Time of the touch-down.
+            known: Whether there is a recent pose of the body.
+            detected: Whether the insole detected it; otherwise it is inferred.
+        """
         line, top = self._path_ahead() if known else None, self._body.max_height(self._rhythm.down_ns)
         landing = self._rhythm.land(foot, t_ns, detected)
-        if landing is None:
+        if landing is None:  # the foot only bounced
             return
         if line is None:
             self._foothold.lose_position()
@@ -223,7 +237,12 @@ class LocomotionMode:
         return segments_along(profile, estimate, line.forward, self._settings, self._stairs)
 
     def _predict_proposed(self, t_ns: int) -> ModeEstimate:
-        """The prediction of the proposed method at a time: coming steps and the next change of the ground."""
+        """The prediction of the proposed method at a time: coming steps and the next change of the ground.
+
+        The density of the stance foot is rolled out over the ground along the path. A step's place is the mean of its
+        density, half a step's width to the side of the path; its mode is the most probable one, where ground that is
+        not observed may be of any mode.
+        """
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._path_ahead()
         profile = self._profile(line)
@@ -233,15 +252,17 @@ class LocomotionMode:
             height = foothold_heights(ground, profile, foothold.s, p)
             stance = foothold.after_passing(stance, height, self._body.max_height(rhythm.down_ns))
         chain = foothold.predict_footprints(stance, ground, feet)
-        here, _ = moments(position(stance), foothold.s)
+        here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
         modes = mix_unseen(chain.modes, chain.density @ unseen_probability(profile, foothold.s, here, p))
         times = rhythm.times(feet, t_ns)
         left = np.array([-line.forward[1], line.forward[0]])
+        # (2, 2) rotation from along and across the path to the world
         turn = np.column_stack([line.forward, left])
         slopes = slopes_under(ground, chain.on)
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], foothold.s)
+            # feet are half a step's width beside the path
             xy = line.origin + s * line.forward + 0.5 * p.mode.width_m * SIDE[foot] * left
             steps.append(
                 StepPrediction(
@@ -290,6 +311,7 @@ class LocomotionMode:
         """The prediction of Zhao 2023 (16)-(18) at a time: coming steps without changes of the ground."""
         walking, rhythm, v = self._walking, self._rhythm, self._body.velocity()
         size, step_s = walking.next_size(), walking.step_time()
+        # before two touch-downs the usual step time stands in
         step_s = rhythm.step_s if math.isnan(step_s) else step_s
         return ModeEstimate(
             t_ns=t_ns,

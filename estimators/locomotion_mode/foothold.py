@@ -128,9 +128,10 @@ def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], bef
             every step, so the length of the last step does not reduce that uncertainty.
     """
     height, slope, slope_sd = surface_along(ground, s)
+    # mean and standard deviation of the previous footprint's height and position, m
     high, far = float(before @ height), float(before @ s)
     high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
-    off = (
+    off = (  # differences of length, height and slope, in standard deviations
         (s - far - step.length) / math.hypot(far_sd, step.length_sd, _BODY_SD_M),
         (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, _ELEVATION_SD_M),
         (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + _SLOPE_MATCH_SD_RAD**2),
@@ -152,7 +153,7 @@ def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Seg
     slope = 0.0 if stairs or step.mode == "LG" else step.slope
     slope_sd = math.hypot(p.mode.slope_sd_rad, step.slope_sd)
     tread = min(max(step.length, MIN_FOOTHOLD_M), p.map.max_tread_m)
-    first = foot + p.mode.toe_m + CLEARANCE_SD_M
+    first = foot + p.mode.toe_m + CLEARANCE_SD_M  # the next edge is just ahead of the toes
     edges = [first + k * tread for k in range(_MAX_TREADS)] if stairs else []
     bounds = [-math.inf, *edges, math.inf]
     return [
@@ -201,7 +202,11 @@ class _Stance:
     density: Array
 
     def along(self, line: PathAhead, s: Array) -> Array:
-        """(HABITS, 2, S) joint density over the cells s (S,) of another line."""
+        """(HABITS, 2, S) joint density over the cells s (S,) of another line.
+
+        If the walker has hardly turned, positions are projected onto the new line; otherwise each part becomes a normal
+        density there. If the foot is not on the new line's cells at all, its position is uniform.
+        """
         angle = _angle_between(self.line.forward, line.forward)
         rows = self.density.reshape(-1, len(self.s))
         if abs(angle) > _ROTATION_RAD:
@@ -256,6 +261,7 @@ class FootholdEstimator:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Begins with an unknown walker who stands."""
         self._p = settings
         self._habits = Habits(settings)
         cells = round((BEHIND_M + settings.mode.reach_m) / GRID_M)
@@ -264,15 +270,16 @@ class FootholdEstimator:
 
     def reset(self, sd_m: float = _WALKING_SD_M) -> None:
         """Resets to an unknown walker: the foot's position then follows from the body alone, to `sd_m`."""
-        self._length = usual_steps(self._p.mode.step_m, self._p)
-        # top of the body over a foot, m
+        self._length = usual_steps(self._p.mode.step_m, self._p)  # length of steps on level ground, m
+        # greatest height of the body over a foot, m
         self._tall = StepFilter(USUAL_HEIGHT_M, USUAL_HEIGHT_M, _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M)
+        # length of steps on ramps over that on level ground, uphill and downhill
         self._ramps = StepFilter(_RAMP_STEP, _RAMP_STEP_SD, _CLIMB_SD, STEP_DRIFT, self._p.mode.step_noise)
-        self._stance: _Stance | None = None
+        self._stance: _Stance | None = None  # None: the foot's position follows from the body alone
         self._shares = self._habits.prior  # (HABITS,) probability of each habit, for when the position is lost
         self._sd_m = sd_m
         self._alike = 0  # steps in a row on ground of one mode
-        self._landed: _LastLanding | None = None
+        self._landed: _LastLanding | None = None  # None if the last step could not be measured
         self.last_step: MeasuredStep | None = None  # the last step as the legs measured it
         self._step_estimates: list[StepEstimate] = []  # the last step estimates of the legs
 
@@ -334,8 +341,17 @@ class FootholdEstimator:
         habit: Habit,
         landing: Likelihoods | None = None,
     ) -> Chain:
-        """Chain of the coming steps for the part (2, S) of the stance density that belongs to one habit."""
+        """Chain of the coming steps for the part of the stance density that belongs to one habit.
+
+        Args:
+            stance: (2, S) that part, by whether the last step crossed an edge (no, yes).
+            ground: Terrain segments along the path.
+            feet: `l` or `r` of each coming step.
+            habit: The habit.
+            landing: Likelihoods of the last step's position, if that one has just ended; None: unknown.
+        """
         lengths = [self._length.mean(SIDE[foot]) for foot in feet]
+        # standard deviation common to all steps, m: of the estimated length, and of its change up to the next edge
         shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
         ratios = {mode: (self._ramps.mean(kind), self._ramps.sd(kind)) for mode, kind in CLIMB.items()}
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
@@ -366,12 +382,15 @@ class FootholdEstimator:
             went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
         stance = self.after_passing(self.stance_density(line), height, top)
+        # `came`: (2,) direction of the last step; `behind`: (S,) density of the foot behind, with the mean `before`
         came = None if self._stance is None else self._stance.line.forward
         behind = position(stance)
         before, _ = moments(behind, self.s)
+        # length of the steps that were not detected, m
         between = sum(self._length.mean(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - BEHIND_M  # position relative to the body
-        went = self.s - before - between
+        went = self.s - before - between  # (S,) length of the last step for each landing position, m
+        # (S,) deviation of the foot from where the body implies it, after a step on even ground and over an edge, m
         even = ahead + self._body_lead(ground, body) - 0.5 * went
         over = ahead - _EDGE_AHEAD_M - _EDGE_AHEAD_SHARE * (went - self._p.mode.usual_tread_m)
         likelihoods = Likelihoods(
@@ -392,7 +411,7 @@ class FootholdEstimator:
                 1.0 if came is None else math.exp(-0.5 * (_angle_between(came, line.forward) / _ROTATION_SD_RAD) ** 2)
             )
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
-            if self._alike > 1 and math.isfinite(floor):
+            if self._alike > 1 and math.isfinite(floor):  # on even ground the body's top shows the leg's length
                 self._tall.update(0.0, top - floor)
 
     def _learn(
@@ -421,6 +440,7 @@ class FootholdEstimator:
         before, before_sd = moments(stance, self.s)
         landing_s, landing_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
         sd = math.hypot(landing_sd, before_sd)
+        # probability of a step over an edge, or of one that joins the other foot
         off_level = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
         even = straight * (1.0 - min(1.0, 2.0 * float(off_level)))
         segment_behind, segment_ahead = (ground[segment_under(ground, s, self._p)] for s in (before, landing_s))
@@ -441,7 +461,15 @@ class FootholdEstimator:
         self._update_length(foot, mode, length, sd, even)
 
     def _update_length(self, foot: str, mode: str, length: float, sd: float, even: float) -> None:
-        """Updates the step length (m) on ground of a mode; does nothing if the mode differs under the feet."""
+        """Updates the step length on ground of a mode; does nothing if the mode differs under the feet.
+
+        Args:
+            foot: `l` or `r`, the foot that has landed.
+            mode: LG, RA or RD; "" if it differs under the feet.
+            length: Length of the step, m.
+            sd: Standard deviation of it, m.
+            even: Probability that the step is comparable to others.
+        """
         if mode == "LG":
             self._length.update(SIDE[foot], length, sd, even)
         elif mode:
@@ -449,12 +477,18 @@ class FootholdEstimator:
             self._ramps.update(CLIMB[mode], length / level, sd / level, even)
 
     def add_step(self, estimate: StepEstimate, foot: str, down_ns: int) -> bool:
-        """Takes the legs' estimate of the step that ended with the last touch-down; returns whether it is the first.
+        """Takes the legs' estimate of the step that ended with the last touch-down.
+
+        It corrects the density of the foot that has landed, and repeats the update of the step lengths with the
+        measured length in place of the camera's.
 
         Args:
-            estimate: Estimate of the step.
+            estimate: Estimate of the step; a later one of the same step replaces it.
             foot: Foot that touched down last.
             down_ns: Time of that touch-down.
+
+        Returns:
+            Whether it is the first usable estimate of that step; False also if it belongs to another step.
         """
         if not self._step_estimates or self._step_estimates[-1].step != estimate.step:
             self._step_estimates = [*self._step_estimates[-2:], estimate]
@@ -468,6 +502,7 @@ class FootholdEstimator:
         stance = landed.stance
         density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before)
         self._stance = replace(stance, density=density / density.sum())
+        # back to before the camera's update by this step
         self._length, self._ramps = copy(landed.length), copy(landed.ramps)
         self._update_length(step.foot, landed.mode, step.length, step.length_sd, landed.even)
         return first

@@ -77,7 +77,9 @@ class Habits:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Sets the shares of walkers with each habit, and how probably such a walker joins the feet on a tread."""
         self._min_step_height_m = settings.min_step_height_m
+        # (HABITS,) share of walkers with each habit, and probability q that such a walker joins the feet on a tread
         other_share = 1.0 - _JOINERS - _TWO_AT_A_TIME
         self.prior: Array = np.empty(HABITS)
         self.prior[_BOTH], self.prior[_TWO] = _JOINERS, _TWO_AT_A_TIME
@@ -112,9 +114,14 @@ class Habits:
         """Groups of habits by their steps on this ground: (2, S) part of the joint density, and the group's habit.
 
         Habits whose steps differ at most by joining form one group. Other habits are a group each, and left out if
-        improbable.
+        improbable. One foot per tread differs only where a tread has room for a second step; two treads at a time
+        differs only where two edges in a row lead up.
+
+        Args:
+            joint: (HABITS, 2, S) joint density of the stance foot.
+            ground: Terrain segments along the path.
         """
-        apart = []
+        apart = []  # habits whose steps differ on this ground
         if any(_TWO_PACES_M < length <= _ONE_PACE_M for length in _tread_lengths(ground)):
             apart.append(_ONE)
         if any(min(one.drop, other.drop) > self._min_step_height_m for one, other in pairwise(ground)):
@@ -125,9 +132,15 @@ class Habits:
         return [(joint[group].sum(axis=0), self._mean_habit(joint, group)) for group in groups]
 
     def _mean_habit(self, joint: Array, group: list[int]) -> Habit:
-        """The habit of a group of habits; its probabilities of joining are means over the walkers of the group."""
+        """The habit of a group of habits; its probabilities of joining are means over the walkers of the group.
+
+        Args:
+            joint: (HABITS, 2, S) joint density of the stance foot.
+            group: Indices of the habits.
+        """
         chances = self.chances[group]
         crossed, shares = joint[group, 1].sum(axis=-1), joint[group].sum(axis=(1, 2))
+        # of later steps: mean over all walkers of the group; of the next step: over those whose step crossed an edge
         later = float(shares @ chances / shares.sum()) if shares.sum() > 0.0 else float(chances.mean())
         following = float(crossed @ chances / crossed.sum()) if crossed.sum() > 0.0 else later
         return Habit(joins=(following, later), one_per_tread=group == [_ONE], treads=2 if group == [_TWO] else 1)
@@ -138,6 +151,14 @@ def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) ->
 
     No step goes backward. A step over m edges has the weight 0.01^(m−1); γ of docs/locomotion_mode.md (15) applies to
     steps that walkers of the habit hardly ever take.
+
+    Args:
+        ground: P terrain segments.
+        habit: How the walker uses stairs.
+        settings: Gives the lowest step that is an edge.
+
+    Returns:
+        Weights (P, P) from the segment of the row to that of the column: on even ground, over edges.
     """
     edges, order = np.array(edges_before(ground)), np.arange(len(ground))
     between = edges[None, :] - edges[:, None]  # edges crossed
@@ -149,6 +170,7 @@ def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) ->
         even[treads, treads] = _AGAINST_HABIT
     if habit.treads > 1:
         least = settings.min_step_height_m
+        # `up`: steps between segments with no edge downward in between
         not_up = np.cumsum([abs(segment.drop) > 0.0 and segment.drop <= least for segment in ground])
         up = (over > 0.0) & (not_up[None, :] == not_up[:, None])
         fewer = between < habit.treads

@@ -110,6 +110,7 @@ class WalkingInformation:
         if self.last is None or speed == 0.0 or not math.isfinite(size):
             return None
         forward = self.last.v[:2] / speed
+        # `side` is the sign of the foot that lands so many steps ahead, left positive
         left, side = np.array([-forward[1], forward[0]]), SIDE[self.last.foot] * (-1.0) ** ahead
         offset = 0.5 * size * forward + 0.5 * self._width_m * side * left
         return self.last.p[:2] + forward * size * ahead + offset, forward
@@ -168,6 +169,7 @@ def predict_published_steps(
     size, before, steps = walking.next_size(), walking.stance(), []
     for k, foot in enumerate(rhythm.next_feet()):
         footprint = walking.footprint(k + 1)
+        # time of the landing; one that is overdue is expected soon
         at_ns = max(rhythm.down_ns + int(1e9 * (k + 1) * step_s), t_ns + int(1e9 * SOON_S * (k + 1)))
         place, height, mode = body, math.nan, "LG"
         if footprint is not None:

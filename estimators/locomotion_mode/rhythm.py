@@ -57,14 +57,17 @@ class StepFilter:
     """
 
     def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
-        self._x = np.array([mean, 0.0])
-        self._P = np.diag([sd**2, asymmetry_sd**2])
+        """Begins with the prior of the mean, and a difference of 0 between the kinds."""
+        self._x = np.array([mean, 0.0])  # mean, and half the difference between the kinds
+        self._P = np.diag([sd**2, asymmetry_sd**2])  # covariance of the two
         self._drift, self._noise = drift, noise
 
     def update(self, kind: float, value: float, value_sd: float = 0.0, sure: float = 1.0) -> None:
-        """Updates mean and left-right difference with one step, docs/locomotion_mode.md (4).
+        """Updates mean and difference of the kinds with one step: docs/locomotion_mode.md (4).
 
-        An outlier, such as a step into a pause, gets less weight.
+        It is a Kalman update of the state (mean, half the difference) by `value` = mean + kind · half the difference.
+        An outlier, such as a step into a pause, gets less weight. A step that is surely not comparable only adds the
+        drift of the mean.
 
         Args:
             kind: 1 or -1 (`SIDE`, `CLIMB`), 0 if unknown.
@@ -133,7 +136,10 @@ class TouchDowns:
         self._feet = {foot: _Foot() for foot in FOOT_OF_TOPIC.values()}
 
     def update(self, sample: Insole) -> str | None:
-        """The foot that touches down with this sample, else None."""
+        """The foot, `l` or `r`, that touches down with this sample, else None.
+
+        A touch-down after too short a swing is not reported: the foot had not left the ground.
+        """
         foot = self._feet.get(FOOT_OF_TOPIC.get(sample.topic, ""))
         load = float(sample.force.sum())
         if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < _MAX_FORCE_N:
@@ -142,7 +148,7 @@ class TouchDowns:
         foot.t_ns = sample.t_ns
         foot.least = min(load, foot.least + _CREEP_NPS * dt)
         foot.most = max(load, foot.most * math.exp(-dt / _PEAK_LOAD_S))
-        over = load - foot.least
+        over = load - foot.least  # load above the insole's zero, N
         if foot.down:
             if over < self._p.lift_n or load < _LIFT_SHARE * foot.most:
                 foot.down, foot.raised_ns, foot.least = False, sample.t_ns, load
@@ -183,6 +189,7 @@ class StepRhythm:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Begins before the first touch-down, with the prior of the step time."""
         self._p = settings.mode
         self._time = usual_steps(self._p.step_s, settings)
         self.foot, self.down_ns, self.step = "", -1, 0
@@ -205,10 +212,19 @@ class StepRhythm:
         return self.down_ns >= 0 and (t_ns - self.down_ns) * 1e-9 > _OVER_FOOT_SHARE * self._time.mean()
 
     def land(self, foot: str, t_ns: int, detected: bool) -> StepLanding | None:
-        """Records a touch-down of `l` or `r`, detected by its insole or inferred.
+        """Records a touch-down, detected by the foot's insole or inferred from the other foot.
+
+        Two touch-downs of one foot in a row, far enough apart, mean that a step of the other foot was missed: its
+        insole counts as not detecting, until it detects again. A detected touch-down after a time that is no pause
+        updates the step time.
+
+        Args:
+            foot: `l` or `r`.
+            t_ns: Time of the touch-down.
+            detected: Whether it was detected rather than inferred.
 
         Returns:
-            None if the foot only bounced.
+            The landing; None if the foot only bounced.
         """
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if detected and foot == self._undetected:
@@ -222,6 +238,7 @@ class StepRhythm:
         first = self.down_ns < 0
         measurable = detected and not (missed or first or self._inferred)
         if detected:
+            # an inferred touch-down has no exact time: then the time since the last detection is that of two steps
             since, steps = (self._detected_ns, 2) if self._inferred else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
             if not first and seconds < _PAUSE_STEPS * self._p.step_s:
@@ -236,7 +253,14 @@ class StepRhythm:
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:
-        """Landing time of each coming step, ns, and its standard deviation, s."""
+        """Landing time of each coming step, ns, and its standard deviation, s.
+
+        A landing that is overdue is expected in `SOON_S`.
+
+        Args:
+            feet: Foot of each coming step, as from `next_feet`.
+            t_ns: Present time.
+        """
         landings = []
         at = float(self.down_ns if self.down_ns >= 0 else t_ns)
         variance = 0.0

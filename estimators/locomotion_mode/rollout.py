@@ -102,6 +102,9 @@ def roll_out(
 ) -> Chain:
     """Predicts the densities of the next footprints by the chain of docs/locomotion_mode.md (5).
 
+    With the likelihoods of a landing, the last of the steps is one that has just ended: then the chain's `last` is the
+    density of the foot that has landed.
+
     Args:
         stance: (2, S) density of the stance foot over the cells, by whether its step crossed an edge (no, yes).
         s: (S,) m along the path, evenly spaced.
@@ -114,13 +117,14 @@ def roll_out(
         landing: Likelihoods of the last step's position; None: unknown.
     """
     habit = habit or Habit()
-    weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR
+    weight = foothold_weights(ground, s, settings) + _WEIGHT_FLOOR  # (P, S)
+    # (P, P) weights of steps between segments, on even ground and over edges: for any walker, and for this habit
     plain = step_weights(ground, Habit(), settings)
     even, over = plain if habit.is_usual else step_weights(ground, habit, settings)
     level, unsure = path_scale(ground, s, ratios)
-    shifts = length_sd * _NODES
-    band = round(_MAX_STEP_M / (s[1] - s[0]))
-    kinds = list(dict.fromkeys(lengths))
+    shifts = length_sd * _NODES  # (H,) common changes of all steps, m: nodes of a Gaussian quadrature
+    band = round(_MAX_STEP_M / (s[1] - s[0]))  # number of cells that a step may reach
+    kinds = list(dict.fromkeys(lengths))  # steps of equal length are of one kind and share their kernels
     kind = np.array([kinds.index(length) for length in lengths])
     step_kernels = [_kernels(s, level, unsure, length, shifts, band, settings.mode.step_noise) for length in kinds]
     usual_sums = _sum_steps(weight, *plain, step_kernels)
@@ -135,7 +139,7 @@ def roll_out(
         share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
         kind[-1] = len(kinds)
     near, far, beside = (np.array([of_kind[i] for of_kind in step_kernels]) for i in range(3))
-    first = stance[:, None, :] * weight
+    first = stance[:, None, :] * weight  # (2, P, S) density of the stance foot by segment
     mass = float(first.sum())
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
     joins = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
@@ -222,7 +226,11 @@ def _nearby_cells(lag: float) -> NDArray[np.int64]:
 
 
 def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
-    """Kernels of a step times the likelihoods of its landing positions, by kind of step."""
+    """Kernels of a step times the likelihoods of its landing positions, by kind of step.
+
+    Row p of a kernel is about the cells from p on (`near`, `far`) or around p (`beside`): `onward` and `around` are the
+    indices of these cells, limited to the path.
+    """
     cells, half = len(landing.even), kernels.beside.shape[1] // 2
     here = np.arange(cells)[:, None]
     onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)

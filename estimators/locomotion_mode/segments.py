@@ -109,7 +109,7 @@ def segments_along(
         p: Dimensions and standard deviations.
         usual: Stairs like those here; None: none observed.
     """
-    changes, until = _passable_changes(
+    changes, until = _passable_changes(  # until: beyond it the ground is impassable, m along the path
         _without_tread_breaks(_without_small_objects(profile.changes, p), p), profile, estimate, p
     )
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
@@ -118,8 +118,9 @@ def segments_along(
         bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
         bounds += _to_bounds(change, usual, p)
-    first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)
+    first = max(k for k, bound in enumerate(bounds) if bound.s < 0.0)  # the last bound behind the start of the path
     bounds = [*bounds[first : first + _MAX_SEGMENTS], _Bound(math.inf, 0.0, 0.0)]
+    # slope of each segment in the map and its standard deviation, rad; indices of the segments with a mapped slope
     mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, _LEVEL_SD_RAD), []
     for k, (one, other) in enumerate(pairwise(bounds)):
         measured = None
@@ -129,6 +130,7 @@ def segments_along(
             mapped[k], sd[k] = measured
             known.append(k)
     slope = mapped.copy()
+    # whether two such segments are neighbours and meet in a slope break
     breaks = np.array([j == i + 1 and bounds[j].drop == 0.0 for i, j in pairwise(known)], bool)
     slope[known], sd[known] = remove_lean(mapped[known], sd[known], breaks, p.mode.lean_sd_rad)
     return [
@@ -157,7 +159,7 @@ def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Chang
     kept: list[Change] = []
     for change in sorted(changes, key=lambda c: c.s):
         kept.append(change)
-        risen = 0.0
+        risen = 0.0  # from before edge k until after this change, m
         for k in range(len(kept) - 1, -1, -1):
             if kept[k].kind != "edge":
                 break
@@ -179,7 +181,17 @@ def _without_tread_breaks(changes: list[Change], p: Settings) -> list[Change]:
 def _passable_changes(
     changes: list[Change], profile: Profile, estimate: TerrainEstimate | None, p: Settings
 ) -> tuple[list[Change], float]:
-    """The changes between impassable edges behind and ahead of the walker, and the passable distance, m."""
+    """The changes between the last impassable edge behind the walker and the first one ahead.
+
+    Args:
+        changes: All changes in order along the path.
+        profile: Profile of the ground along the path.
+        estimate: Planes and terrains of the map; None: unknown.
+        p: Dimensions of steps.
+
+    Returns:
+        The changes; place of the impassable edge ahead, m along the path, inf without one.
+    """
     behind = 0
     for k, change in enumerate(changes):
         if _is_impassable(change, profile, estimate, p):
@@ -190,7 +202,11 @@ def _passable_changes(
 
 
 def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
-    """Whether an edge is impassable: a rise above a riser where no flight continues, or too steep a drop."""
+    """Whether an edge is impassable: a rise above a riser where no flight continues, or too steep a drop.
+
+    `change.drop` is the rise of the ground in m, negative where it falls. A deep fall may be passable: the larger the
+    standard deviation of the edge's place, the more treads may be hidden behind it.
+    """
     if change.drop <= 0.0:
         return -change.drop > p.map.max_riser_m * (1.0 + _HIDDEN_PER_SD * change.sd / MIN_FOOTHOLD_M)
     if change.drop <= p.map.max_riser_m:
@@ -205,7 +221,7 @@ class _Bound(NamedTuple):
     Attributes:
         s: Place along the path, m.
         sd: Standard deviation of the place, m.
-        drop: Height that the ground falls there, m; negative where it rises.
+        drop: Height by which the ground rises there, m; negative where it falls, 0 at a slope break.
         drop_sd: Standard deviation of the drop, m.
     """
 
@@ -230,10 +246,18 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     upper ground ends; if the drop is more than a riser, treads are occluded and assumed. The upper ground appears to
     end too early, by about the estimated standard deviation, because pixels at discontinuities and sparse columns are
     removed.
+
+    Args:
+        change: Edge or slope break.
+        usual: Stairs like those here; None: none observed.
+        p: Dimensions and standard deviations.
+
+    Returns:
+        One bound or, for a deep fall, that of each assumed step; `drop` is negative where the ground falls.
     """
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
-    hidden = _HIDDEN_PER_SD * change.sd
+    hidden = _HIDDEN_PER_SD * change.sd  # length of ground that the edge occludes, m
     riser, tread, riser_sd, tread_sd = _assume_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
     sd = min(change.sd, OCCLUDED_EDGE_SD_M)
@@ -241,7 +265,7 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     first = _Bound(edge_s, sd, change.drop)
     if -change.drop < p.map.max_riser_m or count < 2 or hidden < MIN_FOOTHOLD_M:
         return [first]
-    if hidden / (count - 1) < MIN_FOOTHOLD_M:
+    if hidden / (count - 1) < MIN_FOOTHOLD_M:  # so many treads do not fit into the hidden length
         count = 1 + int(hidden / MIN_FOOTHOLD_M)
     tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
     return [
@@ -263,7 +287,11 @@ def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float
 def _read_slope(
     profile: Profile, estimate: TerrainEstimate | None, forward: Array, start: float, end: float, p: Settings
 ) -> tuple[float, float] | None:
-    """Slope of the map between two positions along the path and its standard deviation, rad; None without a plane."""
+    """Slope of the map between two positions along the path and its standard deviation, rad; None without a plane.
+
+    It is that of the plane with the most points of the profile there or, where the profile has slopes of its own, their
+    median over this plane.
+    """
     planes = {} if estimate is None else estimate.planes
     inside = (profile.s > start) & (profile.s < end) & (profile.plane >= 0)
     known = [int(i) for i in profile.plane[inside] if int(i) in planes]
@@ -272,7 +300,7 @@ def _read_slope(
     plane = planes[int(np.bincount(known).argmax())]
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
-    bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)
+    bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)  # slope by drift of the poses, rad
     slope, sd = math.atan(float(plane.gradient @ forward)), plane.slope_sd
     if profile.slope is not None and profile.slope_sd is not None:
         slope, sd = float(np.median(profile.slope[on])), float(np.median(profile.slope_sd[on]))
@@ -291,9 +319,19 @@ def segment_under(ground: Sequence[Segment], s: float, p: Settings) -> int:
 
 
 def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Array]:
-    """(S,) m height over the first segment's at s = 0, (S,) rad slope and (S,) its standard deviation."""
+    """Height and slope of the ground at positions along the path.
+
+    The height follows the mapped slopes, because it is compared with the map; the slope is the true one.
+
+    Args:
+        ground: Terrain segments.
+        s: (S,) m along the path.
+
+    Returns:
+        (S,) height over the first segment's at s = 0, m; (S,) slope, rad; (S,) its standard deviation, rad.
+    """
     height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
-    base = 0.0
+    base = 0.0  # height at the start of the segment, m
     for k, segment in enumerate(ground):
         here = (s >= segment.start) & (s < segment.end) if k else s < segment.end
         begin = segment.start if k else 0.0
@@ -322,6 +360,7 @@ def foothold_heights(ground: Sequence[Segment], profile: Profile, s: Array, p: S
     known = np.isfinite(profile.height)
     if not known.any():
         return None
+    # height of the map over that of the segments, which begins at 0
     off = np.median(profile.height[known] - surface_along(ground, profile.s[known])[0])
     half = half_sole(p)
     under, ends = s + half, [segment.end for segment in ground]
@@ -336,12 +375,12 @@ def edges_before(ground: Sequence[Segment]) -> list[int]:
 
 def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another: docs/locomotion_mode.md (9)."""
-    table = np.zeros((len(ground), len(ground), len(MODES)))
+    table = np.zeros((len(ground), len(ground), len(MODES)))  # of steps from segment a to b; 0 for steps backward
     for b, segment in enumerate(ground):
         up, down = (
             probability_above(sign * segment.slope, p.mode.min_ramp_slope_rad, segment.slope_sd) for sign in (1.0, -1.0)
         )
-        risen = 0.0
+        risen = 0.0  # sum of the edges between a and b, m
         for a in range(b, -1, -1):
             high = low = 0.0
             if risen != 0.0:
@@ -365,7 +404,7 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
         p: Dimensions of the sole.
     """
     weights = np.ones((len(ground), len(s)))
-    middle = s + half_sole(p)
+    middle = s + half_sole(p)  # of the sole
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
     # behind: a riser after a step down, a free edge after a step up, else a slope break
     inside = s - p.mode.heel_m - start[1:, None]
@@ -414,7 +453,7 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
     seen = profile.s[profile.plane >= 0]
     bounds = np.concatenate([[-np.inf], seen, [np.inf]])
     i = np.searchsorted(seen, s)
-    back, ahead = s - bounds[i], bounds[i + 1] - s
+    back, ahead = s - bounds[i], bounds[i + 1] - s  # distance to the nearest observed position on either side, m
     between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
     return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 

@@ -37,8 +37,8 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     Returns:
         (N,) slopes, rad; (N,) their standard deviations, rad.
     """
-    lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad
-    off, variance = slope[:, None] - lean, sd[:, None] ** 2
+    lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad  # (L,) hypotheses, rad
+    off, variance = slope[:, None] - lean, sd[:, None] ** 2  # (N, L) slopes without the lean
     built = np.array([_FLAT_SD_RAD, _RAMP_SD_RAD]) ** 2
     share = np.array([_LEVEL_SHARE, 1.0 - _LEVEL_SHARE])
     likelihood = share[:, None] * _normal_density(off[:, None, :], (variance + built)[:, :, None])
@@ -46,7 +46,7 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     weight = _normal_density(lean, lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
-    shrink = built / (built + variance)
+    shrink = built / (built + variance)  # (N, 2) share of the measured slope that is kept
     kept, kept_squared = (np.einsum("nk,nkl->nl", factor, kinds) for factor in (shrink, shrink**2))
     mean, square = off * kept, variance * kept + off**2 * kept_squared
     true_slope = mean @ weight
@@ -63,6 +63,7 @@ def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     Returns:
         (N, 2, L) the probability; (L,) evidence of each lean.
     """
+    # weights of the kinds (level, ramp) of two neighbours: all equal or, at a slope break, both level is unlikely
     beside = np.ones((2, 2))
     at_break = beside.copy()
     at_break[_LEVEL, _LEVEL] = _FALSE_BREAK

@@ -158,6 +158,7 @@ def apply_quaternion(q: Array, v: Array) -> Array:
 
 
 def _stack_rows(*rows: tuple[Array, Array, Array]) -> Array:
+    """(..., 3, 3) matrices from three rows of three entries, each an array (...)."""
     out = np.empty((*np.shape(rows[0][0]), 3, 3))
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):

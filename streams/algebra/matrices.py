@@ -336,10 +336,13 @@ def substitute_backward_in_vector(L: Array, x: Array, size: int) -> None:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def factorise_vectorised(L: Array, size: int) -> bool:
-    """Cholesky factor of the leading `size` rows, in place in the lower triangle; False where there is none.
+    """Overwrites the lower triangle of the leading `size` rows by their Cholesky factor.
 
     Four rows at a time, so that their common factor is read once; faster than LAPACK at this size. Its sums run in
     another order than those of `factorise`, so the last digits differ.
+
+    Returns:
+        Whether there is one: false for a matrix that is not positive definite, which is then partly overwritten.
     """
     for j in range(size):
         a = L[j]
@@ -372,7 +375,7 @@ def factorise_vectorised(L: Array, size: int) -> bool:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def solve_damped(A: Array, b: Array, size: int, damping: float, L: Array, x: Array) -> bool:
-    """Solves A x = b for the first `size` unknowns, with a damped diagonal.
+    """Solves (A + damping diag(A)) x = b for the first `size` unknowns, by a Cholesky factorisation.
 
     Args:
         A: (N, N) matrix, of which the lower triangle is read.
@@ -383,7 +386,7 @@ def solve_damped(A: Array, b: Array, size: int, damping: float, L: Array, x: Arr
         x: (N,) written: the solution.
 
     Returns:
-        False where A is not positive definite.
+        Whether the damped matrix is positive definite; if not, `x` is not written.
     """
     for i in range(size):
         for j in range(i):

@@ -49,6 +49,7 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     names: dict[str, str] = {}
 
     def assign(topic: str, ours: str) -> None:
+        """Gives a topic of the bag one of ours, unless another topic has that already."""
         if ours not in taken:
             names[topic] = ours
             taken.add(ours)
@@ -158,6 +159,7 @@ class _Stream(Generic[KeyT]):
     """
 
     def __init__(self, channel: Channel) -> None:
+        """Begins without messages; only types that become samples have a reader."""
         self.channel = channel
         self.reader = (
             TopicReader(channel.topic, channel.typename, channel.encoding, channel.definition)
@@ -166,8 +168,8 @@ class _Stream(Generic[KeyT]):
         )
         self.is_image = self.reader is not None and self.reader.is_image
         self.times: list[int] = []
-        self.payloads: list[bytes] = []
-        self.keys: list[KeyT] = []
+        self.payloads: list[bytes] = []  # CDR bytes: of the first image, or of every other message
+        self.keys: list[KeyT] = []  # by which the bag finds each message again
 
     def add(self, log_time: int, payload: bytes, key: KeyT) -> None:
         """Keeps what is needed of a message: its stamp, its key, and the payload unless it is a later image.
@@ -179,7 +181,7 @@ class _Stream(Generic[KeyT]):
         """
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
-        has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER
+        has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER  # others are decoded later, with their stamps
         self.times.append((read_header_stamp(payload) if has_stamp else 0) or log_time)
         self.keys.append(key)
 
@@ -234,7 +236,15 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
 
 
 def _open_streams(bag: Bag[KeyT], notes: Notes) -> tuple[dict[str, _Stream[KeyT]], dict[str, str]]:
-    """The streams that can be read, and the types of the others."""
+    """The streams of a bag that can be read, still without messages, and the types of the others.
+
+    Args:
+        bag: The open bag.
+        notes: Collects streams whose message definition cannot be parsed.
+
+    Returns:
+        Streams by topic; type of the messages of each other topic.
+    """
     streams: dict[str, _Stream[KeyT]] = {}
     unread: dict[str, str] = {}
     definitions = Definitions()
@@ -283,6 +293,7 @@ def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader,
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
     def load(topic: str, i: int) -> Image | Depth:
+        """Reads image `i` again, under a topic; depth, which is decoded as mm, gets its own unit."""
         image = reader.read_image(bag.read_payload(source, keys[i]), int(times[i]), topic)
         if isinstance(image, Depth) and units_m != _MILLIMETRE:
             return replace(image, depth=image.depth * np.float32(units_m / _MILLIMETRE))
@@ -320,7 +331,11 @@ def _read_extra(
 
 
 def _read_header_frame(payload: bytes) -> str:
-    """The frame in a message's header, "" without a header."""
+    """The frame in a message's header, "" without a header.
+
+    The header is at the beginning: 4 bytes of encapsulation, 8 of the stamp, 4 with the length of the frame's name, and
+    the name. Messages of types without a header have other bytes there, whose text is then no frame.
+    """
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
     try:

@@ -49,6 +49,7 @@ def fit_radtan(intrinsics: Intrinsics, distortion: Array, size: tuple[int, int])
     focal = np.array([fu, fv])
     d = np.zeros(MOST_TERMS)
     d[: len(distortion)] = distortion
+    # `seen`: distorted points of a grid of pixels, at z = 1; `rays`: the undistorted ones
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, _ACROSS), np.linspace(0, size[1] - 1, _ACROSS))
     seen: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
     rays = seen
@@ -116,10 +117,11 @@ class BagCalibration:
     """
 
     def __init__(self, notes: Notes) -> None:
+        """Begins without calibrations; `notes` collects what cannot be used."""
         self._notes = notes
         self.assumed: dict[str, str] = {}
-        self._infos: dict[str, RosMessage] = {}
-        self._parents: dict[str, tuple[str, Array]] = {}
+        self._infos: dict[str, RosMessage] = {}  # CameraInfo, by the common beginning of the camera's topics
+        self._parents: dict[str, tuple[str, Array]] = {}  # by frame: its parent and T_parent_frame (4, 4), m
 
     def add_camera_info(self, topic: str, message: RosMessage) -> None:
         """Adds a camera's intrinsics; those of an uncalibrated camera (focal length 0) are reported and not used.
@@ -169,6 +171,7 @@ class BagCalibration:
             info = self._find_info(topic)
             if info is None:
                 continue
+            # the IMU whose topic has the longest beginning in common with the camera's
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
             T = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
             if imu and T is None:
@@ -242,7 +245,7 @@ class BagCalibration:
             one the first four are used. Both are reported as assumptions.
         """
         sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
-        four = np.zeros(4)
+        four = np.zeros(4)  # the first four coefficients
         four[: len(d[:4])] = sound[:4]
         what = f"distortion {model_name!r} with {len(d)} coefficients"
         is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
@@ -262,7 +265,7 @@ class BagCalibration:
         a, b = self._transform_to_root(target.strip("/")), self._transform_to_root(source.strip("/"))
         if a is None or b is None or a[0] != b[0] or not target or not source:
             return None
-        T = np.eye(4)
+        T = np.eye(4)  # T_root_target⁻¹ T_root_source
         T[:3, :3] = a[1][:3, :3].T @ b[1][:3, :3]
         T[:3, 3] = a[1][:3, :3].T @ (b[1][:3, 3] - a[1][:3, 3])
         return T

@@ -71,8 +71,10 @@ class McapBag:
     """
 
     def __init__(self, paths: list[Path], notes: Notes) -> None:
+        """Reads through all files for their schemas and channels."""
         self._paths, self._notes = paths, notes
-        self._topics: list[dict[int, str]] = [{} for _ in paths]
+        self._topics: list[dict[int, str]] = [{} for _ in paths]  # of each file, topic by channel id
+        # the chunk unpacked last: number of the file and offset, and its bytes
         self._cached: tuple[tuple[int, int], bytes] = ((-1, -1), b"")
         channels: dict[str, Channel] = {}
         for i, path in enumerate(paths):
@@ -97,7 +99,7 @@ class McapBag:
                             for k in range(len(messages)):
                                 at = int(messages.starts[k]), int(messages.lengths[k])
                                 yield topic, int(messages.log_time[k]), messages.payload(k), (i, offset, *at)
-                elif opcode == Opcode.MESSAGE and len(body) >= _LOOSE.size:
+                elif opcode == Opcode.MESSAGE and len(body) >= _LOOSE.size:  # a message outside chunks
                     channel, _, log_time, _ = _LOOSE.unpack_from(body)
                     topic = self._topics[i].get(channel, "")
                     if topic in topics:
@@ -201,8 +203,10 @@ class BoundedReader(rosbag1.Reader):
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the bag with budgets that follow from the file's size."""
         super().__init__(path)
         self._size = path.stat().st_size
+        # budgets that are left: unpacked bytes, and entries of indexes
         self._bytes = _FREE_BYTES + _BYTES_PER_BYTE * self._size
         self._entries = self._size // _BYTES_PER_ENTRY
 
@@ -225,6 +229,7 @@ class BoundedReader(rosbag1.Reader):
         """
         assert self.bio is not None
         here = self.bio.tell()
+        # the last 4 of these 55 bytes are the length of the index
         self._entries -= int.from_bytes(self.bio.read(55)[51:], "little") // _BYTES_PER_ENTRY
         if self._entries < 0:
             raise ValueError("an index longer than the bag")
@@ -281,6 +286,7 @@ class RosBag:
     """
 
     def __init__(self, path: Path, is_ros1: bool, notes: Notes) -> None:
+        """Checks the index of a ROS 1 bag, opens the bag, and converts the definitions of its messages."""
         self.path, self._is_ros1, self._notes = path, is_ros1, notes
         self._definitions = Definitions()
         with self._convert_errors():
@@ -298,7 +304,7 @@ class RosBag:
     def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, RosKey]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
         wanted = [c for c in self._connections if c.topic in topics]
-        counts: dict[tuple[int, int], int] = {}
+        counts: dict[tuple[int, int], int] = {}  # number of the last message, by connection and time
         messages = self._reader.messages(connections=wanted) if wanted else iter(())
         while True:
             try:

@@ -120,7 +120,11 @@ def _read_imu(folder: Path, topic: str, notes: Notes) -> Block[Imu]:
 
 
 def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
-    """Reads `data.csv` of a ground truth, with or without velocities, as odometry of the body's frame."""
+    """Reads `data.csv` of a ground truth, with or without velocities, as odometry of the body's frame.
+
+    Without a header, velocities are assumed if there are enough columns. If the poses are those of another frame, such
+    as a marker, the `T_BS` in `sensor.yaml` beside the file converts them.
+    """
     header, rows = read_text_rows(file, ",")
     names = [_split_unit(word)[0] for word in header]
     has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _count_columns(rows) > len(POSE_COLUMNS) + 3)
@@ -301,18 +305,20 @@ def render_right_view(
     """
     with np.errstate(divide="ignore"):
         measured = np.where(depth > 0, focal_px * baseline_m / depth, np.nan).astype(np.float64)
+    # (H, W) pixels by which each pixel of the left image moves to the left
     disparity = np.nan_to_num(np.take_along_axis(measured, _find_background(measured), axis=1))
     width = disparity.shape[1]
     rows: Any
     columns: Any
     rows, columns = np.indices(disparity.shape)
-    seen = np.full(disparity.shape, -np.inf)
+    seen = np.full(disparity.shape, -np.inf)  # disparity in the right image; the largest, of the nearest surface, stays
     for reach in (np.floor, np.ceil):  # both columns next to a warped pixel, so that slopes leave no cracks
         target = reach(columns - disparity).astype(np.int64)
         inside = (target >= 0) & (target < width)
         np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
     seen[~np.isfinite(seen)] = np.nan
     from_column = _find_background(seen)
+    # (H, W) column of the left image that each pixel of the right one comes from
     x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
     right = cv2.remap(
         left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -331,6 +337,7 @@ def _find_background(disparity: Array) -> NDArray[np.int64]:
     """
     known = np.isfinite(disparity)
     at = np.arange(disparity.shape[1])
+    # column of the nearest pixel with a disparity to the left and to the right; -1 and the width without one
     before = np.maximum.accumulate(np.where(known, at, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, at, len(at))[:, ::-1], axis=1)[:, ::-1]
     padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
@@ -422,6 +429,7 @@ def _write_stereo(
     topics = {"cam0": left, "cam1": right}
 
     def images(camera: CameraCalibration) -> Iterator[Image]:
+        """Yields the images of the left camera or, for the right one, those rendered from them and their depth."""
         for t in times.tolist():
             (image,) = recording.images(left.topic, t_ns=[t])
             assert isinstance(image, Image)

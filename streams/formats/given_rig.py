@@ -49,6 +49,9 @@ class Streams:
     def find(self, rostopic: str, as_read: bool, number: str = "") -> str | None:
         """Our topic of the stream that a calibration describes, None without such a stream.
 
+        Tried in turn are: the source's names and their defaults, and our topics; the names without the endings that ROS
+        drivers add; for sources without topics, the names of Kalibr's sections.
+
         Args:
             rostopic: Topic in the calibration.
             as_read: Whether our topics take precedence over the source's names when a name is both.
@@ -101,6 +104,7 @@ def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool)
     """
 
     def rename(item: CalibrationT) -> CalibrationT:
+        """One sensor under its new topic, on the body that this implies, with its references renamed as well."""
         topic, body = topic_of(item.topic), item.mount.body
         if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
@@ -134,7 +138,7 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
     sensors: dict[str, Mapping[str, Calibration]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
-    topic_of: dict[str, str] = {}
+    topic_of: dict[str, str] = {}  # our topic of each sensor of the file that matches a stream
     for stem in ("imu", "cam", ""):
         for i, item in enumerate(sensors[stem].values()):
             number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""
@@ -144,6 +148,7 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
                 target = item.topic  # a camera that has depth alone
             if target is not None and target not in topic_of.values():
                 topic_of[item.topic] = target
+    # depth streams that only a camera refers to, and our topics of them
     links = {c.depth_topic for c in rig.cameras.values()} - {""} - topic_of.keys()
     linked = {link: streams.find(link, as_read) or link for link in links}
     matched = Rig(
@@ -153,6 +158,7 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
         others={t: o for t, o in rig.others.items() if t in topic_of},
     )
     renamed = rename_rig(matched, lambda t: topic_of.get(t) or linked.get(t, t), bodies_are_known=True)
+    # sensors of a plain Kalibr file, whose body is the IMU itself: they are mounted on the known body
     plain = {topic_of[t] for t, i in matched.imus.items() if i.mount.body == PLAIN_BODY}
     plain |= {topic_of[t] for t, c in matched.cameras.items() if c.mount.body == PLAIN_BODY}
     imus = {t: _mount_imu(i, known.imus.get(t)) if t in plain else i for t, i in renamed.imus.items()}

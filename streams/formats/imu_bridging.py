@@ -55,11 +55,13 @@ def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block
 def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period."""
     t_ns = block.t_ns
+    # of each group of rows with one stamp: its first row, and its number of rows
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
     if len(first) == len(t_ns):
         return block
     counts = np.diff(np.append(first, len(t_ns)))
     period = float(np.median(np.diff(t_ns[first]) / counts[:-1]))
+    # time of the first row of each group, and of the row after the last one, ns since the first row
     known = np.append(t_ns[first], t_ns[-1] + round(period * counts[-1])) - t_ns[0]
     at = np.interp(np.arange(len(t_ns)), np.append(first, len(t_ns)), known.astype(np.float64))
     notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
@@ -74,6 +76,7 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
     t_ns = block.t_ns
     steps = np.diff(t_ns)
     period = float(np.median(steps))
+    # each step together with those before and after it, ns
     around = np.convolve(np.pad(steps, 1, constant_values=round(period)), np.ones(3), "valid")
     wide = (steps > _GAP * period) & (around > (_GAP + 2) * period)  # after a late stamp, the next step is short
     short = wide & (steps <= LONGEST_S * 1e9)
@@ -83,7 +86,7 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
         notes.warn(f"{name}: {report}, the first of them {steps[at] * 1e-9:.3g} s at {t_ns[at] * 1e-9:.6f} s")
     if not short.any():
         return block
-    missing = np.where(short, np.rint(steps / period).astype(np.int64) - 1, 0)
+    missing = np.where(short, np.rint(steps / period).astype(np.int64) - 1, 0)  # samples to insert after each
     stamps = _insert_stamps(t_ns, missing)
     longest = float(steps[short].max()) * 1e-6
     report = f"{int(short.sum())} gaps of up to {longest:.3g} ms are bridged by {int(missing.sum())} samples"
@@ -94,7 +97,7 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
 
 def _insert_stamps(t_ns: Stamps, missing: Stamps) -> Stamps:
     """The stamps (N,) with `missing` (N - 1,) evenly spaced ones inserted after each but the last, ns."""
-    places = np.concatenate(([0], np.cumsum(missing + 1)))
+    places = np.concatenate(([0], np.cumsum(missing + 1)))  # row of each known stamp in the result
     since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))
     stamps = t_ns[0] + np.rint(since).astype(np.int64)
     stamps[places] = t_ns  # exactly

@@ -142,6 +142,7 @@ def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (),
     names = [name for name, _ in named]
     dialect = _find_dialect(names, bool(sensors))
     owners = list(sensors) or [""] * len(names)
+    # index of the column, by sensor and quantity and then by axis
     axes_by_signal: dict[tuple[str, str], dict[str, int]] = {}
     for at, (name, unit) in enumerate(named):
         kind, axis = _classify_column(name, unit, quantity, names)
@@ -151,7 +152,7 @@ def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (),
         _to_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in axes_by_signal.items()
     )
     time = next((names.index(name) for name in _TIME if name in names), None)
-    if time is None and sensors and names[0] in ("", "axis"):
+    if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
     known = unit_of(named[time][1]) if time is not None else None
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
@@ -175,7 +176,7 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
         quantity = TIME if key == "t" else ACCEL if key[0] == "a" else GYRO
         matched = _UNIT.fullmatch(text)
         name, unit = (matched[1], matched[2]) if matched else (text, "")
-        bare = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]
+        bare = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]  # names without units
         at = next((names.index(w) for names in (list(header), bare) for w in (text, name) if w in names), None)
         if at is None:
             raise ConfigError(path, f"{OPTION} {key}", name, f"one of the columns {', '.join(header)}")

@@ -84,6 +84,15 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
 def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes: Notes) -> Block[Imu]:
     """Joins the force and the rate of one sensor to a checked IMU without short gaps.
 
+    If both have the same stamps they are joined row by row. Otherwise the gaps of each are bridged first, and the force
+    is interpolated to the stamps of the rate.
+
+    Args:
+        path: The source, for errors.
+        sensor: Name of the sensor; "" for the only one.
+        parts: Force and rate, by `accel` and `gyro`.
+        notes: Collects what was bridged and joined.
+
     Raises:
         ConfigError: One of them is missing, a number or a stamp is invalid, or the values are no IMU's.
     """
@@ -102,7 +111,7 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         _check_numbers(part)
         _check_times(part)
     name = sensor or "IMU"
-    if force.t is rate.t:
+    if force.t is rate.t:  # both are columns of one table
         columns = {"angular_rate": rate.values, "specific_force": force.values}
         block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(rate.t), columns=columns)
         block = bridge_gaps(name, block, notes)

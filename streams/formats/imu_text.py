@@ -122,8 +122,8 @@ def _read_scalars(
         ConfigError: A cell is no number, or stamps, an axis or a unit are missing.
         csv.Error: The text is no table.
     """
-    comments: list[str] = []
-    first = ""
+    comments: list[str] = []  # lines of Xsens' head, which may name the rate
+    first = ""  # the first line of the table
     for first in text:
         if first.startswith("//"):
             comments.append(first)
@@ -144,6 +144,7 @@ def _read_scalars(
     if not columns.signals:
         raise missing_axis_error(path, quantity or ACCEL, AXES[0], header)
     counter, rate_hz = _find_counter(columns, comments, request)
+    # index of the column of times or of the counter, in a list; empty without one, or with a rate in the request
     at = [c for c in (columns.time if counter is None else counter,) if c is not None and request.rate_hz is None]
     wanted = [*at, *(index for signal in columns.signals for index in signal.at)]
     body = chain([head], rows) if head is not None else rows
@@ -201,7 +202,7 @@ def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> f
         return UNITS[TIME][columns.time_unit]
     assert columns.time is not None
     steps = np.diff(t)
-    step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
+    step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan  # period in the table's unit
     name = columns.names[columns.time]
     if name in ("", "axis") and np.all(steps == 1):
         raise ConfigError(path, "column 1", "numbers of rows", f"stamps in s, or {RATE} HZ")
@@ -258,7 +259,7 @@ def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TableP
         text: Lines of the file.
         quantity: `accel` or `gyro`, which the file's name tells; "" is refused.
     """
-    keys: dict[str, str] = {}
+    keys: dict[str, str] = {}  # of the file's head, which ends with `endheader`
     for line in text:
         if line.strip().lower() == "endheader":
             break
@@ -308,7 +309,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
     """
     parts: list[TablePart] = []
     for file in _list_tables(path):
-        sensor = _WORDS.sub("", file.stem)
+        sensor = _WORDS.sub("", file.stem)  # what the name of the file says beside the quantity
         for part in read_text_table(file, request, notes):
             name = part.sensor or sensor
             if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
@@ -318,6 +319,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
         parts = [_add_gravity(p, gravity) if p.quantity == ACCEL else p for p in parts]
         notes.warn(f"{_GRAVITY} is added to the forces")
     if all(part.quantity != ACCEL for part in parts):
+        # a table of forces without gravity, if there is one, for the message
         without = next((f.name for f in sorted(path.iterdir()) if _WITHOUT_GRAVITY.search(f.name)), None)
         raise ConfigError(path, "forces", without, "an accelerometer with gravity, as the sensor measures it")
     if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):

@@ -137,8 +137,10 @@ class _Frames:
     """The frames of a video with stamps (N,) ns, decoded in order; going back decodes again from the start."""
 
     def __init__(self, path: Path, t_ns: Stamps) -> None:
+        """Prepares for a video whose frames have the stamps `t_ns` (N,); nothing is decoded yet."""
         self._path, self._t_ns = path, t_ns
-        self._frames: Iterator[Any] = iter(())
+        self._frames: Iterator[Any] = iter(())  # the frames that are still to be decoded
+        # number of the next frame, -1 if decoding has to start again; pixels (H, W, 3) of the last one
         self._next, self._last = -1, np.zeros((0, 0, 3), np.uint8)
 
     def load_image(self, topic: str, number: int) -> Image:
@@ -155,9 +157,9 @@ class _Frames:
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
         """
-        if number == self._next - 1:
+        if number == self._next - 1:  # the frame decoded last
             return self._last
-        if self._next < 0 or number < self._next:
+        if self._next < 0 or number < self._next:  # nothing is open, or the frame is behind: from the start
             self._frames, self._next = self._decode(), 0
         try:
             while self._next <= number:
@@ -260,6 +262,7 @@ def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> I
     _read_depth(files[0][1], shape)  # a missing package is an error now, not in the middle of a walk
 
     def load(topic: str, i: int) -> Depth:
+        """Reads depth image `i` under a topic; where there is no depth, it is 0."""
         t_ns, file = files[i]
         raw = _read_depth(file, shape)
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))

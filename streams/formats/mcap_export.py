@@ -46,7 +46,7 @@ def _write_samples(recording: Recording, path: Path, progress: Callable[[float],
     topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
     times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
     images = recording.samples(topics)
-    image = next(images, None)
+    image = next(images, None)  # the next image that is not written yet
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
         for second in np.unique(times // _SECOND_NS).tolist():
             since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS
@@ -96,11 +96,21 @@ def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = 
 
 
 def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str, int]:
-    """Copies an MCAP file into a bag's folder and describes it in `metadata.yaml`; returns the messages by topic."""
+    """Copies an MCAP file into a bag's folder, and describes it in `metadata.yaml` as ROS 2 does.
+
+    Args:
+        bag: The messages of the file, which are counted.
+        source: The file.
+        folder: Folder of the bag.
+        name: Name of the copy, without suffix.
+
+    Returns:
+        Number of messages by topic.
+    """
     file = f"{name}.mcap"
     shutil.copyfile(source, folder / file)
     counts = {c.topic: 0 for c in bag.channels}
-    first, last = 2**63 - 1, 0
+    first, last = 2**63 - 1, 0  # log times, ns
     for topic, t_ns, _, _ in bag.read_messages(set(counts)):
         counts[topic] += 1
         first, last = min(first, t_ns), max(last, t_ns)

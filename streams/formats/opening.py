@@ -263,7 +263,11 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
 
 
 def _list_bag_files(path: Path) -> list[Path]:
-    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata."""
+    """The files of a ROS 2 bag in the order of its metadata, or all files if it has no metadata.
+
+    Raises:
+        StrideTwinError: The metadata are invalid, name a file that is missing, or say that the bag is compressed.
+    """
     metadata = path / "metadata.yaml"
     if not metadata.is_file():
         return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
@@ -304,7 +308,7 @@ def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, st
         if not new.startswith("/") or len(new) < 2:
             raise ConfigError("import", "--map", new, "a topic that begins with /")
     topics = {n: requested.get(n, requested.get(default, default)) for n, default in defaults.items()}
-    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)
+    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)  # a topic of two streams
     if twice is not None:
         same = " and ".join(n for n, t in topics.items() if t == twice)
         raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
@@ -326,7 +330,15 @@ def _bridge_inertial(topic: str, block: Block[Sample], notes: Notes) -> Block[Sa
 
 
 def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
-    """Our topics of the depth streams that are registered to colour, by layout, name or intrinsics."""
+    """Our topics of the depth streams that are registered to colour.
+
+    A depth stream counts as registered if the layout of the source says so, if its name does, or if it has the
+    intrinsics of a colour camera.
+
+    Args:
+        source: The source, with its own names.
+        topics: Our topic of each of these.
+    """
     cameras = source.rig.cameras
     colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
     registered: set[str] = set()
@@ -341,7 +353,23 @@ def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
 
 
 def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
-    """Calibrations with precedence over those of the source: from `--rig`, and from a `rig.yaml` in the folder."""
+    """Calibrations with precedence over those of the source: from a `rig.yaml` in its folder, and from `--rig`.
+
+    Those of `--rig` come before those of the folder.
+
+    Args:
+        path: File or folder of the source.
+        source: The source's own calibrations, under our topics.
+        options: The user's options.
+        streams: Mapping of the source's streams to ours.
+        notes: Collects calibrations that match no stream.
+
+    Returns:
+        The calibrations of the streams that they describe, under our topics.
+
+    Raises:
+        StrideTwinError: A file is invalid, or (unless lenient) that of `--rig` matches no stream.
+    """
     better = Rig()
     if (beside := path / RIG_NAME).is_file():
         try:
@@ -383,10 +411,12 @@ def _check_plausible(source: Source, notes: Notes) -> None:
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
     """Checks that all streams of a recording share one clock over its whole duration.
 
-    If two streams do not overlap, one has another epoch or unit; if one is short, part of it may be missing.
+    Each stream is compared with the longest one. A stream that does not overlap it has another epoch or unit, which is
+    a problem. A stream that begins late or ends early gets a warning, as part of it may be missing.
     """
     name, longest = max(contents.topics.items(), key=lambda item: item[1].last_ns - item[1].first_ns)
     for topic, info in contents.topics.items():
+        # by how much the stream begins late and ends early, and how much of that is allowed, ns
         late, early = info.first_ns - longest.first_ns, longest.last_ns - info.last_ns
         period = (info.last_ns - info.first_ns) / max(1, info.count - 1)
         slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period

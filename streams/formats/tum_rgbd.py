@@ -186,7 +186,7 @@ def find_camera_path(recording: Recording, camera: CameraCalibration) -> Traject
         Poses of the optical frame in the world; None if neither is recorded.
     """
     truth_topic = f"/truth{camera.topic}/odometry"
-    T_frame_cam: Array = np.eye(4)
+    T_frame_cam: Array = np.eye(4)  # pose of the optical frame in the frame whose path is recorded
     if truth_topic not in recording.topics:
         if camera.imu_topic not in recording.rig.imus:
             return None

@@ -55,9 +55,11 @@ class MessageEncoder:
     """
 
     def __init__(self, rig: Rig, *, depth_encoding: str = "16UC1", jpeg_quality: int | None = 90) -> None:
+        """Checks the depth encoding; `jpeg_quality` None sends lossless images."""
         if depth_encoding not in ros_images.DEPTH_ENCODINGS:
             raise ConfigError("Encoder", "depth_encoding", depth_encoding, " or ".join(ros_images.DEPTH_ENCODINGS))
         self._rig, self._depth_encoding, self._quality = rig, depth_encoding, jpeg_quality
+        # by topic: the mapping of its kind, a message whose numbers are 0, and where its numbers are
         self._templates: dict[str, tuple[SampleMapping, bytes, MessageLayout]] = {}
 
     def encode(self, sample: Sample) -> Message:
@@ -80,7 +82,10 @@ class MessageEncoder:
         return Message(t_ns=sample.t_ns, topic=sample.topic, typename=typename, payload=payload)
 
     def _encode_small(self, sample: Sample) -> tuple[str, bytes]:
-        """The ROS 2 type and the CDR bytes of a sample that is no image."""
+        """The ROS 2 type and the CDR bytes of a sample that is no image.
+
+        The first sample of a topic builds the topic's template; every sample fills a copy of it with its numbers.
+        """
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
@@ -103,14 +108,18 @@ class MessageDecoder:
     """
 
     def __init__(self, topic: str, typename: str) -> None:
+        """Checks that the type is one that can be read."""
         if typename not in READABLE:
             expected = ", ".join(sorted(READABLE))
             raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
         self.topic, self.typename = topic, typename
+        # layout and mapping of the last message, which most often are those of the next one
         self._previous: tuple[MessageLayout, SampleMapping] | None = None
 
     def decode(self, message: Message) -> Sample | None:
         """The sample in a message of the topic; None if one of its numbers is not finite.
+
+        The stamp is that of the message's header or, without one, that of the message.
 
         Raises:
             ValueError: The bytes are not such a message, or the image has more than `MOST_PIXELS`.
@@ -155,7 +164,7 @@ class MessageDecoder:
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == ros_images.COMPRESSED:
-                is_depth = "compressedDepth" in decoded.format
+                is_depth = "compressedDepth" in decoded.format  # then 12 bytes of parameters come before the PNG
                 width, height = image_size(bytes(decoded.data[12:] if is_depth else decoded.data))
             else:
                 width, height = decoded.width, decoded.height
@@ -183,9 +192,10 @@ class LiveRecorder:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the file under a hidden name, with the version of the schema."""
         self.path = path
         self.count = 0
-        self._previous: tuple[str, dict[str, str]] | None = None
+        self._previous: tuple[str, dict[str, str]] | None = None  # YAML of the rig and metadata, as written last
         self._infos = ros_images.CameraInfos(Rig())
         for typename in (ros_images.CAMERA_INFO, *READABLE):
             definition(typename)  # slow: done here so that the first sample does not wait
@@ -198,9 +208,10 @@ class LiveRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Completes the file, also after an error; without a message it is removed."""
         if self.count:
             self._file.finish()
-        else:
+        else:  # without a message there is no recording
             self._file.abandon()
             partial_path(self.path).unlink()
 

@@ -103,22 +103,24 @@ class Receiver:
     """
 
     def __init__(self, address: tuple[str, int]) -> None:
+        """Opens the endpoint; samples are taken only once the context is entered."""
         self.address = address if address[1] else (address[0], _find_free_port(address[0]))
         self._link = ZenohLink(listen=self.address)
         typestore()  # slow: done here so that the first sample does not wait
         self.traffic: dict[str, Traffic] = {}
         self.refused: list[str] = []
         self.refusals = 0
-        self._inbox: deque[tuple[Arrival | Hello, int]] = deque()
-        self._bytes = 0
-        self._changed = threading.Condition()
-        self._senders: dict[str, _Sender] = {}
-        self._owner: dict[str, str] = {}
-        self._decoders: dict[str, MessageDecoder] = {}
-        self._last_ns: dict[str, int] = {}
-        self._has_ended = self._is_closed = False
+        self._inbox: deque[tuple[Arrival | Hello, int]] = deque()  # each with its size in bytes
+        self._bytes = 0  # size of all of the inbox
+        self._changed = threading.Condition()  # lock of all of these; notifies of every change
+        self._senders: dict[str, _Sender] = {}  # by ID, the one that said hello last at the end
+        self._owner: dict[str, str] = {}  # ID of the connected sender that provides a topic
+        self._decoders: dict[str, MessageDecoder] = {}  # by topic
+        self._last_ns: dict[str, int] = {}  # stamp of the last sample passed on, by topic
+        self._has_ended = self._is_closed = False  # whether a sender has ended; whether the context is left
 
     def __enter__(self) -> Self:
+        """Begins to answer senders and to take samples; at last senders get to know that the receiver is there."""
         link = self._link
         link.answer_queries("*/hello", self._answer_with(self._on_hello))
         link.answer_queries("*/end", self._answer_with(self._on_end))
@@ -130,6 +132,7 @@ class Receiver:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Closes the connections; threads that wait for room in the inbox give up."""
         with self._changed:
             self._is_closed = True
             self._changed.notify_all()
@@ -171,6 +174,7 @@ class Receiver:
         """
 
         def answer(name: str, body: bytes) -> tuple[str, bool]:
+            """Handles one query; any error refuses its sender."""
             try:
                 return json.dumps(handle(name, body).received), True
             except Exception as error:  # whatever unexpected bytes lead to
@@ -180,6 +184,16 @@ class Receiver:
 
     def _on_hello(self, name: str, body: bytes) -> _Sender:
         """Accepts a new sender, or one that reconnects, and queues its hello.
+
+        A sender that reconnects keeps its counts. Of the senders that are gone, only the last `_SENDERS_KNOWN` are
+        remembered.
+
+        Args:
+            name: ID of the sender.
+            body: The hello as JSON.
+
+        Returns:
+            What is known of the sender.
 
         Raises:
             WireError: The hello or its rig is invalid, or there are `MOST_SENDERS` already.
@@ -201,6 +215,13 @@ class Receiver:
     def _on_end(self, name: str, body: bytes) -> _Sender:
         """Counts the samples that a sender had and that did not arrive; the sender disconnects when it has the answer.
 
+        Args:
+            name: ID of the sender.
+            body: Number of the sample that would come next, by topic, as JSON.
+
+        Returns:
+            What is known of the sender.
+
         Raises:
             WireError: The query is invalid, or the sender has not said hello.
         """
@@ -216,7 +237,15 @@ class Receiver:
         return sender
 
     def _on_sample(self, name: str, item: zenoh.Sample) -> None:
-        """Decodes, checks, counts and queues a sample; the sender of an invalid one is refused."""
+        """Decodes, checks, counts and queues a sample; the sender of an invalid one is refused.
+
+        Runs in a thread of Zenoh. A sample with a number that is not finite, or whose stamp is not after the last one,
+        is counted only.
+
+        Args:
+            name: ID of the sender.
+            item: The Zenoh sample with the message.
+        """
         since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
         sender = self._senders.get(name)
         if sender is None or not sender.is_connected:
@@ -236,6 +265,12 @@ class Receiver:
 
     def _count_sample(self, sender: _Sender, topic: str, number: int, sample: Sample | None) -> bool:
         """Counts a sample, and the gap before its number; the caller holds the lock.
+
+        Args:
+            sender: Its sender, whose counts change.
+            topic: Its topic.
+            number: Its number among the samples of the topic.
+            sample: The sample; None if one of its numbers is not finite.
 
         Returns:
             Whether the sample is passed on: its numbers are finite and its stamp is after the previous one.
@@ -296,7 +331,11 @@ class Receiver:
         return known
 
     def _enqueue(self, item: Arrival | Hello, size: int = 0) -> None:
-        """Puts an item of `size` bytes into the inbox; waits while the inbox is full. The caller holds the lock."""
+        """Puts an item of `size` bytes into the inbox; waits while the inbox is full. The caller holds the lock.
+
+        An item that is larger than the inbox is put into an empty one. Once the receiver is closed, nothing is taken
+        out any more: then a full inbox drops the item.
+        """
         while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
             if self._is_closed:
                 return
@@ -356,11 +395,13 @@ class Reorder:
     """
 
     def __init__(self, window_s: float) -> None:
+        """Begins with an empty buffer; the window is in s."""
         self._window_ns = round(window_s * 1e9)
+        # buffered samples, each after its order (stamp, rank of its kind, topic) and its number, which decides ties
         self._heap: list[tuple[tuple[int, int, str], int, Arrival]] = []
-        self._newest: dict[str, int] = {}
-        self._released_ns = -1
-        self._count = 0
+        self._newest: dict[str, int] = {}  # stamp of the newest sample, by topic
+        self._released_ns = -1  # latest stamp of the released samples
+        self._count = 0  # samples added
         self.late: Counter[str] = Counter()
 
     def add(self, arrival: Arrival) -> None:
@@ -380,6 +421,7 @@ class Reorder:
         """
         while self._heap:
             t_ns, since_ns = self._heap[0][0][0], self._heap[0][2].since_ns
+            # no stream can deliver an older one, or one stream is ahead by the window
             passed = min(self._newest.values()) >= t_ns or max(self._newest.values()) - t_ns >= self._window_ns
             if not passed and now_ns - since_ns < self._window_ns:
                 return

@@ -69,24 +69,27 @@ class Sender:
         lossless: bool = False,
         patience_s: float = 10.0,
     ) -> None:
+        """Prepares the hello; the thread that connects and sends starts when the context is entered."""
         self._address_text, self._lossless, self._patience_s = f"{address[0]}:{address[1]}", lossless, patience_s
         self._address = address
         self._hello = Hello(version=VERSION, rig=rig_to_yaml(rig), metadata=dict(metadata or {}), epoch_ns=epoch_ns)
+        # the other half of the largest hello is for the numbers by topic
         if (size := len(self._hello.model_dump_json().encode())) > LARGEST_HELLO // 2:
             raise WireError(f"rig and metadata: invalid size of {size} bytes: expected up to {LARGEST_HELLO // 2}")
         self._encoder = encoder or MessageEncoder(rig)
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
-        self._queues: dict[str, deque[tuple[int, int, Message]]] = {}  # order among all, number in the topic
-        self._order = 0
-        self._numbers: Counter[str] = Counter()
+        # waiting messages by topic, each after its order among all topics and its number in the topic
+        self._queues: dict[str, deque[tuple[int, int, Message]]] = {}
+        self._order = 0  # of the next message
+        self._numbers: Counter[str] = Counter()  # number of the next message, by topic; dropped ones count, too
         self._receiver, self._greeted_receiver = "", ""  # the one that is present, and the one last greeted
-        self._is_greeted = False
-        self._put_counts: Counter[str] = Counter()  # to this receiver
-        self._next: dict[str, int] = {}  # number of the sample after the last one put, by topic
-        self._first: dict[str, int] = {}  # that when the receiver appeared
-        self._changed = threading.Condition()
-        self._ending, self._failure = False, ""
+        self._is_greeted = False  # whether the present receiver has been greeted
+        self._put_counts: Counter[str] = Counter()  # messages sent to this receiver, by topic
+        self._next: dict[str, int] = {}  # number of the sample after the last one sent, by topic
+        self._first: dict[str, int] = {}  # `_next` at the time when the receiver appeared
+        self._changed = threading.Condition()  # lock of all of these; notifies of every change
+        self._ending, self._failure = False, ""  # the context is being left; why sending has failed
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
 
     def __enter__(self) -> Self:
@@ -96,9 +99,14 @@ class Sender:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Sends what is queued and the end, and waits until that is answered; after an error only the end.
+
+        Raises:
+            WireError: Sending has failed, unless the context is left because of another error.
+        """
         with self._changed:
             self._ending = True
-            if error is not None:
+            if error is not None:  # nothing more is sent, and the end names no messages beyond those sent
                 self._queues.clear()
                 self._numbers = Counter(self._next)
             self._changed.notify_all()
@@ -152,6 +160,9 @@ class Sender:
     def _has_receiver(self) -> bool:
         """Waits until a receiver is present.
 
+        It waits for at most `patience_s` before the first receiver, and when the context is being left. In between, a
+        receiver may be away for any time.
+
         Returns:
             False if none appears within `patience_s`, or sending has failed.
         """
@@ -165,19 +176,27 @@ class Sender:
             return not self._failure
 
     def _deliver(self, link: ZenohLink) -> bool:
-        """Sends the next item: the hello to a new receiver, then the oldest queued message, at last the end.
+        """Does the next step of sending, in the sending thread.
+
+        A new receiver gets the hello first. Then the oldest message of all queues is sent; it counts as sent, and
+        `_count_losses` corrects that later. If all queues are empty, the method waits a moment for a message or, when
+        the context is being left, sends the end with the number of the next message of each topic.
+
+        Args:
+            link: Connection to the receiver.
 
         Returns:
-            Whether the end was sent and answered.
+            Whether the end was sent and answered, so that nothing is left to do. If false, the method is to be called
+            again.
         """
-        with self._changed:
+        with self._changed:  # the lock is released before anything is sent, as that may take long
             is_greeted = self._is_greeted
             waiting = [topic for topic, queue in self._queues.items() if queue]
             if is_greeted and not waiting and not self._ending:
                 self._changed.wait(_POLL_S)
                 return False
             if is_greeted and waiting:
-                topic = min(waiting, key=lambda t: self._queues[t][0][0])
+                topic = min(waiting, key=lambda t: self._queues[t][0][0])  # whose first message is the oldest of all
                 _, number, message = self._queues[topic].popleft()
                 self.sent[topic] += 1
                 self._put_counts[topic] += 1
@@ -192,7 +211,11 @@ class Sender:
         return False
 
     def _greet(self, link: ZenohLink) -> None:
-        """Sends the hello with the number of the next sample of each topic; it is repeated until it is answered."""
+        """Sends the hello with rig, metadata and, by topic, the number of the first sample for this receiver.
+
+        A receiver that was away and is back gets the same numbers as before, so that it counts what it has missed. If
+        the hello is not answered, the receiver counts as not greeted, and the next step repeats the hello.
+        """
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
             if self._receiver != self._greeted_receiver:  # another one than before
@@ -203,7 +226,7 @@ class Sender:
             self._is_greeted = False
 
     def _count_losses(self, answer: bytes | None) -> bool:
-        """Moves messages that the receiver lacks from `sent` to `dropped`.
+        """Moves messages that the receiver lacks from the counts `sent` to the counts `dropped`.
 
         Args:
             answer: The receiver's counts by topic as JSON; None if the connection was lost.
@@ -222,7 +245,12 @@ class Sender:
         return True
 
     def _on_receiver(self, key: str, is_present: bool) -> None:
-        """Notes that a receiver has appeared or disappeared; a new one is greeted."""
+        """Notes that a receiver has appeared or disappeared; a new one is greeted by the sending thread.
+
+        Args:
+            key: Key of its liveliness token, `receiver/` and its ID.
+            is_present: Whether it has appeared.
+        """
         name = key.rpartition("/")[2]
         with self._changed:
             if is_present or self._receiver == name:

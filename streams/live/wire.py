@@ -132,6 +132,7 @@ def parse_json(adapter: TypeAdapter[T], body: bytes, what: str) -> T:
         return adapter.validate_json(body)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
+        # cut off, as an untrusted sender determines their length
         place, value = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
         raise WireError(f"{what}: invalid {place} {value}: {first['msg']}".replace("  ", " ")) from error
 
@@ -187,9 +188,10 @@ class ZenohLink:
     """
 
     def __init__(self, *, listen: tuple[str, int] | None = None, connect: tuple[str, int] | None = None) -> None:
+        """Opens a session that listens at one address or connects to one; only one of the two is given."""
         with explain_import_error("live and send need it", "live"):
             import zenoh
-        self._zenoh, config = zenoh, zenoh.Config()
+        self._zenoh, config = zenoh, zenoh.Config()  # the module is kept, as it may not be installed
         endpoints = {"listen/endpoints": _endpoints(listen), "connect/endpoints": _endpoints(connect)}
         for key, value in {**_CONFIG, **endpoints}.items():
             config.insert_json5(key, json.dumps(value))
@@ -200,14 +202,19 @@ class ZenohLink:
             where = listen or connect or ("", 0)
             raise StrideTwinError(f"cannot listen at {where[0]}:{where[1]}: {reason.rpartition(': ')[2]}") from error
         self.name = str(self._session.zid())
-        self._tokens: list[zenoh.LivelinessToken] = []
+        self._tokens: list[zenoh.LivelinessToken] = []  # kept, as a token ends when it is garbage collected
 
     def close(self) -> None:
         """Closes all connections."""
         self._session.close()
 
     def send(self, message: Message, number: int) -> None:
-        """Sends a message; waits while the connection is busy. Without a connection, it is lost."""
+        """Sends a message; waits while the connection is busy. Without a connection, it is lost.
+
+        Args:
+            message: The message.
+            number: Its number among the messages of its topic, by which the receiver finds gaps.
+        """
         self._session.put(
             f"{_ROOT}/{self.name}/samples{message.topic}",
             message.payload,
@@ -241,18 +248,20 @@ class ZenohLink:
         self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
 
     def answer_queries(self, key: str, act: Callable[[str, bytes], tuple[str, bool]]) -> None:
-        """Answers the queries of a key.
+        """Answers all queries of a key from now on.
 
         Args:
             key: The key, which may have wildcards.
-            act: Function of the sender's ID and the body; returns a text and whether it is a reply or an error.
+            act: Function of the ID of the sender that asks and the body of its query. It returns a text, and whether
+                that is a reply (true) or an error (false).
         """
 
         def reply(query: zenoh.Query) -> None:
-            answer, done = act(
+            """Answers one query by what `act` returns: with a reply if it succeeded, else with an error."""
+            answer, done = act(  # without a body, `act` gets no bytes
                 _sender_id(query.key_expr), query.payload.to_bytes() if query.payload is not None else b""
             )
-            with query:
+            with query:  # at its end the asking side gets to know that no further reply follows
                 if done:
                     query.reply(query.key_expr, answer)
                 else:

@@ -96,6 +96,7 @@ class _LayoutParser:
     """
 
     def __init__(self, payload: bytes, store: Typestore) -> None:
+        """Checks the encapsulation header, whose second byte says the byte order, and begins after it."""
         if len(payload) < ENCAPSULATION or payload[0] != 0 or payload[1] not in (0, 1):
             raise ValueError("no plain CDR encapsulation")
         self.payload, self.store = payload, store
@@ -110,7 +111,11 @@ class _LayoutParser:
         self.at += -(self.at - ENCAPSULATION) % size
 
     def read_length(self) -> int:
-        """Reads the length of a string or sequence, u32, and records its offset."""
+        """Reads the length of a string or sequence, u32, and records its offset.
+
+        Raises:
+            ValueError: The length exceeds that of the message.
+        """
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
         if value > len(self.payload):

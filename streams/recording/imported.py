@@ -77,6 +77,7 @@ class ImportedContents:
         unread: dict[str, str],
         notes: Notes,
     ) -> None:
+        """Checks all streams, reports problems to `notes`, and keeps what is valid."""
         self.rig: Rig | None = rig
         self.metadata, self.unread = metadata, unread
         self.problems, self.warnings = notes.problems, notes.warnings
@@ -149,7 +150,7 @@ class ImportedContents:
         keep = self._check_stamps(topic, images.t_ns)
         if keep.all():
             return images
-        at = np.flatnonzero(keep)
+        at = np.flatnonzero(keep)  # numbers of the images that are kept
         load = images.load
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 

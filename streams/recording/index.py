@@ -84,6 +84,7 @@ class Problem:
     count: int = 1
 
     def __str__(self) -> str:
+        """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
         at = f"{self.topic} at {self.t_ns * 1e-9:.6f} s: " if self.topic and self.t_ns is not None else ""
         more = f" ({self.count} samples)" if self.count > 1 else ""
         return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
@@ -98,6 +99,7 @@ class Notes:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Begins without notes on the source at `path`; if not `lenient`, a problem is raised as an error."""
         self.path, self.lenient = path, lenient
         self.problems: list[Problem] = []
         self.warnings: list[str] = []
@@ -186,6 +188,7 @@ class RecordingIndex:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Reads the whole file once, and raises or notes its problems."""
         self.path, self.notes = path, Notes(path, lenient)
         self.problems, self.warnings = self.notes.problems, self.notes.warnings
         self.topics: dict[str, TopicInfo] = {}
@@ -196,11 +199,11 @@ class RecordingIndex:
         self.channels: dict[int, str] = {}
         self.readers: dict[str, TopicReader] = {}
         self.chunks: list[ChunkInfo] = []
-        self._kept: dict[str, list[Block[Any]]] = {}
-        self._free_bytes = KEPT_BYTES
-        self._parts_of_times: dict[str, list[Stamps]] = {}
-        self._schemas: dict[int, records.Schema] = {}
-        self._definitions = Definitions()
+        self._kept: dict[str, list[Block[Any]]] = {}  # samples of IMUs in memory, by topic
+        self._free_bytes = KEPT_BYTES  # left for these; negative once they have become too many
+        self._parts_of_times: dict[str, list[Stamps]] = {}  # stamps of the valid samples, by topic, chunk by chunk
+        self._schemas: dict[int, records.Schema] = {}  # by the file's id
+        self._definitions = Definitions()  # limits the texts of the schemas
         self._scan()
         self._times = {topic: np.concatenate(parts) for topic, parts in self._parts_of_times.items()}
         del self._parts_of_times
@@ -208,6 +211,11 @@ class RecordingIndex:
             self.notes.add_problem(problem)
 
     def _scan(self) -> None:
+        """Reads the file once from front to back and indexes its records; damage becomes a problem.
+
+        Raises:
+            RecordingError: The file cannot be read or, unless lenient, is damaged.
+        """
         try:
             self._unpacking = Unpacking(self.path)
             for opcode, offset, body in top_records(self.path):
@@ -225,10 +233,22 @@ class RecordingIndex:
             self.notes.add_problem(Problem("", None, str(error)))
 
     def _readable_range_text(self) -> str:
+        """Up to which time the part of the file read so far reaches, in words for a message."""
         last = max((t.last_ns for t in self.topics.values()), default=None)
         return "there is no sample before" if last is None else f"it can be read up to {last * 1e-9:.6f} s"
 
     def _index_record(self, opcode: int, offset: int, body: bytes) -> None:
+        """Takes one top-level record into the index; kinds of records that are not needed are ignored.
+
+        Args:
+            opcode: Kind of the record.
+            offset: Its place in the file, bytes.
+            body: Its bytes without opcode and length.
+
+        Raises:
+            DamagedError: The bytes contradict their description.
+            RecordingError: Messages are outside chunks, a newer release made the file, or it is a decompression bomb.
+        """
         if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
             definitions, messages = self._unpacking.contents(opcode, body)
             for record in definitions:
@@ -246,6 +266,11 @@ class RecordingIndex:
             raise RecordingError(f"{self.path}: messages outside chunks are not read: expected chunked MCAP")
 
     def _register_definition(self, record: Any) -> None:
+        """Registers a schema or a channel.
+
+        The first channel of a topic gets a decoder if its message type is one that is read; otherwise the topic is
+        listed as unread. Further channels of the topic are reported and not read.
+        """
         if isinstance(record, records.Schema):
             self._schemas[record.id] = record
         elif record.id not in self.channels:
@@ -266,6 +291,12 @@ class RecordingIndex:
                     self.notes.add_problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
+        """Indexes the messages of a chunk, of one channel per topic; notes the chunk if it has valid samples.
+
+        Args:
+            offset: Place of the chunk in the file, bytes.
+            by_channel: Its messages by channel id.
+        """
         parts: dict[str, ChunkPart] = {}
         for channel, messages in by_channel.items():
             topic = self.channels.get(channel, "")
@@ -277,7 +308,10 @@ class RecordingIndex:
             self.chunks.append(ChunkInfo(offset, parts))
 
     def _keep_in_memory(self, block: Block[Any]) -> None:
-        """Keeps the samples of an IMU; if they become too many, all of them are read again instead."""
+        """Keeps the samples of an IMU in memory, so that they need not be read again.
+
+        If those of the file become too many, none is kept any more, and they are read again on request.
+        """
         self._free_bytes -= block.t_ns.nbytes + sum(values.nbytes for values in block.columns.values())
         if self._free_bytes < 0:
             self._kept = {}
@@ -285,6 +319,18 @@ class RecordingIndex:
             self._kept.setdefault(block.topic, []).append(block)
 
     def _index_topic(self, topic: str, messages: Messages) -> ChunkPart | None:
+        """Checks the messages of a topic in a chunk, and adds the valid samples to the topic's summary.
+
+        Stamps that do not increase, and numbers that are not finite (except in ground truth), are reported as
+        problems; such samples are invalid. Samples of IMUs are kept in memory. Images are not decoded.
+
+        Args:
+            topic: The topic.
+            messages: Its messages in the chunk.
+
+        Returns:
+            The valid samples' number and stamps; None if there are none or they cannot be decoded.
+        """
         reader = self.readers[topic]
         known = self.topics.get(topic)
         before = known.last_ns if known else -1
@@ -321,7 +367,12 @@ class RecordingIndex:
 
 
 def is_stridetwin_recording(path: Path, if_damaged: bool) -> bool:
-    """Whether an MCAP file begins like our recordings; `if_damaged` for one that cannot be read that far."""
+    """Whether an MCAP file begins like our recordings: with our calibration, metadata or schema version.
+
+    Args:
+        path: The file.
+        if_damaged: The answer for a file that cannot be read that far.
+    """
     try:
         for opcode, _, body in top_records(path):
             if opcode == Opcode.ATTACHMENT and parse_record(records.Attachment, body).name == RIG_NAME:

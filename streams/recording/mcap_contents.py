@@ -46,8 +46,11 @@ class McapContents(RecordingIndex):
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
+        """Indexes the file in one pass, see `RecordingIndex`."""
         super().__init__(path, lenient)
+        # the chunk unpacked last: its offset in the file, and its messages by topic
         self._unpacked: tuple[int, dict[str, Messages]] = (-1, {})
+        # by topic: its chunks, and the number of its images up to the end of each
         self._chunks_of: dict[str, tuple[list[ChunkInfo], NDArray[np.int64]]] = {}
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
@@ -74,6 +77,7 @@ class McapContents(RecordingIndex):
             order: Rank of each topic at equal stamps.
             read: Reads some topics of a chunk: pairs of a topic and its items.
         """
+        # each chunk with one of the topics: earliest stamp, number, its topics, the chunk
         parts = [
             (min(c.parts[t].first for t in chunk_topics), i, chunk_topics, c)
             for i, c in enumerate(self.chunks)
@@ -81,7 +85,7 @@ class McapContents(RecordingIndex):
         ]
         heap: list[tuple[int, Order, int, Item, Iterator[Item]]] = []
         for start, i, chunk_topics, chunk in sorted(parts, key=lambda p: p[:2]):
-            yield from _pop_until(heap, start)
+            yield from _pop_until(heap, start)  # no later chunk has anything before its start
             for topic, items in read(chunk, chunk_topics):
                 if (first := next(items, None)) is not None:
                     heapq.heappush(heap, (first.t_ns, order[topic], i, first, items))
@@ -102,6 +106,7 @@ class McapContents(RecordingIndex):
         images: dict[int, Image | Depth] = {}
         chunks, ends = self._chunks_with_images(topic)
         wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
+        # k: number of the chunk; numbers: of the wanted images in it
         for k, numbers in _split_by_group(wanted, np.searchsorted(ends, wanted, side="right")):
             part = chunks[k].parts[topic]
             stored = self._select_ordered_images(topic, self._read_messages(chunks[k], [topic])[topic], part)
@@ -194,7 +199,11 @@ def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iter
 
 
 def _pop_until(heap: list[tuple[int, Order, int, Item, Iterator[Item]]], end_ns: int | None) -> Iterator[Item]:
-    """Pops the items before `end_ns` off a heap of (stamp, order, chunk, item, following items)."""
+    """Yields the items with stamps before `end_ns` (all of them for None) in time order, and removes them from a heap.
+
+    An entry of the heap is the next item of one topic in one chunk: (stamp, order, number of the chunk, item, following
+    items). When it is yielded, the first of the following items takes its place.
+    """
     while heap and (end_ns is None or heap[0][0] < end_ns):
         _, order, chunk, item, following = heap[0]
         yield item

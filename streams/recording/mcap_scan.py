@@ -57,8 +57,10 @@ class Unpacking:
     """Unpacks the chunks of one file once, front to back, and stops when they exceed the limits of such a file."""
 
     def __init__(self, path: Path) -> None:
+        """Sets the budgets, which follow from the file's size."""
         size = path.stat().st_size
         self._path = path
+        # budgets that are left: unpacked bytes, messages, and schemas and channels
         self._bytes = _FREE_BYTES + _BYTES_PER_BYTE * size
         self._messages = _FREE_MESSAGES + size // _BYTES_PER_MESSAGE
         self._channels = _MOST_CHANNELS
@@ -90,6 +92,11 @@ class Unpacking:
         self._check_limit(self._channels, "schemas and channels")
 
     def _check_limit(self, left: int, what: str) -> None:
+        """Refuses the file once a budget is exceeded: `left` of it is negative; `what` names it in the message.
+
+        Raises:
+            RecordingError: The budget is exceeded.
+        """
         if left < 0:
             raise RecordingError(f"{self._path}: more {what} than a file of this size can hold; it is not read")
 
@@ -144,7 +151,7 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             head = file.read(_HEAD.size)
             if len(head) < _HEAD.size:
                 raise CutOffError(f"the file is cut off at byte {offset}")
-            opcode, length = _HEAD.unpack(head)
+            opcode, length = _HEAD.unpack(head)  # 1 and 8 bytes; the record's body of `length` bytes follows
             if opcode == 0 or length > size - file.tell():
                 raise CutOffError(f"the file is cut off or damaged at byte {offset}")
             if length > _LARGEST_RECORD:
@@ -153,7 +160,7 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             if opcode == Opcode.DATA_END:
                 (stored,) = struct.unpack("<I", body)
                 problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
-                crc = 0
+                crc = 0  # of the summary, which begins here
             elif opcode == Opcode.FOOTER:
                 stored = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
                 if stored not in (0, zlib.crc32(head + body[:-4], crc)):
@@ -199,7 +206,7 @@ def decompress(chunk: records.Chunk) -> bytes:
         raise DamagedError(f"a chunk of {size} bytes unpacked: expected up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
-            frame = zstandard.frame_content_size(chunk.data)
+            frame = zstandard.frame_content_size(chunk.data)  # -1: not declared
             if frame not in (-1, size):
                 raise DamagedError("a damaged chunk")
             data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)
@@ -241,6 +248,7 @@ def chunk_contents(
     definitions: list[records.McapRecord] = []
     offsets: dict[int, list[int]] = {}
     at, end = 0, len(data)
+    # local names make the loop over all messages faster; a record has 9 bytes of opcode and length before its body
     unpack, message, shortest = _MESSAGE.unpack_from, int(Opcode.MESSAGE), MESSAGE_HEAD - 9
     try:
         while at < end:
@@ -275,5 +283,7 @@ def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:
 
 
 def _gather(data: bytes, item: np.dtype[Any], starts: NDArray[np.int64]) -> NDArray[np.void]:
+    """(N,) items of a type, copied from the places `starts` (N,) in the bytes, which need not be aligned."""
+    # a view with an item at every byte, of which those at `starts` are taken
     windows = np.ndarray((max(0, len(data) - item.itemsize + 1),), f"V{item.itemsize}", data, strides=(1,))
     return windows[starts].view(item)

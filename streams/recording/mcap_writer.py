@@ -79,6 +79,7 @@ class _OpenChunk:
     """
 
     def __init__(self) -> None:
+        """Begins without messages."""
         self.parts: list[memoryview] = []
         self.size = 0
         self.entries: dict[int, list[NDArray[np.uint64]]] = {}
@@ -117,21 +118,22 @@ class McapWriter:
     """
 
     def __init__(self, path: Path) -> None:
+        """Opens the hidden file and writes magic bytes and header."""
         self._path = path
         try:
             self._file = partial_path(path).open("wb")
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {error.strerror}") from error
-        self._crc = 0
+        self._crc = 0  # of the data section so far
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: list[records.Schema] = []
-        self._channels: dict[str, records.Channel] = {}
+        self._channels: dict[str, records.Channel] = {}  # by topic
         self._chunk_indexes: list[records.ChunkIndex] = []
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
-        self._counts: dict[int, int] = {}
-        self._times: tuple[int, int] | None = None
-        self._lanes: dict[int, _OpenChunk] = {}
+        self._counts: dict[int, int] = {}  # number of messages, by channel
+        self._times: tuple[int, int] | None = None  # earliest and latest log time, ns
+        self._lanes: dict[int, _OpenChunk] = {}  # the open chunk of each lane
         self._append(MAGIC)
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
@@ -169,6 +171,7 @@ class McapWriter:
             if chunk.entries and int(times[start]) - chunk.times[0] >= CHUNK_NS:
                 self._finish_chunk(lane)
                 chunk = self._lanes[lane] = _OpenChunk()
+            # as many messages as fit into the chunk by size and by duration
             count = max(1, (CHUNK_BYTES - chunk.size) // size)
             count = min(count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start)
             chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])
@@ -201,7 +204,11 @@ class McapWriter:
         self._file.flush()
 
     def finish(self) -> None:
-        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name."""
+        """Completes the file: writes open chunks, summary and footer, closes it and gives it its name.
+
+        The summary repeats schemas and channels and lists chunks, attachments and metadata, so that readers need not
+        scan the file. After it come the places of its groups of records, and the footer with its CRC.
+        """
         self._finish_chunks()
         self._append(_encode(records.DataEnd(self._crc)))
         start = self._file.tell()
@@ -231,7 +238,7 @@ class McapWriter:
             if body:
                 offsets += _encode(records.SummaryOffset(opcode, start + len(summary), len(body)))
             summary += body
-        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]
+        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]  # without its CRC, which follows
         tail = summary + offsets + footer
         self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
         self._file.close()
@@ -248,7 +255,14 @@ class McapWriter:
             self._finish_chunk(lane)
 
     def _finish_chunk(self, lane: int) -> None:
-        """Compresses the open chunk of a lane, and appends it with the index of its messages."""
+        """Compresses the open chunk of a lane, and appends it to the file with the index of its messages.
+
+        After the chunk comes one index record per channel, with log time and offset of each message. Where the chunk
+        and these records are is noted for the summary at the end of the file.
+
+        Args:
+            lane: Number of the lane, which then has no open chunk.
+        """
         done = self._lanes.pop(lane)
         data = b"".join(done.parts)
         first, last = done.times

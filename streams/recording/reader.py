@@ -52,6 +52,7 @@ class Recording:
     """
 
     def __init__(self, path: str | Path, lenient: bool = False, contents: Contents | None = None) -> None:
+        """Opens the MCAP file, unless other `contents` are given, and takes over what they hold."""
         self.path = Path(path)
         self.lenient = lenient
         self._contents: Contents = contents if contents is not None else McapContents(self.path, lenient)

@@ -121,10 +121,13 @@ class CameraInfos:
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self._next_ns: dict[str, int] = {}
+        self._next_ns: dict[str, int] = {}  # stamp from which on the intrinsics are due again, by topic
 
     def find_due_camera(self, topic: str, t_ns: int) -> CameraCalibration | None:
-        """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None."""
+        """The camera of a topic of images or depth, if its intrinsics are due with the image at `t_ns`; else None.
+
+        If they are, they count as written, and are due again a second later.
+        """
         of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
         camera = of_depth.get(topic, self.rig.cameras.get(topic))
         if camera is None or t_ns < self._next_ns.get(topic, 0):
@@ -180,7 +183,7 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     check_pixels(message.width, message.height)
     form, channels = _PIXELS[message.encoding]
     dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")
-    width = message.width * channels * dtype.itemsize
+    width = message.width * channels * dtype.itemsize  # of a row in bytes, without the padding at its end
     rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)[:, :width]
     raw = np.ascontiguousarray(rows).view(dtype)
     if dtype.kind == "f":

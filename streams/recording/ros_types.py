@@ -45,7 +45,7 @@ class Definitions:
     """Limits the definitions of one file, since each takes time to parse."""
 
     def __init__(self) -> None:
-        self._known: set[str] = set()
+        self._known: set[str] = set()  # texts of the definitions so far
 
     def add(self, text: str) -> None:
         """Adds the text of a definition; texts that are known count once.
@@ -85,7 +85,19 @@ def check_types(types: Typesdict) -> None:
 
 
 def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: tuple[str, ...]) -> int:
-    """Number of fields of one message of a type, including those of its members."""
+    """Number of fields of one message of a type, including those of its members.
+
+    An array of messages or texts counts once per item; an array of numbers, and a sequence, counts as one item.
+
+    Args:
+        name: Name of the type; one that is not in `types` counts as one field.
+        types: Field definitions by type.
+        counts: Results so far, by type; extended.
+        around: Names of the types that this one is nested in, the outermost first.
+
+    Raises:
+        ValueError: Invalid names, recursive types, too many fields, or sequences of empty types.
+    """
     if name in counts or name not in types:
         return counts.get(name, 1)
     if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
@@ -187,7 +199,13 @@ def serialise(typename: str, values: Mapping[str, object]) -> bytes:
 
 
 def _build_message(typename: str, path: str, values: Mapping[str, object]) -> RosMessage:
-    """Builds the message at a dotted path inside another one; "" is the outermost."""
+    """Builds the message at a dotted path inside another one; "" is the outermost.
+
+    Args:
+        typename: Type of the message.
+        path: Its dotted path in the outermost message.
+        values: Values by dotted path from the outermost message; all others are 0, "" or empty.
+    """
     store = typestore()
     members: dict[str, Any] = {}
     for name, description in store.fielddefs[typename][1]:

@@ -37,10 +37,11 @@ class TopicReader:
     """
 
     def __init__(self, topic: str, typename: str, encoding: str, definition: str) -> None:
+        """Parses the definition of the topic's message type; layout and kind follow from the first message."""
         self.topic, self.typename = topic, typename
         self._store = typestore_for(typename, encoding, definition)
-        self._layout: MessageLayout | None = None
-        self._mapping: SampleMapping | None = None
+        self._layout: MessageLayout | None = None  # of the messages read last
+        self._mapping: SampleMapping | None = None  # to the kind of sample, found with the first message
         self.kind: type[Sample] | None = None
 
     @property
@@ -78,6 +79,9 @@ class TopicReader:
 
     def read_block(self, messages: Messages) -> Block[Sample]:
         """Decodes all messages to one block; their stamps are not checked.
+
+        Messages of one layout are decoded all at once. If their layouts differ, as texts or sequences of other lengths
+        cause, each is decoded by itself, which is much slower.
 
         Raises:
             ValueError: A message does not have the topic's type, or too many have unequal lengths.

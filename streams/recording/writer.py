@@ -64,16 +64,20 @@ class RecordingWriter:
         depth_encoding: str = "16UC1",
         jpeg_quality: int | None = 90,
     ) -> None:
+        """Opens the hidden file and writes version, calibration and metadata, before all samples."""
         if depth_encoding not in DEPTH_ENCODINGS:
             raise ConfigError("RecordingWriter", "depth_encoding", depth_encoding, " or ".join(DEPTH_ENCODINGS))
         self.path = Path(path)
         self._rig = rig
         self._depth_encoding, self._quality = depth_encoding, jpeg_quality
-        self._last: dict[str, int] = {}
-        self._kinds: dict[str, type[Sample]] = {}
+        self._last: dict[str, int] = {}  # last stamp or arrival, ns, by topic
+        self._kinds: dict[str, type[Sample]] = {}  # by topic
+        # by topic: a message with zeros for its numbers, where these are, and the constants of its blocks
         self._templates: dict[str, tuple[bytes, MessageLayout, Mapping[str, object]]] = {}
         self._infos = CameraInfos(rig)
+        # images in the pool, in order: topic, type of the message, its future bytes, log time in ns
         self._queue: deque[tuple[str, str, Future[bytes], int]] = deque()
+        # by topic: the last read-only pixels and their encoded bytes, see `_shared_image_data`
         self._shared: dict[str, tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
         self._pool = ThreadPoolExecutor(_ENCODERS)
         rig_yaml = rig_to_yaml(rig).encode()
@@ -88,6 +92,7 @@ class RecordingWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Completes the file and gives it its name; after an error it stays under the hidden name."""
         try:
             self._append_encoded(0)
             if error is None:
@@ -128,6 +133,14 @@ class RecordingWriter:
     ) -> NDArray[np.int64]:
         """Arrival times of the samples, (N,) ns: `log_ns`, or the stamps by default.
 
+        Stamps must increase strictly. If arrivals are given, these must not decrease, and stamps may be arbitrary.
+
+        Args:
+            topic: Topic of the samples.
+            kind: Their type.
+            stamps: (N,) ns.
+            log_ns: Arrival time of each, (N,) ns; None: the stamps.
+
         Raises:
             RecordingError: A stamp or arrival is not after the previous one, or the topic changes its kind.
         """
@@ -167,7 +180,10 @@ class RecordingWriter:
         self._file.append_messages(rows)
 
     def _write_image(self, sample: Image | Depth, log_ns: int) -> None:
-        """Queues an image for encoding, and before it the camera's intrinsics if they are due."""
+        """Queues an image for encoding, and before it the camera's intrinsics if they are due.
+
+        If too many images are in the queue, it waits until the oldest ones are encoded and appends these to the file.
+        """
         if (camera := self._infos.find_due_camera(sample.topic, sample.t_ns)) is not None:
             info = partial(encode_camera_info, camera, sample.topic, sample.t_ns)
             self._submit(f"{sample.topic}/camera_info", CAMERA_INFO, info, log_ns)
