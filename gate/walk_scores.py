@@ -66,6 +66,12 @@ class ScoringJob:
 def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
     """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
+    A single job is strict (`ScoringJob.strict`): a failing estimator is then an error at once.
+
+    Args:
+        sources: Recordings, or folders of campaigns that `generate` has written.
+        **settings: Fields of all jobs, such as `alignment`; `lenient` is required for campaigns.
+
     Raises:
         StrideTwinError: A campaign's folder has no accepted walk, its recordings differ from its list, or a folder
             holds campaigns instead of being one.
@@ -86,6 +92,10 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
 
 def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob]:
     """Jobs for the accepted walks of a campaign; warns of recordings that its manifest does not list.
+
+    Args:
+        folder: Folder of the campaign.
+        settings: Fields of all jobs; a walk with findings is read leniently in any case.
 
     Raises:
         StrideTwinError: The manifest is invalid, lists no accepted walk, or a recording has another size than it says.

@@ -156,6 +156,7 @@ def change_parameters(
         ConfigError: No such parameter, or an invalid value; the message has the valid ones.
     """
     hint = get_type_hints(estimator_class.__init__).get("parameters")
+    # the classes of parameters in the hint, which may be a union with None
     kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and _fields(kind)]
     if not kinds:
         name = estimator_class.declaration.name

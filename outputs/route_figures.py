@@ -22,7 +22,7 @@ FOOT_M, _HALF_FOOT_M = 0.26, 0.045
 """Length and half width of a drawn footprint."""
 HALF_WIDTH_M = 1.0
 """Half width of a figure of the straightened route."""
-_ROW_M, _MAX_ROWS = 10.0, 8
+_ROW_M, _MAX_ROWS = 10.0, 8  # length of a row of a long route, and most rows
 _TRUE_STEP = "#46546a"
 
 
@@ -52,6 +52,7 @@ def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
 def outline(footprint: Footprint) -> Array:
     """(4, 2) m, corners of a footprint in the true world, from above."""
     w, x, y, z = footprint.q_world_foot
+    # horizontal unit vectors: from heel to toes (the foot's x axis, which is shorter on a slope), and to the left
     toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
     aside = np.array([-toes[1], toes[0]])
     local = [(0.0, -_HALF_FOOT_M), (FOOT_M, -_HALF_FOOT_M), (FOOT_M, _HALF_FOOT_M), (0.0, _HALF_FOOT_M)]
@@ -73,6 +74,7 @@ class StraightenedRoute:
     def __init__(self, walk: AlignedWalk) -> None:
         self._walk, way = walk, walk.layout.way
         self.place_m = walk.foot_places_m
+        # (F,) rad and (F, 2) m: direction and point of the route at each footprint
         self._heading, self._origin = way.heading(self.place_m), way.point(self.place_m)
         self.footprints = [self.straighten(i, outline(f)) for i, f in enumerate(walk.footprints)]
         self.span_m: Range = (float(self.place_m.min()) - 0.6, float(self.place_m.max()) + 0.8)
@@ -115,6 +117,7 @@ class StraightenedRoute:
 
     def draw_path(self, plot: Plot, span: Range) -> None:
         """Draws the true path of the camera within a span of the route."""
+        # every eighth position is enough for a figure
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
         heading, offset = way.heading(s), p - way.point(s)

@@ -37,6 +37,7 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
     everything = np.concatenate(parts)
     finite = everything[np.isfinite(everything)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    # equal values have no span: a tenth of their size is taken
     pad = margin * (high - low) or max(abs(high), 1.0) * 0.1
     return low - pad, high + pad
 
@@ -61,6 +62,7 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
         if np.isfinite(part).any():
             kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
         if not np.isfinite(part).all():
+            # one point without a value keeps the gap
             kept.add(a + int(np.argmin(np.isfinite(part))))
     index = sorted(kept)
     return x[index], y[index]
@@ -109,15 +111,15 @@ class Plot:
     y_names: Mapping[float, str] = field(default_factory=dict)
     hover: str = "closest"
     continued: bool = False
-    _traces: list[dict[str, Any]] = field(default_factory=list)
-    _layout: dict[str, Any] = field(default_factory=dict)
+    _traces: list[dict[str, Any]] = field(default_factory=list)  # Plotly's, in the order of drawing
+    _layout: dict[str, Any] = field(default_factory=dict)  # Plotly's layout beyond the axes, such as images
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", width: float = 1.6, dash: str = "solid"
     ) -> None:
         """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned."""
         xs, ys = np.asarray(x, float), np.asarray(y, float)
-        if np.all(np.diff(xs) >= 0):
+        if np.all(np.diff(xs) >= 0):  # a curve over x; others, such as paths from above, keep all points
             xs, ys = thin(xs, ys, _MOST_POINTS // 2)
         line = {"color": color, "width": width, "dash": dash}
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
@@ -138,6 +140,7 @@ class Plot:
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
         """Fills shapes given by their outlines, (N, 2) each."""
         if len(outlines):
+            # each outline is closed; gaps separate the outlines
             points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
             line = {"color": stroke, "width": 1} if stroke else {"width": 0}
             self._add(
@@ -230,6 +233,7 @@ class Plot:
     def html(self) -> Markup:
         """The figure as an element of a page made by `html.page`, whose script draws it."""
         figure = {"data": self._traces, "layout": self._axes() | self._layout, "aspect": self._aspect}
+        # "<" as an escape sequence, so that no text can end the script element
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
         return Markup(
@@ -239,6 +243,7 @@ class Plot:
 
     def _add(self, label: str, **trace: Any) -> None:
         """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
+        # no earlier trace has the label
         first = bool(label) and all(t.get("name") != label for t in self._traces)
         named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
         self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 _GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
-_IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320
+_IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320  # rates, and width in pixels, of what is logged
 
 
 def rerun_installed() -> bool:
@@ -83,6 +83,7 @@ def _log_terrain(rr: ModuleType, stream: RecordingStream, layout: Layout | None)
         under = np.column_stack([tops[:, :2], np.full(4, floor)])
         sides = [(under[j], under[k], tops[k], tops[j]) for j, k in ((0, 1), (1, 2), (2, 3), (3, 0))]
         faces = np.array([tops, *sides], dtype=np.float32)
+        # two triangles per face, (3 T, 3) corners one after the other, and the normal of each triangle
         flat = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         normals = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -104,7 +105,7 @@ def _log_true_poses(rr: ModuleType, stream: RecordingStream, recording: Recordin
         stream.send_columns(
             entity,
             indexes=[rr.TimeColumn("time", duration=t)],
-            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),
+            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),  # x, y, z, w
         )
 
 

@@ -61,7 +61,16 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def evaluate(
         self, outputs: Sequence[Output[PhaseSeries]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedPhases]:
-        """The phases beside the true touch-downs; a leg without a counted stride has no scores."""
+        """Scores each leg's phases against its true strides.
+
+        Args:
+            outputs: Phases of each leg.
+            recording: The recording with the true footprints.
+            alignment: Unused: a phase has no position that would have to be aligned with the truth.
+
+        Returns:
+            One evaluation per leg. A leg without a stride that counts has no scores and is left out.
+        """
         footprints, evaluations = true_footprints(recording), []
         for output in outputs:
             strides = true_strides(footprints, output.estimates.foot)

@@ -15,8 +15,8 @@ from stridetwin.outputs.truth import flights, scoring_time_ns
 from stridetwin.streams.samples import Array, Footprint
 from stridetwin.streams.terrain_truth import Layout
 
-_STAIR_M = 0.07
-_MATCH_M = 0.4
+_STAIR_M = 0.07  # least rise between two surfaces that counts as a stair
+_MATCH_M = 0.4  # largest distance along the route between a predicted change and the true one
 
 
 def mode_changes(layout: Layout) -> list[TerrainChange]:
@@ -52,7 +52,9 @@ def score_approaches(
     landed_ns = np.array([f.t_ns for f in landed])
     scored = []
     for change in mode_changes(layout):
+        # infinite if no foot landed beyond the change, which then is not scored
         scored_ns = scoring_time_ns(change.s, landed_ns, places)
+        # the last estimate up to then
         at = int(np.searchsorted(t_ns, scored_ns, side="right")) - 1
         if math.isfinite(scored_ns):
             score = _score_change(change, estimates[at], alignment, layout) if at >= 0 else None

@@ -72,6 +72,7 @@ def _straighten_predictions(
             continue
         estimate, step = first_prediction
         alignment = walk.alignment.at(estimate.t_ns)
+        # the true outline, shifted by the error of the predicted place
         shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
         rotation = straight.rotation(i) @ alignment.rotation
         place = straight.straighten(i, outline(walk.footprints[i]) + shift)
@@ -104,6 +105,7 @@ def _draw_row(
         outlines = [np.vstack([place, place[:1]]) for place, _, m in predictions if m == mode]
         plot.curves(outlines, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
     steps = scores.steps
+    # the two initial footprints are not steps: footprint i belongs to step i - 2
     wrong = [
         straight.footprints[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].is_correct
     ]
@@ -136,6 +138,8 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
         height=270,
         y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
     )
+    # bars of true modes at heights 3.0-3.8, of predicted ones at 2.0-2.8, of errors below these; the curve of the
+    # probability p is at 0 to 1.6
     touched = np.array([begin, *(step.t_s for step in steps)])
     for mode in MODES:
         true = np.array([step.mode == mode for step in steps])
@@ -163,6 +167,7 @@ def prediction_runs(
     for step, predictions in zip(steps, by_step):
         next_ = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in predictions if e.t_ns * 1e-9 > before]
         ends = [*(t for t, _ in next_[1:]), step.t_s]
+        # `of_mode`: consecutive ((begin, mode), end) of the same mode
         for mode, run in groupby(zip(next_, ends), key=lambda row: row[0][1]):
             of_mode = list(run)
             runs.append((of_mode[0][0][0], of_mode[-1][1], mode, mode in step.allowed))

@@ -80,7 +80,13 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def evaluate(
         self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedModes]:
-        """Scores the predictions against the true footprints and terrain; outputs without a truth are left out."""
+        """Scores the predictions against the true footprints and terrain.
+
+        Args:
+            outputs: Predictions of each estimator; those without a truth are left out.
+            recording: Unused: each output has the truth in its walk.
+            alignment: Unused: each output's walk has its own alignment, one per instant.
+        """
         evaluations = []
         for output in outputs:
             walk, estimates = output.estimates.walk, output.estimates.estimates

@@ -17,8 +17,8 @@ from stridetwin.outputs.terrain.changes import mode_of
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
 
-_JUST_LANDED_NS = 150_000_000
-_HEEL_M = 0.045
+_JUST_LANDED_NS = 150_000_000  # largest delay, or lead, of a reported touch-down
+_HEEL_M = 0.045  # distance of the heel behind the place of a footprint
 _GENTLE_RAD = math.radians(3.49)
 """Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
 _LOW_RISER_M = (0.065, 0.075)
@@ -62,6 +62,9 @@ def predictions_by_step(
     touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
     """
     t_ns = np.array([f.t_ns for f in landed])
+    # estimate.steps[k] predicts step first + k + offset, where `first` is the next true step; the offset is -1 if the
+    # touch-down before is reported late (steps[0] has already landed and is skipped), and 1 if the next one is
+    # reported early
     predictions: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
     for estimate in estimates:
         first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
@@ -90,7 +93,7 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
         layout: The true terrain.
         sole_m: Length of the soles.
     """
-    behind, s = from_to
+    behind, s = from_to  # the walk goes forward: behind < s
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
     modes = ["LG"] if gentle and mode in ("RA", "RD") else []

@@ -112,11 +112,12 @@ def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
         estimate: The path.
         truth: True poses at those of its stamps that lie within the truth.
     """
+    # about `_MAX_ORDER_POSES` poses are enough
     step = 1 + len(truth) // _MAX_ORDER_POSES
     path, true_q = estimate.path, truth.q_world_frame[::step]
     q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]
     error = _mean_rotation_error(q, true_q)
-    if error < _MIN_ORDER_ERROR_RAD:
+    if error < _MIN_ORDER_ERROR_RAD:  # small enough for the right order
         return
     for steps, cause in _ORDERS.items():
         if _mean_rotation_error(np.roll(q, steps, axis=1), true_q) * _ORDER_RATIO < error:

@@ -65,6 +65,7 @@ class PathCollector(Collector[PathEstimate]):
         outputs = []
         for frame, poses in self._poses.items():
             part = declaration.parts.get(frame, options.foot if declaration.per_foot else "")
+            # the path is ready from its first valid pose on, or from its first one if none is valid
             valid = np.array([pose.valid for pose in poses], bool)
             path = PathEstimate(
                 name=f"{declaration.name}_{part}" if part else declaration.name,

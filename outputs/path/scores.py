@@ -24,12 +24,12 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 RPE_DISTANCES_M = (1.0, 5.0)
-RPE_SPACING_M = 0.1
-CHI2_3_95 = 7.814727903251179
-_VARIANCE_FLOOR_M2 = 1e-12
-LOST_M = 2.0
-SPAN_M = 5.0
-CLIMB_M = 0.3
+RPE_SPACING_M = 0.1  # distance between the starts of two stretches
+CHI2_3_95 = 7.814727903251179  # 95 % quantile of the chi-square distribution with 3 degrees of freedom
+_VARIANCE_FLOOR_M2 = 1e-12  # added to variances, so that a covariance of 0 can be inverted
+LOST_M = 2.0  # a path farther away than this is off
+SPAN_M = 5.0  # length of the stretches of path over which drift and climbs are taken
+CLIMB_M = 0.3  # least change of height of a stretch that counts as a climb
 
 SCORES = (
     Score(name="end_error_m", heading="end m", label="End error", unit="m", digits=4),
@@ -192,7 +192,15 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
 
 
 def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last index of every stretch of `span_m` of a path; a stretch starts each 0.1 m travelled."""
+    """First and last index of every stretch of `span_m` of a path; a stretch starts each 0.1 m travelled.
+
+    Args:
+        distance_m: (N,) m travelled up to each pose, not decreasing.
+        span_m: Length of the stretches, m.
+
+    Returns:
+        Two arrays of the same length, which is 0 if the path is shorter than the span.
+    """
     s = distance_m
     starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
     ends = np.searchsorted(s, s[starts] + span_m)
@@ -225,6 +233,7 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
         far_m: Distance that fixes the bearing.
     """
     e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]
+    # index of the sample that fixes the bearing; the last one if the estimate never gets that far
     far = np.linalg.norm(e, axis=1) > far_m
     i = int(np.argmax(far)) if far.any() else len(e) - 1
     a = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])

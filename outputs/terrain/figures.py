@@ -26,8 +26,8 @@ _PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)  #
 _HEX, _PALE_HEX = (
     {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, colors)} for colors in (CLASS_COLORS, _PALE)
 )
-_LINE_M = 0.2
-_CLEAR_M = 0.06
+_LINE_M = 0.2  # half width of the strip whose median height is shown
+_CLEAR_M = 0.06  # nearer to a true edge no error of the height is shown
 _LEAST_CLEAR = 0.3  # of the cells across the route
 _MAX_EDGE_ERROR_MM = 140.0  # an estimated edge farther than this from every true one matches none
 _LEAD = (
@@ -68,6 +68,7 @@ def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float
 
 def _class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
     """A PNG of (S, L) classes, the left of the route on top, as a data URI."""
+    # OpenCV's order of colours; unknown cells are transparent
     bgra = np.zeros((*classes.shape, 4), np.uint8)
     bgra[..., :3] = _PALE[classes][..., ::-1]
     bgra[..., 3] = 255
@@ -94,6 +95,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
     draw_profile(plot, profile, span, span_z[0])
     edges_here = []
     for at in route.edges[:, 0]:
+        # from just below the lower to just above the upper true ground beside the edge
         ends = true_heights(profile, np.array([at - 0.1, at + 0.1]))
         edges_here.append([(at, ends.min() - 0.05), (at, ends.max() + 0.05)])
     plot.curves(edges_here, INK, width=1.2, label="mapped edge")
@@ -108,8 +110,9 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
     s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
-    jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])
+    jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])  # true edges, m along the route
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
+    # errors of the heights, mm; NaN near an edge, where a small error of place would look like one of height
     off = np.where(
         (away > _CLEAR_M) & (s > span[0]) & (s < span[1]), 1e3 * (height - true_heights(walk.layout.profile, s)), np.nan
     )
@@ -117,6 +120,7 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     mapped = mapped[(mapped > span[0]) & (mapped < span[1])]
     nearest = np.abs(mapped[:, None] - jumps).argmin(axis=1) if len(jumps) else np.zeros(0, int)
     place = 1e3 * (mapped - jumps[nearest]) if len(jumps) else np.zeros(0)
+    # errors of the mapped edges' places, mm, of those that match a true one
     known = np.abs(place) < _MAX_EDGE_ERROR_MM
     top = max(10.0, float(np.nanmax(np.abs(np.r_[off, place[known]]), initial=0.0))) * 1.1
     plot = Plot(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
+# pose of the map in a glTF scene, whose y axis is up
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -103,6 +104,7 @@ def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.
     grid = GroundGrid.of(terrain_map)
     points, plane = grid.points()
     is_known = np.isfinite(grid.height)
+    # number of the vertex in each cell; -1 without one. Four neighbours with vertices make two triangles.
     number = np.full(is_known.shape, -1, np.int64)
     number[is_known] = np.arange(len(points))
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
@@ -131,7 +133,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
         "area_m2": plane.area_m2,
         "slope_deg": math.degrees(plane.slope),
         "slope_sd_deg": math.degrees(plane.slope_sd),
-        "height_sd_m": math.sqrt(plane.covariance[0, 0]),
+        "height_sd_m": math.sqrt(plane.covariance[0, 0]),  # 0 is the height
         "votes": plane.votes,
     }
 
@@ -139,7 +141,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
 def _terrain(terrain: Terrain) -> dict[str, object]:
     """Stairs, a ramp or level ground as plain values for the JSON file."""
     if isinstance(terrain, Stairs):
-        sd = np.sqrt(np.diag(terrain.covariance))
+        sd = np.sqrt(np.diag(terrain.covariance))  # 0 riser, 1 tread, 3 start; the rest is not written
         return {
             "type": "stairs",
             "id": terrain.id,

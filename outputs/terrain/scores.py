@@ -16,20 +16,20 @@ from stridetwin.outputs.truth import edges, flights, scoring_time_ns
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
-_HALF_WIDTH_M = 0.5
+_HALF_WIDTH_M = 0.5  # of the scored ground
 NEAR_M, FAR_M = 0.5, 2.5
 """The range of the ground ahead that is scored."""
-_COMPLETE_M = 0.03
-_CELL_M = 0.05
-_MATCH_M = 0.35
+_COMPLETE_M = 0.03  # largest error of the height of ground that counts as mapped
+_CELL_M = 0.05  # distance of the samples of the ground
+_MATCH_M = 0.35  # largest distance between a true flight's begin and its estimate
 _MAX_EDGE_SD_M = 0.03
 """An edge with a larger standard deviation counts as not seen."""
 _SAME_EDGE_M = 0.14
 """Half of the shortest tread in the scenarios; an edge farther away does not match."""
-_TICK_S = 0.5
-_LATE_NS = 200_000_000
-_FLOOR_BELOW_M = 0.1
-_STRAIGHT_M = 0.05
+_TICK_S = 0.5  # time between two samples of the whole ground
+_LATE_NS = 200_000_000  # a change that is due for so long has missed its depth image
+_FLOOR_BELOW_M = 0.1  # how far the sides of the true ground reach below its lowest point
+_STRAIGHT_M = 0.05  # the route is straight up to where it deviates by more from the line ahead
 _REACH_M = 6.0
 """Edges farther away are not ahead."""
 _FACING = 0.5
@@ -110,6 +110,7 @@ def distance_to(triangles: Array, points: Array) -> Array:
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
     for i in flat.tolist():
+        # per axis, the distance from the bounding box
         apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
         near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
         if len(near):
@@ -125,7 +126,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
     a, b, c = triangle
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
-    over = np.ones(len(points), bool)
+    over = np.ones(len(points), bool)  # whether each point projects into the triangle
     sides = []
     for start, end in ((a, b), (b, c), (c, a)):
         along, offset = end - start, points - start
@@ -165,15 +166,22 @@ class MapScorer:
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
+        # true changes with the time at which each is due, ns (infinite: never); `sample` moves them to `_changes`
         self._pending = [(change, scoring_time_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
-        self._points: list[Array] = []
-        self._complete: list[float] = []
-        self._edges: list[Array] = []
-        self._tick_ns = 0
+        self._points: list[Array] = []  # per sample, (K, 3) m, points of the map's ground ahead in the true world
+        self._complete: list[float] = []  # per sample, the share of the ground ahead that is mapped
+        self._edges: list[Array] = []  # per sample, errors of the edges ahead, m
+        self._tick_ns = 0  # when the next sample is due
 
     def sample(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, place_m: float) -> bool:
-        """Samples a map after a depth image, where the camera is at `place_m` along the route.
+        """Samples a map after a depth image: scores the changes that are due, and each half second the whole ground.
+
+        Args:
+            t_ns: Time of the depth image, ns.
+            mapper: The map.
+            alignment: From the map's world to the true one, now.
+            place_m: Place of the camera along the route, m.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.
@@ -269,6 +277,7 @@ def _score_change(
     if estimate is None:
         return ScoredChange(mode=change.mode, is_detected=False)
     if change.slope:
+        # a ramp: the slope break nearest to the true edge gives the begin, even where the slope is not found
         near = [c for c in _profile_ahead(mapper, place_m, alignment, layout).changes if c.kind == "slope_break"]
         edge = min((place_m + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
@@ -284,8 +293,9 @@ def _score_change(
         )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
         sign = math.copysign(1.0, change.riser)
-        if float(flight.up @ forward) * sign < 0.9:
+        if float(flight.up @ forward) * sign < 0.9:  # it rises, or falls, in another direction than the true one
             continue
+        # from the true begin to each edge of the flight, m forward; the first one that the walker meets is the begin
         edge_offsets = (flight.edges - float(flight.up @ place)) * sign
         first = min(edge_offsets[np.isfinite(edge_offsets)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
@@ -293,7 +303,7 @@ def _score_change(
                 mode=change.mode,
                 is_detected=True,
                 distance_m=float(first),
-                riser_m=flight.riser - abs(change.riser),
+                riser_m=flight.riser - abs(change.riser),  # a flight's riser is positive
                 tread_m=flight.tread - change.tread,
                 riser_sd_m=math.sqrt(flight.covariance[0, 0]),
                 tread_sd_m=math.sqrt(flight.covariance[1, 1]),
@@ -314,6 +324,7 @@ def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
     if not len(s) or not len(near):
         return np.zeros((0, 3))
     way, heading = layout.way.point(s), layout.way.heading(s)
+    # from the nearest sample of the route: along it and to the left
     offset = near[:, None, :2] - way
     k = np.argmin((offset**2).sum(axis=-1), axis=1)
     offset = offset[np.arange(len(near)), k]
@@ -353,6 +364,7 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
         left: Distances to the left of it, m.
     """
     starts = np.array([strip.s0 for strip in profile])
+    # (strips, 4): begin along the route, height there, rise per m along the route and per m to the left
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
     s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
     return np.asarray(z0 + slope * (s - s0) + cross * left)
@@ -361,6 +373,7 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
 def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
     """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
+    # m straight ahead
     known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _MAX_EDGE_SD_M])
     heading = float(layout.way.heading(place_m))
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -378,6 +391,7 @@ def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
     across = np.stack([np.cos(heading), np.sin(heading)], -1)
-    facing = across @ forward
+    facing = across @ forward  # cosine of the angle between the line and the route at each edge
+    # distance of each edge's line from the place, perpendicular to the edge
     away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)
     return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

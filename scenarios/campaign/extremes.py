@@ -25,7 +25,7 @@ from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, Walker, draw_
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
-_MIDDLE = 0.5
+_MIDDLE = 0.5  # probability of the median
 _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 
@@ -100,7 +100,20 @@ def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
 def _try_base(
     folder: Path, campaign: Campaign, base: Base, person: Walker | None, middle: Mapping[str, object], extra: Extra
 ) -> None:
-    """Checks a scenario as it is, then with the values that are set in all of its walks."""
+    """Checks a scenario as its file has it, then with the values that the campaign sets in all of its walks.
+
+    Args:
+        folder: Temporary folder in which the scenario is tried.
+        campaign: The campaign.
+        base: The scenario.
+        person: A person of the campaign; None if it draws no people.
+        middle: Median of each variable that varies, by its name.
+        extra: What the command line adds to the campaign.
+
+    Raises:
+        StrideTwinError: The scenario is invalid. The error is in a user's file or in the campaign's file: at the
+            variable that sets the refused field, else at the name of the scenario.
+    """
     _parse_unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
@@ -119,7 +132,18 @@ def _try_base(
 
 
 def _try_people(folder: Path, group: Group) -> None:
-    """Checks the ends of each distribution of a group on a walk of a few steps."""
+    """Checks the ends of each distribution of a group's people on a walk of a few steps.
+
+    `bmi` is exempt: a scenario's person has no such field (it only gives the mass), and its range was already checked
+    when the campaign's file was read.
+
+    Args:
+        folder: Temporary folder in which the walk's scenario is tried.
+        group: A group of the campaign's people.
+
+    Raises:
+        ConfigError: A person is invalid at an end; the error is in the campaign's file, at the key of the distribution.
+    """
     for key, distribution in group.body.items():
         for end in distribution.ends if key != "bmi" else ():
             try:

@@ -19,7 +19,7 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign, Splits
 from stridetwin.scenarios.campaign.walk import ACCEPTED, WalkRow
 
 _GOLDEN = (5**0.5 - 1) / 2
-_KEYS = {"person": 2, "terrain": 3}
+_KEYS = {"person": 2, "terrain": 3}  # keys of the random numbers of each split
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 16
 _FILES = {
@@ -246,9 +246,11 @@ def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
             w["values"][value_name or base]
             for w in accepted
             if (value_name or base) in w["values"]
+            # a value named `BASE: NAME` is that of one scenario, and replaces the campaign's value there
             and (w["scenario"] == base if colon else f"{w['scenario']}: {name}" not in manifest["ranges"])
         ]
         yield _row(name, text, values)
+    # the measures that the people actually have, instead of drawn quantities such as `bmi`
     bodies = [manifest["people"][w["person"]] for w in accepted]
     for key in ("sex", "height_m", "mass_kg", "shoe_mm"):
         values = [body[key] for body in bodies if key in body]

@@ -157,7 +157,17 @@ def row_of_failure(task: WalkTask, reason: str) -> WalkRow:
 
 
 def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
-    """The row of a walk, whose scenario and recording are written to `unfinished` and then moved to their places."""
+    """Simulates, records and checks a walk. Files are written to `unfinished` and then moved to their places.
+
+    Recordings of the same walk by another version of the code are removed.
+
+    Args:
+        task: The walk.
+        unfinished: Temporary folder of this walk.
+
+    Returns:
+        The walk's row: accepted, rejected by its quality figures, or rejected as infeasible, without a recording.
+    """
     make_twin = twin_class()
     scenario: Scenario | None = None
     path, recorded = task.path(SCENARIOS, ".yaml"), unfinished / f"{task.walk.name}.mcap"
@@ -245,6 +255,7 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
         `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
         `expected_findings` about streams with an injected fault.
     """
+    # topics with an injected fault, whose errors are expected
     broken = {i.topic for i in read_injected_faults(recording.metadata)}
     errors = [f for f in check_recording(recording).findings if f.is_error]
     return {
