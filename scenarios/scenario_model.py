@@ -365,6 +365,7 @@ def _group_type(group: str) -> Any:
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     position = hints["position_m"]
     hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
+    # None stands for an option that the file does not give
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)

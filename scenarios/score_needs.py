@@ -33,7 +33,7 @@ def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
     """
     estimators: set[str] = set()
     for name in names:
-        output = name.partition(".")[0]
+        output = name.partition(".")[0]  # an estimator, or one with its part, such as `foot_ins_l`
         estimator = next((n for n in (output, output.rpartition("_")[0]) if n in registry.names()), None)
         if estimator is None:
             raise ConfigError(source, "estimator", name, ", ".join(registry.names()))
@@ -77,6 +77,7 @@ def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig
     from stridetwin.sim.wearer.body import fit_wearer  # imports the simulator, which `score` does without
 
     declaration = estimator_class.declaration
+    # a user's exoskeleton has no D-H table, so that its recording has no geometry
     has_links = config.exo is not None and config.exo.user_exo is None
     metadata = exo_geometry.geometry_metadata(fit_wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)

@@ -100,6 +100,7 @@ def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary]
         `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
+    # walks that nobody fell in, so that all variants have the same way
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
     summary: dict[str, VariantSummary] = {}
     work_of_way: dict[str, float] = {}
@@ -121,6 +122,7 @@ def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: b
     """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %."""
 
     def per_step(way: str, figure: str) -> float:
+        """A cost of the mode's steps in a variant over all walks, divided by their number."""
         costs_of_mode = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
         return sum(o[figure] for o in costs_of_mode) / sum(o["steps"] for o in costs_of_mode)
 

@@ -190,6 +190,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     factors = _read_factors(file, files, where)
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
+        # the faults are the last factor, which changes first
         at, lists = where.key(_FAULTS), data[_FAULTS]
         assert isinstance(lists, dict)
         factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
@@ -275,7 +276,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
         ConfigError: The scenario is invalid with what is set; the message names the place in the study file.
     """
     base = next((level.base for level in reversed(combination.levels) if level.base), combination.base)
-    plain = json.loads(json.dumps(base.scenario))
+    plain = json.loads(json.dumps(base.scenario))  # a deep copy
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
@@ -304,7 +305,17 @@ def _fill_factors(value: object, labels: Mapping[str, str], at: FieldLocation) -
 
 
 def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: list[FieldLocation]) -> StrideTwinError:
-    """An error of a scenario at the place in the study file that causes it."""
+    """An error of a scenario at the place in the study file that causes it.
+
+    Args:
+        error: The error, whose field is a path in the scenario.
+        base: The scenario.
+        variables: Values that were set, in order; the last one that concerns the field causes the error.
+        faults: Position of each fault of the scenario: `base.at` for one of its own.
+
+    Returns:
+        The error at the variable or at the fault, else at the scenario's name.
+    """
     for variable in reversed(variables):
         if any(_is_about(path, error) for path in variable.paths):
             return variable.at.error(error.value, error.valid)

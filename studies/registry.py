@@ -181,7 +181,7 @@ def read_row(file: Path) -> Row:
 
 def _run_case(task: _CaseTask) -> Row:
     """Runs a case and returns its row; recordings of another version are deleted first."""
-    mark = task.case.file(".key")
+    mark = task.case.file(".key")  # beside the recordings: the key of what made them
     if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
         for recording in task.case.recordings:
             recording.unlink()

@@ -11,6 +11,7 @@ from stridetwin.sim.config import TwinConfig
 
 SAMPLED = 10
 """Cases whose walks are laid out for the time; the others are taken to be like them."""
+# CPU time per second walked of one estimate, by camera and for the rest; and the time to start
 _CPU_PER_S = {"head_camera": 0.5, "foot_camera": 0.2}
 _OTHER_CPU_PER_S = 0.02
 _START_CPU_S = 60.0

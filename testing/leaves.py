@@ -24,7 +24,7 @@ _MAY_BE_UNKNOWN: dict[type, frozenset[str]] = {
 }
 """Fields that are NaN or infinite where the value is unknown, as the docstrings of these types say."""
 _STANDARD_DEVIATION = re.compile(r"(?:^|_)(?:sd|std)(?:_|$)")
-_DEEPEST = 12
+_DEEPEST = 12  # nesting of objects beyond which only their types are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -106,7 +106,7 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
         return _synthetic_walk(estimator_class, options)
     problem: Exception | None = None
     mount = options.mount or (estimator_class.declaration.mounts or ("head",))[0]
-    counts: list[int] = []
+    counts: list[int] = []  # per set of cameras, how many of the estimator's live streams the walk then has
     for cameras in _CAMERAS:
         rig, metadata = _nominal_rig(cameras, mount)
         try:

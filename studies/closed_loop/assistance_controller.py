@@ -112,7 +112,7 @@ class AssistanceController:
 
     def __init__(self, joints: Sequence[str], max_torque_nm: Array) -> None:
         self._joints, self._max_torque_nm = joints, max_torque_nm
-        self._torque = np.zeros(len(joints))
+        self._torque = np.zeros(len(joints))  # the last command, N m
 
     def torques(self, observation: Mapping[str, Array]) -> Array:
         """Torque commands from an observation; call it once per `PERIOD_S`.
@@ -124,6 +124,7 @@ class AssistanceController:
             (n,) N m, flexion positive, in the order of the joints.
         """
         target = np.array([_torque_share(joint, observation) for joint in self._joints]) * self._max_torque_nm
+        # backward Euler step of a first-order lag
         self._torque += (target - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
         return self._torque.copy()
 
@@ -131,7 +132,8 @@ class AssistanceController:
 def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     """Share of the torque limit for one joint, -1 to 1.
 
-    It is the share of mode, leg and direction times min(|speed| / full speed, 1).
+    It is the share of mode, leg and direction times min(|speed| / full speed, 1). Speed and torque are positive in
+    flexion, so that the torque has the sign of the speed.
 
     A leg in swing takes the mode with the larger share of both legs, because a leg that swings up from the last tread
     has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.

@@ -75,10 +75,10 @@ class WalkPhysics(control.Physics):
         self._config, self._seeds = config, chain((first,), seeds)
         self.rig: Rig = sensor_rig(config).nominal(first)
         self._plan, self._plan_control = cache_plans()
-        self._twin: Twin | None = None
+        self._twin: Twin | None = None  # of the current walk; used again for the same seed
         self._live: LiveTwin | None = None
-        self._walking = ExitStack()
-        self._torque = np.zeros(len(self.joints))
+        self._walking = ExitStack()  # closes the current walk
+        self._torque = np.zeros(len(self.joints))  # last action, N m, in the order of `joints`
         self.samples: list[Sample] = []
 
     @property
@@ -150,7 +150,7 @@ def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
         (N, 4) N m and (N, 4) rad/s, in the order of `WEARER_JOINTS`.
     """
     _, speed = walk.position_velocity(walk.t)
-    names = walk.coordinates.names[6:]
+    names = walk.coordinates.names[6:]  # the hinges, without the six coordinates of the root
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
 

@@ -53,6 +53,7 @@ class _UncertaintyLog(FootToFoot):
         """
         estimate = super().update(sample)
         if estimate is not None and isinstance(sample, Imu):
+            # (foot, axis, foot, axis): the states of both feet follow each other, each with its position first
             P = estimate.covariance.reshape(2, len(estimate.covariance) // 2, 2, -1)[:, :2, :, :2]
             apart = P[0, :, 0] + P[1, :, 1] - P[0, :, 1] - P[1, :, 0]
             self.apart_sd.append(math.sqrt(max(np.trace(apart), 0.0)))
@@ -82,6 +83,7 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
         paths = follow(estimator, plan.samples(walk.samples()))
     except StrideTwinError as error:
         return {"error": str(error)}
+    # (N, 6, 6) of each foot; the first two entries are the horizontal position
     ground = [paths[f].trajectory.covariance for f in FEET]
     return {
         **score_paths(paths, truth),
@@ -104,6 +106,7 @@ def _mean_figures(rows: list[FaultFigures]) -> Figures:
     errors = [f["error"] for f in rows if "error" in f]
     if errors:
         return {"error": errors[0], "refused": len(errors), "of": len(rows)}
+    # (walks, feet, axes) m
     ends: Array = np.array([f["end_error_m"] for f in rows])
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),

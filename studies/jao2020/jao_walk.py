@@ -74,7 +74,7 @@ def run_case(case: ExperimentCase) -> Row:
         start = true_start(truth)
         figures_of_case: dict[str, Figures] = {}
         for name in CASES:
-            wide = name != "clipped"
+            wide = name != "clipped"  # gyros without saturation
             samples = walk.samples(wide=wide)
             if name == "half_blind":
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
@@ -92,7 +92,12 @@ def touch_down_times_ns(walk: RecordedWalk) -> Array:
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs."""
+    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs.
+
+    Args:
+        samples: In time order.
+        touches: (T,) touch-downs of both feet, ns, in order; images after an odd number of them are left out.
+    """
     for sample in samples:
         if not (isinstance(sample, Image) and np.searchsorted(touches, sample.t_ns) % 2 == 1):
             yield sample

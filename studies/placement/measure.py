@@ -235,6 +235,7 @@ class Measure:
         names = [s.name for s in problem.scores if not s.geometric]
         self._estimators = estimators_of(names, f"{problem.path}: scores")
         self._forecast = placement_forecast(problem, len(rows))
+        # names this run for the workers' memory of walks; whether the scores' names have been checked on first rows
         self._run_name, self._is_checked = uuid4().hex, False
         self.keys: list[str] = []
 
@@ -258,6 +259,7 @@ class Measure:
             part = range(first, min(first + _MAX_PLACES, len(places)))
 
             def progress(share: float, part: range = part) -> None:
+                """Reports the share of this part as the share of all places."""
                 self._progress(stage, (part.start + share * len(part)) / len(places))
 
             visits = list(self._visits([(i, places[i]) for i in part], seeds, failed))
@@ -287,6 +289,7 @@ class Measure:
                 continue
             feeding = [name for name in self._estimators if _feeds(scenario, name)]
             needed = with_sensors_for(scenario, feeding) if feeding else scenario
+            # what determines the walk itself, for its digest
             body = {key: value for key, value in plain.items() if key not in _SENSORS_ALONE}
             for k, seed in enumerate(seeds, b * len(seeds)):
                 yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
@@ -312,6 +315,7 @@ class Measure:
         for visit in visits:
             config = repr(visit.scenario.config)
             key = content_key("geometric", config, visit.seed, self._names, vars(seeing), sources)
+            # visits of one walk run together, so that its plan is made once, at most `_MAX_GROUP` in a group
             group = f"{visit.walk} {walks[visit.walk] // _MAX_GROUP}"
             walks[visit.walk] += 1
             jobs.append(Job(name=visit.label, key=key, task=visit, group=group))

@@ -27,7 +27,7 @@ from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.significance import compare_places, comparison_text, intervals, pareto_front
 
 _USED = "another placement uses it: expected a folder of its own"
-_SHOWN = 10
+_SHOWN = 10  # places in the table
 _LONG = 40  # characters: longer labels are replaced by the rank
 _ALIKE = 0.05  # share of every range: closer places count as one in the table of a search
 
@@ -113,6 +113,7 @@ def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
     """Measures the unchanged place, then all others of the sweep or all that the search tries."""
 
     def losses(places: list[Place]) -> list[float]:
+        """Measures places on all walks and returns their losses, for the search."""
         losses_of_places: list[float] = measure(places, problem.seeds, "search").losses.tolist()
         return losses_of_places
 
@@ -128,7 +129,7 @@ def _finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Mea
     shown = _distinct_best(problem, searched, _SHOWN if problem.confirm is None else problem.confirm.places)
     final = searched.part(shown if 0 in shown else [*shown, 0])
     if problem.confirm is not None:
-        first = max(problem.seeds) + 1
+        first = max(problem.seeds) + 1  # seeds that the search has not used
         final = measure(final.places, range(first, first + problem.confirm.walks), "confirm")
     return final.part(final.best_first)
 
@@ -160,6 +161,7 @@ def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
 def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:
     """The result of `run_placement` as JSON holds it, without the files."""
     names = [score.name for score in problem.scores]
+    # per score, the intervals of all places
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
     table: list[PlaceInTable] = []
     for i, place in enumerate(final.places):

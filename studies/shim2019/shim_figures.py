@@ -66,7 +66,7 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
         x_label="terrain",
         x_names=tuple(CASES),
     )
-    for k, method in enumerate((METHODS[0], *METHODS)):
+    for k, method in enumerate((METHODS[0], *METHODS)):  # k = 0: the true values, which are the same for any method
         name = f"estimated_{quantity}" if k else quantity
         values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
         at = np.array([i for i, case_values in enumerate(values) if case_values])

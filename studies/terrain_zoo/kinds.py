@@ -40,7 +40,7 @@ CALIBRATED = CalibrationSd(
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
 _SENSORS = ("insole", "head_imu", "head_camera")
-_BMI = (19.0, 30.0)
+_BMI = (19.0, 30.0)  # kg/m²
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 

@@ -18,7 +18,7 @@ from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS
 from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_lines, confusion_table, lead_plot
 from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
-_SURE = 0.9
+_SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 _OURS, _PUBLISHED = METHODS
 _UNTUNED = "kinds that are not in the tuning set"
 _ALL = "all"

@@ -26,7 +26,7 @@ from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, 
 ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 """Estimators whose parameters `--set` changes here."""
 
-_SETTLED_M = 5.0
+_SETTLED_M = 5.0  # way after which the tilt is scored
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
 

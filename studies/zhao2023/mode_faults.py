@@ -42,7 +42,7 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 FAULT_LEAD_S = 3.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
-SURE = 0.9
+SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 
 
 def run_case(case: ExperimentCase) -> Row:

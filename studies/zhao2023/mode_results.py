@@ -256,8 +256,10 @@ def table(result: ModeResult) -> list[str]:
     counts = method_summary(result, methods(result)[0])["confusion"]
     blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     if len(condition_lines(result)) > 1:
+        # after the overall lines
         blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
     if cell_lines(result):
+        # before the lines about changes and spread, and the confusion matrix
         blocks[-2:-2] = [["Table II", *cell_lines(result)]]
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 

@@ -46,8 +46,8 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
 """Edges of the histograms' bins; values beyond count in the outermost bins."""
-_RATE_HZ = 30.0
-_OVER_S = 1.0
+_RATE_HZ = 30.0  # instants of the truth per second
+_OVER_S = 1.0  # time over which a speed is taken
 
 
 class Spread(Moments):
@@ -154,8 +154,8 @@ def sole_length_m(config: TwinConfig) -> float:
 class SharedMap(TerrainMap):
     """A map that several predictors feed with the same samples; it processes each once."""
 
-    _last: Sample | None = None
-    _shared: TerrainEstimate | None = None
+    _last: Sample | None = None  # the last sample that was processed
+    _shared: TerrainEstimate | None = None  # what came of it
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """Updates the map with a sample; a repeated sample returns the first result."""
@@ -211,6 +211,7 @@ def predict(
     shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
     def build(name: str) -> Estimator[Sample | StepEstimate, ModeEstimate]:
+        """The predictor of a method or estimator; those of `METHODS` share one map, which the first of them updates."""
         if name == FORGETFUL:
             ground = ForgetfulMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
             return LocomotionMode(rig, options=options, ground=ground, **parameter_keywords(LocomotionMode, PROPOSED))
