@@ -134,7 +134,13 @@ class _Pool(Executor):
 def _run_alone(
     work: Work[Task, ResultT], versions: Mapping[str, str], group: Sequence[Job[Task]]
 ) -> Sequence[ResultT | Failure] | None:
-    """Runs a group in a process of its own; returns its results, or None if that process died."""
+    """Runs a group in a process of its own; returns its results, or None if that process died.
+
+    Args:
+        work: How rows are made.
+        versions: Versions of the code that the process must have.
+        group: Jobs that run together.
+    """
     try:
         with open_pool(1) as pool:
             return pool.submit(run_group, work, versions, [job.task for job in group]).result()
@@ -206,7 +212,7 @@ class _Cluster(Executor):
         Raises:
             StrideTwinError: Dask is not installed, or no scheduler with workers answers within a minute.
         """
-        if self._client is not None:
+        if self._client is not None:  # an earlier call has connected
             return self._client
         with explain_import_error("--scheduler needs Dask", "cluster"):
             from distributed import Client

@@ -166,6 +166,11 @@ def _resample(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Ar
 
     A resample draws as many walks as there are, with replacement. How often it draws each walk times sums over walks
     gives count, sum and sum of squares of all columns at once.
+
+    Args:
+        x: (walks, S) values, NaN where one is missing.
+        draws: Number of resamples.
+        rng: Draws the walks.
     """
     n, columns = len(x), x.shape[1]
     is_present = np.isfinite(x).astype(float)

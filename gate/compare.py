@@ -398,6 +398,12 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
 
     PAIRED compares the walks in both tables. Otherwise an estimator without failures in the baseline must not fail on
     any current walk, and every estimator of the baseline must have a mean.
+
+    Args:
+        now: Current scores.
+        baseline: Scores of the baseline.
+        shared: Keys of the walks in both tables.
+        method: PAIRED, UNPAIRED or TOLERANCE.
     """
     lines = []
     # `had`: walks on which the estimator should give scores; `has`: those on which it does
@@ -432,11 +438,17 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
 
     A mean is WORSE if it exceeds the baseline's by the tolerance and by rounding differences between machines
     (`Scale.slack`); a score that is gone is MISSING.
+
+    Args:
+        now: Current means by estimator.
+        baseline: Means of the baseline that are compared, by estimator.
+        rules: The tolerance.
     """
     lines = []
     for name, scores in baseline.items():
         for metric, value in scores.items():
             scale, current = scale_of(metric), now.get(name, {}).get(metric)
+            # descriptive scores are not gated; signed scores and claims must only exist, as their means say nothing
             if scale is None or (scale.by_walks_only and current is not None):
                 continue
             line = Line(

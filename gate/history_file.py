@@ -58,6 +58,7 @@ def history_line(
         verdict = FAILED
     else:
         verdict = ALONE if comparison is None else PASSED
+    # the same walks give the same digest, in whatever order they were scored
     digests = "\n".join(sorted(row["sha256"] for row in rows))
     return {
         "label": label,

@@ -171,6 +171,7 @@ class Program(OwnEstimator):
                 arguments = [argument.replace(placeholder, file_name) for argument in arguments]
             with log.open("wb") as file:
                 code = _run_program(arguments, self.timeout_s, file.fileno(), Path(folder))
+            # the end of what it has printed, on one line
             last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             printed = f"; stderr: {last}" if last else "; nothing on stderr"
             if code is None:
@@ -289,7 +290,7 @@ def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     name = type(estimator).__name__
     poses: list[Pose] = []
     sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH_PREFIX)]
-    topics = getattr(estimator, "topics", None)
+    topics = getattr(estimator, "topics", None)  # an estimator without them gets all sensors
     if topics is None:
         topics = sensors
     for topic in topics:

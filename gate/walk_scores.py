@@ -158,7 +158,7 @@ def score_walk(
     }
     if job.user_estimators:
         results: list[Result] = []
-        for estimator in job.user_estimators:
+        for estimator in job.user_estimators:  # each may fail alone
             try:
                 results += evaluate(recording, [estimator.path(recording)], job.alignment)
             except StrideTwinError as error:
@@ -182,7 +182,16 @@ def score_walk(
 
 
 def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progress | None) -> Iterator[KindEvaluations]:
-    """Runs the estimators that the recording feeds, kind by kind; raises StrideTwinError if there are none."""
+    """Runs the estimators that the recording feeds, and yields their evaluated outputs kind by kind.
+
+    Args:
+        recording: The recording.
+        job: Selects the estimators and their parameters.
+        progress: Receives the stage and its progress (0-1).
+
+    Raises:
+        StrideTwinError: It feeds none; the message says what they need.
+    """
     selection = Selection(only=job.only, parameters=job.parameters)
     has_any = False
     for kind_results in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
@@ -195,7 +204,14 @@ def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progres
 
 
 def _record_failure(job: ScoringJob, failed: dict[str, str], name: str, error: Exception) -> None:
-    """Adds an estimator's error on one line to `failed`; in a strict job raises it."""
+    """Adds an estimator's error on one line to `failed`; in a strict job raises it.
+
+    Args:
+        job: The job, whose path is left out of the text.
+        failed: Reasons by estimator, which get one more.
+        name: Name of the estimator.
+        error: Its error; one that is no StrideTwinError is shown with its type.
+    """
     if job.strict:
         raise error
     text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
@@ -237,6 +253,7 @@ def score_walks(
         return [score_walk(jobs[0], progress, on_evaluated)]
     if options.scheduler is not None:
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
+    # the built-in estimators whose code determines the rows; the code of users' estimators has no version
     estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))
     versions = partial(scoring_versions, __name__, estimators)
     work = Work(run=one_by_one(score_walk), versions=versions)

@@ -79,6 +79,7 @@ def choose_poses(
         return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
+    # the first odometry whose IMU is on the depth camera's body; long dead reckoning is left out
     instances = [with_parameters(instance, parameters) for instance in runnable_instances(odometry, recording)]
     for output in (o for instance in instances for o in run_paths(instance, recording)):
         estimate = output.estimates
@@ -142,7 +143,14 @@ def _read_path(recording: Recording, topic: str) -> Trajectory:
 
 
 def _choose_upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
-    """The poses in a world whose z axis is up, with a description that names the rotation if one was needed."""
+    """The poses in a world whose z axis is up, with a description that names the rotation if one was needed.
+
+    Args:
+        recording: With the depth images, which show where the ground is.
+        path: Poses of `frame`.
+        frame: Frame of the poses; "" is the depth camera's optical frame.
+        description: What the poses are, for a message.
+    """
     path, angle = _set_upright(recording, path, frame)
     rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
     return ChosenPoses(path=path, frame=frame, description=description + rotation)

@@ -176,6 +176,12 @@ def _fields(group: Any) -> list[str]:
 def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -> Any:
     """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups.
 
+    Args:
+        group: A dataclass or named tuple.
+        keys: Names of the inner groups, then of the parameter.
+        value: The new value, as a file has it.
+        at: Where it is given, for errors.
+
     Raises:
         ConfigError: No such parameter, or an invalid value.
     """

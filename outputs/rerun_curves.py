@@ -26,7 +26,17 @@ def log_curves(
     labels: tuple[str, ...],
     colors: Sequence[tuple[int, int, int]] | None = None,
 ) -> None:
-    """Logs (N, K) values at (N,) stamps as K curves; an empty label stands for the last part of the entity."""
+    """Logs (N, K) values at (N,) stamps as K curves, thinned to about `CURVES_HZ`.
+
+    Args:
+        rerun: The module `rerun`.
+        stream: Its stream.
+        entity: Path of the curves in the viewer.
+        t_ns: (N,) times, ns.
+        values: (N, K) values.
+        labels: Name of each curve; "" stands for the last part of the entity.
+        colors: RGB of each curve; None leaves them to the viewer.
+    """
     seconds, thinned = thin_out(t_ns, CURVES_HZ, values)
     names = [label or entity.rsplit("/", 1)[1] for label in labels]
     stream.log(entity, rerun.SeriesLines(names=names, colors=colors), static=True)

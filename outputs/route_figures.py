@@ -27,7 +27,14 @@ _TRUE_STEP = "#46546a"
 
 
 def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float) -> None:
-    """Draws the true ground along the route, by terrain, down to the height `floor`, m."""
+    """Draws the true ground along the route from the side, by terrain.
+
+    Args:
+        plot: The figure.
+        profile: Strips of the route.
+        span: Begin and end of the figure along the route, m; strips are cut there.
+        floor: Height down to which the ground is filled, m.
+    """
     for terrain, color in GROUND.items():
         outlines = []
         for strip in profile:
@@ -98,7 +105,13 @@ class StraightenedRoute:
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
     def plot_row(self, title: str, number: int, rows: list[Range]) -> Plot:
-        """An empty plot of one row, to scale."""
+        """An empty plot of one row, to scale.
+
+        Args:
+            title: Of the whole figure; later rows add their number.
+            number: Number of the row.
+            rows: Begin and end of each row along the route, m.
+        """
         is_last = number == len(rows) - 1
         return Plot(
             title=title if number == 0 else f"{title}, row {number + 1}",

@@ -117,7 +117,16 @@ class Plot:
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", width: float = 1.6, dash: str = "solid"
     ) -> None:
-        """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned."""
+        """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned.
+
+        Args:
+            x: (N,) values of the axis.
+            y: (N,) values of the axis.
+            color: CSS colour.
+            label: In the legend; "" leaves it out.
+            width: In pixels.
+            dash: Plotly's name, such as `dash` or `solid`.
+        """
         xs, ys = np.asarray(x, float), np.asarray(y, float)
         if np.all(np.diff(xs) >= 0):  # a curve over x; others, such as paths from above, keep all points
             xs, ys = thin(xs, ys, _MOST_POINTS // 2)
@@ -138,7 +147,14 @@ class Plot:
         self.areas([outline], color, label=label, stroke=stroke)
 
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
-        """Fills shapes given by their outlines, (N, 2) each."""
+        """Fills shapes given by their outlines, (N, 2) each, which are closed here.
+
+        Args:
+            outlines: The shapes; all of them are one trace.
+            fill: CSS colour of the inside.
+            label: In the legend; "" leaves it out.
+            stroke: CSS colour of the outline; "" draws none.
+        """
         if len(outlines):
             # each outline is closed; gaps separate the outlines
             points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
@@ -158,7 +174,16 @@ class Plot:
     def bars(
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
     ) -> None:
-        """Draws upright rectangles from `left` to `right` and from `low` to `high`, each a number or (N,)."""
+        """Draws upright rectangles from `left` to `right` and from `low` to `high`.
+
+        Args:
+            left: Number or (N,), like the three others; a number counts for all rectangles.
+            right: On the x axis, like `left`.
+            low: On the y axis.
+            high: On the y axis.
+            color: CSS colour.
+            label: In the legend; "" leaves it out.
+        """
         sides = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (left, right, low, high)))
         self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
 
@@ -174,7 +199,18 @@ class Plot:
         sd: ArrayLike | None = None,
         labels: Sequence[str] = (),
     ) -> None:
-        """Draws markers at the points (N,), with error bars of ± `sd` and texts above them where given."""
+        """Draws markers at the points (N,), with error bars and texts where given.
+
+        Args:
+            x: (N,) values of the axis.
+            y: (N,) values of the axis.
+            color: CSS colour.
+            size: Of a marker, pixels.
+            label: In the legend; "" leaves it out.
+            symbol: Plotly's name of the marker.
+            sd: (N,) half lengths of the error bars; None draws none.
+            labels: Text above each marker; empty for none.
+        """
         mark = {"color": color, "size": size, "symbol": symbol}
         more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
         if labels:
@@ -245,6 +281,7 @@ class Plot:
         """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
         # no earlier trace has the label
         first = bool(label) and all(t.get("name") != label for t in self._traces)
+        # traces of one group are shown and hidden together
         named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
         self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
 
@@ -275,7 +312,7 @@ class Plot:
             x_axis |= {"tickvals": list(range(len(self.x_names))), "ticktext": list(self.x_names)}
         if self.y_names:
             y_axis |= {"tickvals": list(self.y_names), "ticktext": list(self.y_names.values()), "showgrid": False}
-        if scaled:
+        if scaled:  # equal units on both axes: the range stays, and the drawn area shrinks
             x_axis["constrain"] = "domain"
             y_axis |= {"scaleanchor": "x", "constrain": "domain"}
         return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": not self.continued}

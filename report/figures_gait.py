@@ -87,6 +87,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
         return []
     block = recording.block("/truth/joints")
     angles = dict(zip(block.constants["names"], np.degrees(block.columns["position"]).T))
+    # people's curves at the mean speed of the walk
     group = speed_group(float(np.mean([s.speed_mps for s in strides])))
     figures = []
     for joint, title in _JOINTS.items():
@@ -114,7 +115,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
-            block = recording.block(topic)
+            block = recording.block(topic)  # the vertical force as a share of the carried weight
             load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
             loads[foot] = block.t_ns, load
     if not loads:

@@ -104,7 +104,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         block = recording.block(topic)
         t = block.t_ns * 1e-9
         inside = (t >= window[0]) & (t <= window[1])
-        if inside.sum() < 2:
+        if inside.sum() < 2:  # no curve
             continue
         for curves in curves_of(block):
             values = curves.values[inside]

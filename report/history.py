@@ -33,7 +33,13 @@ def _plots(name: str, lines: Sequence[HistoryLine]) -> str:
 
 
 def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
-    """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked."""
+    """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked.
+
+    Args:
+        name: Name of the estimator in the scores.
+        metric: Name of the score; versions without it have no point.
+        lines: The history, the oldest version first.
+    """
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
     plot = Plot(

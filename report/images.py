@@ -64,7 +64,13 @@ def camera_topics(recording: Recording) -> list[str]:
 
 
 def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
-    """Yields images of one camera at about the given rate, decoded in groups of 16."""
+    """Yields images of one camera at about the given rate, decoded in groups of `_AT_ONCE`.
+
+    Args:
+        recording: The walk.
+        topic: Topic of the camera or of its depth.
+        rate_hz: Rate of the images; a slower camera gives all of its images.
+    """
     times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
     for first in range(0, len(times), step * _AT_ONCE):
@@ -86,6 +92,7 @@ def camera_views(
     views = []
     for topic in camera_topics(recording):
         info = recording.topics[topic]
+        # `count` times inside the walk, without its ends
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
             images, scale = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"

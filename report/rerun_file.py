@@ -49,6 +49,11 @@ def recording_id(recording: Recording) -> str:
 def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluations]) -> None:
     """Writes a walk with its evaluated outputs as `.rrd`.
 
+    Args:
+        path: The file.
+        recording: The walk.
+        of_kinds: Evaluated outputs of each kind, which logs them itself.
+
     Raises:
         StrideTwinError: The file cannot be written.
     """
@@ -114,6 +119,7 @@ def _log_streams(rr: ModuleType, stream: RecordingStream, recording: Recording) 
     for topic in scalar_topics(recording):
         block = recording.block(topic)
         for curves in curves_of(block):
+            # the quantity without sensor and unit, such as `angular_rate`
             name = curves.title.rsplit(": ", 1)[1].split(",")[0].replace(" ", "_")
             log_curves(rr, stream, f"streams{topic}/{name}", block.t_ns, curves.values, curves.labels)
 
@@ -124,7 +130,7 @@ def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any
 
     views = {"text": rrb.TextDocumentView, "series": rrb.TimeSeriesView}
     cameras = [rrb.Spatial2DView(origin=f"cameras{t}", name=t.strip("/")) for t in camera_topics(recording)]
-    series: list[Any] = [
+    series: list[Any] = [  # the views of the outputs, then the streams of both feet
         views[view](origin=entity, name=title)
         for of_kind in reversed(of_kinds)
         for entity, (view, title) in of_kind.kind.rerun_views(of_kind.evaluations).items()

@@ -167,6 +167,12 @@ def _estimate_clock(
     Gyro and images are compared at every shift, first with the nominal mount. A rotated mount (`_align_mounts`) is
     taken instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not
     at all.
+
+    Args:
+        camera: Calibration of the camera.
+        t_ns: (M,) stamps of the gyro, ns.
+        rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
+        rates: Rates from the images, by segment.
     """
     blocks = [
         half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
@@ -202,7 +208,14 @@ def _estimate_clock(
 
 
 def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:
-    """(S, N, 3) mean rate of the gyro over each of N intervals (start and end in ns), shifted by each of S shifts."""
+    """(S, N, 3) mean rate of the gyro over N intervals between images, shifted by each of S shifts, rad/s.
+
+    Args:
+        spans: (N, 2) start and end of each interval by the camera's clock, ns.
+        shifts: (S,) s, added to them.
+        t_ns: (M,) stamps of the gyro, ns.
+        rate: (M, 3) rates of the gyro, rad/s.
+    """
     t = (t_ns - t_ns[0]) * 1e-9
     # (M, 3) integral of the rates: a mean rate is its difference over an interval
     angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))

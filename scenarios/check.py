@@ -186,6 +186,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         findings.append(Finding(topic="", what="no calibration inside"))
     if not recording.topics:
         findings.append(Finding(topic="", what="no stream that can be read"))
+    # streams with a specific force, read at once
     inertial = recording.blocks(t for t, i in recording.topics.items() if i.kind in (Imu, Accelerometer))
     topics: dict[str, CheckedTopic] = {}
     for i, topic in enumerate(sorted(recording.topics)):
@@ -328,7 +329,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
         "longest_gap_s": timing["longest_gap_s"],
         "longest_gap_at_s": timing["longest_gap_at_s"],
     }
-    findings: list[Finding] = []
+    findings: list[Finding] = []  # gaps of images are warnings, gaps of other sensors errors
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"

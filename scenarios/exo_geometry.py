@@ -94,9 +94,13 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
 
 
 def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
-    """The text of `nominal_geometry` for a recording's metadata.
+    """The text of `nominal_geometry` for a recording's metadata; empty without the exoskeleton or one of its sensors.
 
-    Empty without the exoskeleton or one of its sensors.
+    Args:
+        size: The wearer.
+        rig: Calibration of the sensors.
+        seed: Seed of the walk.
+        faults: Faults of the walk.
     """
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}

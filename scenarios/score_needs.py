@@ -71,6 +71,11 @@ def with_sensors_for(scenario: Scenario, estimators: Collection[str]) -> Scenari
 def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig) -> set[str]:
     """Topics that an estimator reads from the sensors of a walk, optional ones included.
 
+    Args:
+        estimator_class: The estimator, with the first of its methods.
+        config: Configuration of the walk.
+        worn: Its sensors.
+
     Raises:
         StrideTwinError: The estimator cannot run with these sensors.
     """

@@ -119,7 +119,14 @@ def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary]
 
 
 def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: bool) -> dict[str, float]:
-    """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %."""
+    """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %.
+
+    Args:
+        rows: Rows of the walks, in at least one of which the mode occurs.
+        way: The variant.
+        mode: The locomotion mode.
+        beside_none: Adds the changes; the variant `none` was walked, too.
+    """
 
     def per_step(way: str, figure: str) -> float:
         """A cost of the mode's steps in a variant over all walks, divided by their number."""

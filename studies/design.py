@@ -249,7 +249,14 @@ def _read_factors(file: DesignFile, files: NamedFiles, where: FieldLocation) -> 
 
 
 def _read_level(name: str, values: _Values, files: NamedFiles, at: FieldLocation) -> FactorLevel:
-    """A level from its values; the key `scenario` among them replaces the whole scenario."""
+    """A level from its values; the key `scenario` among them replaces the whole scenario.
+
+    Args:
+        name: Name of the level.
+        values: Paths into the scenarios, each with a value.
+        files: Collects the files that they name.
+        at: Position of the level in the file.
+    """
     values = dict(values)
     scenario = values.pop(_SCENARIO, None)
     base = None
@@ -295,7 +302,16 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
 
 
 def _fill_factors(value: object, labels: Mapping[str, str], at: FieldLocation) -> object:
-    """A value with `{FACTOR}` in a text replaced by the level of that factor."""
+    """A value with `{FACTOR}` in a text replaced by the level of that factor; other values come back as they are.
+
+    Args:
+        value: Plain data.
+        labels: Names of the levels by factor.
+        at: Position of the value in the file, for errors.
+
+    Raises:
+        ConfigError: The text names no factor, or is no format string.
+    """
     if not isinstance(value, str) or "{" not in value:
         return value
     try:

@@ -161,8 +161,10 @@ def read_experiment(path: Path) -> Experiment:
     """
     data = _read(path)
     file = validate(ExperimentFile, data, path)
+    # without scenarios `run_case` makes its own walks
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
+    # without a module of its own the tables come from the module of `run_case`
     hook, tables = file.run, file.tables or file.run
     run_module, tables_module = hook.load(), tables.load()
     rows = getattr(tables_module, "rows", None)

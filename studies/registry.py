@@ -105,6 +105,7 @@ def run_experiment(
         for job, row in zip(jobs, results):
             if isinstance(row, Failure):
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
+        # read from the files, so that reused and new rows are equal to the last bit
         rows = [read_row(store.path(job)) for job in jobs]
         result = study.result(rows)
         if options.parameters:

@@ -206,7 +206,13 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
 
 
 def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig) -> bool:
-    """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range."""
+    """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range.
+
+    Args:
+        injection: The fault.
+        stream: Samples of the stream, at least one.
+        rig: Names the sensors' parts.
+    """
     first = stream[0].item
     if not isinstance(first, injection.kinds):
         return False

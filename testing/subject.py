@@ -211,7 +211,7 @@ def _with_interface(estimator_class: type) -> type[AnyEstimator]:
     A class with `update` alone gets a declaration of kind path, and as streams the topics that its attribute `topics`
     names.
     """
-    if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):
+    if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):  # checked as it is
         return estimator_class
     inner_class: type[PathUpdate] = estimator_class
 

@@ -139,7 +139,16 @@ def rig_of(recording: Recording) -> Rig:
 
 
 def _select_streams(estimator_class: type[AnyEstimator], options: Options, recording: Recording) -> Walk:
-    """The walk of a recording; of several possible mounts the first that it has."""
+    """The walk of a recording; of several possible mounts the first that it has.
+
+    Args:
+        estimator_class: The estimator.
+        options: Its options; metadata and source are set here.
+        recording: The recording.
+
+    Raises:
+        StrideTwinError: The recording lacks a stream that the estimator requires.
+    """
     options = replace(options, metadata=recording.metadata, source=str(recording.path))
     mounts = estimator_class.declaration.mounts
     candidates = [replace(options, mount=mount) for mount in mounts] if mounts and not options.mount else [options]
@@ -151,7 +160,7 @@ def _select_streams(estimator_class: type[AnyEstimator], options: Options, recor
         except StrideTwinError as error:
             problem = error
             continue
-        pose_topic = ""
+        pose_topic = ""  # where the estimator takes no poses
         if any(stream.topic == POSES for stream in streams):
             pose_topic, frame = _find_poses(recording, streams)
             candidate = replace(candidate, poses_of=frame)
@@ -186,7 +195,13 @@ def _find_poses(recording: Recording, streams: Sequence[Stream]) -> tuple[str, s
 
 @lru_cache(maxsize=1)
 def _read_samples(path: Path, pose_topic: str, topics: tuple[str, ...]) -> tuple[Sample, ...]:
-    """Samples in time order; poses as an odometry gives them, without velocities, before the images of that instant."""
+    """Samples in time order; poses as an odometry gives them, without velocities, before the images of that instant.
+
+    Args:
+        path: The recording.
+        pose_topic: Truth that takes the place of an odometry's poses, under the topic `POSES`; "" for none.
+        topics: Topics of the samples.
+    """
     wanted = [pose_topic, *topics] if pose_topic else list(topics)
     unknown = np.full(3, np.nan)
     return tuple(

@@ -69,11 +69,18 @@ def _score_change(
 
     The true change is found if the predicted one has its mode and lies within 0.4 m along the route; otherwise all
     errors are NaN. Sizes count where the true change has them.
+
+    Args:
+        change: The true change.
+        estimate: The estimate that is scored.
+        alignment: From the odometry's world to the true one.
+        layout: The true terrain.
     """
     predicted = estimate.change
     if predicted is None or predicted.mode != change.mode:
         return ScoredChange(mode=change.mode, is_detected=False)
     heading = float(layout.way.heading(change.s))
+    # (2,) m from the true place to the predicted one, of which the part along the route counts
     offset = alignment.point(estimate.t_ns, predicted.p_in_world) - layout.way.point(change.s)
     offset_m = float(offset @ [math.cos(heading), math.sin(heading)])
     if abs(offset_m) > _MATCH_M:

@@ -64,7 +64,12 @@ def _straighten_predictions(
 ) -> list[_Predicted | None]:
     """Each true footprint as predicted when the previous foot had landed, along the straightened route.
 
-    None for a footprint without such a prediction.
+    None for a footprint without such a prediction, such as the two initial ones.
+
+    Args:
+        straight: The straightened route.
+        estimates: In time order.
+        walk: The walk beside the truth.
     """
     straightened: list[_Predicted | None] = [None] * len(walk.footprints)
     for i, first_prediction in enumerate(first_steps(walk.footprints, estimates), 2):
@@ -88,7 +93,16 @@ def _draw_row(
     rows: list[tuple[float, float]],
     number: int,
 ) -> Markup:
-    """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes."""
+    """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes.
+
+    Args:
+        straight: The straightened route.
+        predicted: Prediction of each true footprint; None where there was none.
+        scores: The scored steps, which tell the wrong modes.
+        title: Of the whole figure.
+        rows: Begin and end of each row along the route, m.
+        number: Number of this row.
+    """
     span = rows[number]
     plot = straight.plot_row(title, number, rows)
     if number == 0:
@@ -159,6 +173,11 @@ def prediction_runs(
     """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
 
     A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
+
+    Args:
+        estimates: In time order.
+        scores: The scored steps of the walk.
+        walk: The walk, whose first two footprints are the initial ones.
     """
     steps = scores.steps
     by_step = predictions_by_step(walk.footprints[2:], estimates)
@@ -181,6 +200,7 @@ def lead_times(scores: ModeScores) -> str:
     if not steps:
         return ""
     t, lead = np.array([s.t_s for s in steps]), np.array([s.lead_s for s in steps])
+    # half width of a bar, from the usual time between two steps
     half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
     top = 1.1 * max(1.0, float(lead.max()))
     plot = Plot(

@@ -73,6 +73,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
         """Collects every prediction, with the walk beside the truth."""
 
         def pack(estimates: list[ModeEstimate]) -> ModeRun:
+            """The estimates with the walk beside the truth."""
             return ModeRun(estimates=estimates, walk=walk)
 
         return EveryEstimate(instance.declaration.name, ModeEstimate, pack)

@@ -112,6 +112,11 @@ def _sole_outline(step: StepPrediction, estimate: ModeEstimate, alignment: YawAl
     """(5, 3) m, closed outline of the sole of a predicted step in the true world.
 
     Ground of unknown height is drawn at the odometry's floor.
+
+    Args:
+        step: The predicted step.
+        estimate: The estimate that predicts it; its heading is the foot's.
+        alignment: From the odometry's world to the true one, at the estimate.
     """
     # half of the yaw in the true world, for the quaternion; the outline uses place, foot and yaw alone
     half = 0.5 * (estimate.heading + alignment.yaw)

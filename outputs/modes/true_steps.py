@@ -107,7 +107,13 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
 
 
 def slope_under(s: float, layout: Layout, sole_m: float) -> float:
-    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
+    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges.
+
+    Args:
+        s: Place of the footprint along the route, m.
+        layout: The true terrain.
+        sole_m: Length of the sole, which reaches from `_HEEL_M` behind the place forward.
+    """
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     return next(
         (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan

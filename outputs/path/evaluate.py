@@ -72,10 +72,11 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
     worlds: dict[str, Rigid] = {}
     for estimate in estimates:
         _check_poses(estimate)
+        # the truth from the first valid pose on
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         _check_order(estimate, comparison.truth)
-        if estimate.world:
+        if estimate.world:  # the first estimate of a shared world fixes its alignment
             worlds.setdefault(estimate.world, comparison.transform)
         scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
         for metric, value in scores.items():

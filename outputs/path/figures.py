@@ -100,6 +100,7 @@ def nees_over_time(results: Sequence[Result]) -> Markup:
 
     It is "" if no estimate has a covariance. Values beyond ten times the bound are cut off, so that it remains visible.
     """
+    # those with a covariance
     consistent = [result for result in results if result.comparison.estimate.covariance is not None]
     if not consistent:
         return Markup("")

@@ -95,6 +95,7 @@ def run_paths(instance: Instance, recording: Recording, progress: Progress | Non
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """
+    # values in place of the estimator's own need a `follow` that has the argument `parameters`
     follow = getattr(instance.estimator_class, "follow", None)
     takes_parameters = follow is not None and "parameters" in signature(follow).parameters
     if follow is not None and (instance.parameters is None or takes_parameters):

@@ -116,6 +116,7 @@ def compare(
             f"{inside.sum()} poses of the estimate lie within the truth's "
             f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
         )
+    # the truth is interpolated at the estimate's stamps
     inside_poses = estimate[inside]
     truth = path.at(inside_poses.t_ns)
     transform = transform or align(inside_poses, truth, alignment)
@@ -164,7 +165,7 @@ def score(comparison: PathComparison, alone: bool = True) -> Scores:
         errors = relative_errors_m(comparison, span)
         if len(errors):
             scores[f"rpe_{span:g}m_pct"] = float(100.0 * errors.mean() / span)
-    if comparison.estimate.covariance is not None:
+    if comparison.estimate.covariance is not None:  # without one nothing is claimed that could be checked
         nees = nees_position(comparison)
         scores["nees_position_mean"] = float(nees.mean())
         scores["nees_position_within_95_pct"] = float(100.0 * np.mean(nees <= CHI2_3_95))
@@ -297,12 +298,14 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
     inside = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     if inside.sum() < 2:
         return {"failure": "silent", "unhealthy_s": 0.0, "recovered": False}
+    # time that each pose stands for, s; 0 for the last one
     steps = np.diff(path.t_ns, append=path.t_ns[-1]) * 1e-9
     unhealthy_s = float(steps[~healthy].sum())
     if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
         return {"failure": "not finite", "unhealthy_s": unhealthy_s, "recovered": False}
     from_start, from_fit = compare(path, truth, "start"), compare(path, truth, "yaw")
     error = from_start.error_m
+    # errors with the start aligned, and distances with the whole path aligned
     distances = np.linalg.norm(from_fit.error_m, axis=1)
     relative, climbs = relative_errors_m(from_fit, SPAN_M), climb_errors_m(from_fit)
     is_off = max(float(distances.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M

@@ -158,6 +158,11 @@ def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[S
     """The estimates that may belong to the i-th footprint.
 
     They are of its foot, from `_EARLY_NS` before its touch-down until the foot's next one.
+
+    Args:
+        footprints: True footprints of both feet, in order.
+        i: Number of the footprint.
+        estimates: All estimates of the walk, in order.
     """
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS

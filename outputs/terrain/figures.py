@@ -48,14 +48,21 @@ def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float, float]], number: int) -> Markup:
-    """One row of the figure: mapped ground by class, mapped edges, the true path and footprints."""
+    """One row of the figure: mapped ground by class, mapped edges, the true path and footprints.
+
+    Args:
+        route: The mapped ground.
+        straight: The straightened route.
+        rows: Begin and end of each row along the route, m.
+        number: Number of this row; the first one has the keys of the classes.
+    """
     span = rows[number]
     plot = straight.plot_row("The ground from above", number, rows)
     for ground_class in np.unique(route.classes[np.isfinite(route.height)]).tolist() if number == 0 else ():
         name = GROUND_CLASSES[ground_class]
         plot.key(f"mapped: {CLASS_NAMES.get(name, 'unknown class')}", _PALE_HEX[name])
     is_inside = (route.s > span[0]) & (route.s < span[1])
-    if is_inside.any():
+    if is_inside.any():  # the image reaches half a cell beyond the centres of its outermost cells
         a, b = float(route.s[is_inside][0]) - CELL_M / 2, float(route.s[is_inside][-1]) + CELL_M / 2
         uri = _class_image(route.classes[is_inside], np.isfinite(route.height[is_inside]))
         plot.image((a, b), (-HALF_WIDTH_M, HALF_WIDTH_M), uri)

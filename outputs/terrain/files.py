@@ -76,7 +76,12 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
 
 
 def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
-    """Contents of the mesh files, by path.
+    """Contents of the mesh files, by path: the ground as `.glb`, and every surface as `_mesh.ply` if the map has one.
+
+    Args:
+        terrain_map: The map.
+        estimate: Its planes and terrains, which colour the ground.
+        file: The JSON file, whose name the others take over.
 
     Raises:
         StrideTwinError: trimesh is not installed.
@@ -180,7 +185,14 @@ def _to_list(values: Iterable[float]) -> list[float | None]:
 
 
 def _write_ply(points: Array, kinds: list[str], plane: NDArray[np.int64], file: Path) -> None:
-    """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id."""
+    """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id.
+
+    Args:
+        points: (N, 3) m.
+        kinds: Class of each point, a key of `COLORS`.
+        plane: (N,) id of the plane of each point.
+        file: The file.
+    """
     columns = [
         ("x", "<f4"),
         ("y", "<f4"),

@@ -73,7 +73,13 @@ class GroundGrid:
 
 
 def ground_class_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
-    """The class of a plane, one of `GROUND_CLASSES`, for a walker who heads `heading` rad from x in the map's world."""
+    """The class of a plane for a walker, one of `GROUND_CLASSES`.
+
+    Args:
+        estimate: Planes and terrains of the map.
+        plane: Id of the plane.
+        heading: Direction of the walker, rad from x in the map's world; it decides between up and down.
+    """
     terrain = estimate.terrain_of(plane)
     if terrain is None:
         return "none"

@@ -54,6 +54,7 @@ class RouteMapper:
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
+        # centres of the cells; the arrays are those of `MappedRoute`
         self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
         self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
         self._height = np.full((len(self._s), len(self._left)), np.nan)
@@ -123,7 +124,13 @@ class RouteMapper:
 
 
 def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
-    """(N,) signed distances of (N, 2) points from the line through a and b, in the horizontal plane, m."""
+    """(N,) signed distances of points from the line through a and b in the horizontal plane, m; positive to its right.
+
+    Args:
+        points: (N, 2) m.
+        a: (2,) or (3,) m, a point of the line.
+        b: Another point of it.
+    """
     along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
     offset = points - a[:2]
     return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])

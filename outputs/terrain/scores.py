@@ -138,7 +138,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
 
 def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
     """Stairs and ramps of a route as terrain changes, in order along it."""
-    changes = [
+    changes = [  # a flight is one change, at its first edge
         TerrainChange(
             s=flight.s,
             mode="SA" if flight.riser > 0 else "SD",
@@ -318,7 +318,13 @@ def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, l
 
 
 def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place on the route, and within 0.5 m of it."""
+    """(K, 3) m, the points that lie 0.5 to 2.5 m ahead of a place on the route, and within 0.5 m beside it.
+
+    Args:
+        points: (N, 3) m in the true world.
+        place_m: The place along the route, m.
+        layout: The true terrain.
+    """
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(place_m), axis=1) < FAR_M]
     s = _places_ahead(place_m, layout)
     if not len(s) or not len(near):
@@ -346,7 +352,14 @@ def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
 
 
 def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> float:
-    """Share of the ground ahead whose mapped height is within `_COMPLETE_M` of the true one; NaN at the route's end."""
+    """Share of the ground ahead whose mapped height is within `_COMPLETE_M` of the true one; NaN at the route's end.
+
+    Args:
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
     s, aside = cells_ahead(place_m, layout)
     if not len(s):
         return math.nan
@@ -371,7 +384,19 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
 
 
 def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
-    """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
+    """(E,) errors of the edges in the profile straight ahead, m, each relative to the nearest true edge.
+
+    Edges with a standard deviation of `_MAX_EDGE_SD_M` or more do not count, nor those where the route has turned away.
+
+    Args:
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+
+    Returns:
+        Estimated minus true distance; inf where no true edge is near.
+    """
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
     # m straight ahead
     known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _MAX_EDGE_SD_M])
@@ -386,7 +411,16 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
 
 
 def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
-    """(E,) m, from a place on the route to the true edges near it, along a line in the direction `forward` (2,)."""
+    """(E,) m, from a place on the route to the true edges near it, along a straight line.
+
+    Args:
+        place_m: The place along the route, m.
+        forward: (2,) unit vector of the line's direction in the world.
+        layout: The true terrain.
+
+    Returns:
+        Distances, negative for edges behind; edges that the line does not meet from in front are left out.
+    """
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)

@@ -37,7 +37,14 @@ class Snapshot:
 
 
 def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, heading: float) -> Snapshot:
-    """The ground of a map within 3 m of the camera, in the true world, with classes for a heading in rad."""
+    """The ground of a map within 3 m of the camera, in the true world.
+
+    Args:
+        grid: Ground of the map.
+        estimate: Planes and terrains of the map.
+        alignment: From the map's world to the true one, now.
+        heading: Direction of the walker, rad from x in the map's world, for the classes.
+    """
     points, plane = grid.points()
     eye = estimate.p_camera_in_world
     nearby = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _MAX_DISTANCE_M)

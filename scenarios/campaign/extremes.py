@@ -68,6 +68,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     with _temporary_folder(campaign) as folder:
         for group in campaign.people:
             _try_people(folder, group)
+        # one person is enough: the bodies have been checked by themselves
         first_person = next(iter(draw_people(campaign)), None)
         for base in campaign.bases:
             varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
@@ -86,6 +87,11 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
 
 def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
     """Parses a scenario as its file has it, without any value of the campaign.
+
+    Args:
+        folder: Temporary folder in which the scenario is tried.
+        campaign: The campaign, which names the user's files.
+        base: The scenario.
 
     Raises:
         StrideTwinError: The scenario is invalid; the error is in the campaign's file, or in a file of the user.
@@ -153,7 +159,15 @@ def _try_people(folder: Path, group: Group) -> None:
 
 
 def _campaign_error(variable: Variable, base: Base, value: object, error: StrideTwinError) -> ConfigError:
-    """A scenario's error as an error of the campaign's file."""
+    """A scenario's error as an error of the campaign's file.
+
+    Args:
+        variable: The variable that was set to an end of its range.
+        base: The scenario.
+        value: That end.
+        error: Error of the scenario. One in the variable's field keeps its value and what is valid; another one
+            becomes an error of the end.
+    """
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
     return variable.at.error(value, f"a value that {base.name} allows ({_error_text(error)})")

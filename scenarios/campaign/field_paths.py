@@ -122,7 +122,17 @@ def set_values(scenario: PlainScenario, paths: Iterable[FieldPath], value: objec
 
 
 def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation) -> None:
-    """Raises ConfigError if a node has no place for the key of a path at this depth."""
+    """Checks that a node of plain data has a place for the key of a path at some depth.
+
+    Args:
+        node: The node, reached by the keys before this depth.
+        path: The path.
+        depth: Number of the key.
+        where: Position of the value in the user's file, for the error.
+
+    Raises:
+        ConfigError: A text key needs a mapping; a number needs a list with so many items.
+    """
     key, node_text = path.keys[depth], _text(path.keys[:depth])
     if isinstance(key, str) and isinstance(node, dict):
         return

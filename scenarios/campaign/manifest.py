@@ -107,7 +107,16 @@ def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[st
 
 
 def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
-    """Name of the person or the terrain (`by`) of a walk; None where its scenario is invalid."""
+    """Name of the person or the terrain of a walk, whichever the split is by.
+
+    Args:
+        row: Row of the walk.
+        by: `person` or `terrain`.
+        splits: Tells whether a terrain is a geometry or a scenario.
+
+    Returns:
+        None where the walk's scenario is invalid, so that it has neither.
+    """
     if "person" not in row:
         return None
     if by == "person":
@@ -116,7 +125,14 @@ def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
 
 
 def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
-    """Part of each name: of the i-th one by the fractional part of start + i (√5 - 1) / 2; a seed gives the start."""
+    """Part of each name: of the i-th one by the fractional part of start + i (√5 - 1) / 2; a seed gives the start.
+
+    Args:
+        names: Persons or terrains, in the order of their first walk.
+        shares: Share of each part; they add up to 1.
+        seed: Seed of the campaign.
+        by: `person` or `terrain`, which have starts of their own.
+    """
     start = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEYS[by],))).random()
     parts, ends = list(shares), np.cumsum(list(shares.values()))
     start *= ends[0]  # the first one is in the first part
@@ -144,7 +160,7 @@ def manifest(
     parts = assign_splits(rows, campaign.splits, campaign.seed)
     walks, bodies = list[WalkRow](), dict[str, dict[str, object]]()
     for row in rows:
-        entry = row.copy()
+        entry = row.copy()  # without the body, which `people` has once per person
         entry.pop("body", None)
         if "person" in row:
             bodies[row["person"]] = row["body"]

@@ -150,7 +150,13 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
 
 
 def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
-    """The variables that are set in a scenario's walks, in order, without those that later ones replace entirely."""
+    """The variables that are set in a scenario's walks, in order, without those that later ones replace entirely.
+
+    Args:
+        campaign: Its variables are set first.
+        base: The scenario, whose own variables follow.
+        extra: Overrides of the command line, which come last.
+    """
     variables: list[Variable] = []
     later = list(extra.places)  # fields that are set later on, as keys; a field inside one of them is replaced, too
     for variable in reversed((*campaign.variables, *base.variables)):

@@ -204,7 +204,14 @@ def with_verdict(row: WalkRow, quality: Quality) -> WalkRow:
 
 
 def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> WalkRow:
-    """Removes recordings of other versions and returns the row of a walk that cannot be simulated."""
+    """Removes recordings of other versions and returns the row of a walk that cannot be simulated.
+
+    Args:
+        task: The walk.
+        error: Why it is infeasible.
+        path: Its scenario file, whose path is shortened in the text.
+        scenario: The scenario; None where it is invalid, so that the row has no person and terrain.
+    """
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
     text = _one_line(task, str(error).replace(str(path), path.stem))
@@ -219,7 +226,14 @@ def _one_line(task: WalkTask, text: str) -> str:
 
 
 def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> WalkRow:
-    """Entry of a walk in the manifest, without figures of its recording."""
+    """Entry of a walk in the manifest, without figures of its recording.
+
+    Args:
+        task: The walk.
+        status: `accepted`, `rejected` or `failed`.
+        why: Reasons if it was not accepted.
+        scenario: Gives person and terrain; None leaves them out.
+    """
     row: WalkRow = {
         "walk": task.walk.name,
         "seed": task.walk.seed,

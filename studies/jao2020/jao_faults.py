@@ -74,6 +74,11 @@ def run_case(case: ExperimentCase) -> Row:
 def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> Figures:
     """Runs the filter on one walk with one fault.
 
+    Args:
+        plan: The fault, with the rig that the filter gets.
+        walk: Recordings of the walk.
+        truth: True path of each foot's IMU, by `l` and `r`.
+
     Returns:
         `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot) and `apart_sd_{mean,max}_m` (of the feet to each
         other); or only `error`, the message with which the filter refuses.

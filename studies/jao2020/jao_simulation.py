@@ -134,6 +134,11 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
 def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
     """A bump from 0 to 1 and back between `start` and `end`, smooth to the second derivative: (4 x (1 - x))³.
 
+    Args:
+        u: (N,) shares of the swing, 0-1.
+        start: Where the bump begins; x is 0 there.
+        end: Where it ends; x is 1 there.
+
     Returns:
         (N,) values at u (N,), and (N,) derivatives by u.
     """
@@ -145,7 +150,7 @@ def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
 def _paper_rig() -> Rig:
     """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
-    # the images are 800 pixels wide
+    # 400 pixels are half of an image's width
     focal = 400.0 / math.tan(_CAMERA_FOV_RAD / 2)
     return replace(
         rig,
@@ -341,6 +346,11 @@ def run_seed(
 ) -> SeedRow:
     """One run with noise of this seed, estimated by some methods of the filter.
 
+    Args:
+        seed: Seed of the noise.
+        g_sensitivity: Of the left and the right gyro, rad/s per m/s².
+        methods: Methods of `FootToFoot`.
+
     Returns:
         `seed`, `floor_m` (west: left alone, right alone, both coupled) and `methods`: method to `end_error_m`
         (left and right, (3,) north, west, up) and `end_nees` (left, right); ready for JSON.
@@ -373,6 +383,7 @@ def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     """Summary of all runs, with the paper's figures; errors in m, left and right."""
     methods = results[0]["methods"]
     one, two = _simulation(SteadyWalk()).analytic_floor()
+    # (runs, 3): left alone, right alone, both coupled
     drawn = np.abs([r["floor_m"] for r in results])
     unequal = _summary([r["unequal"] for r in results])
     summary: Summary = {

@@ -129,6 +129,7 @@ def _read_paper_errors(scenario: str) -> EndErrors:
 
 def _summary(of: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]:
     """Means and standard deviations over walks, by figure and method, of the walks' rows by method."""
+    # end errors by method, (walks, feet, axes) m
     ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
 
     def mean(

@@ -70,10 +70,18 @@ class _Dot:
 
 
 def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place) -> BodyImage | None:
-    """The map of all places, with the sensors of the best one; None if no place moves a sensor."""
+    """The map of all places, with the sensors of the best one; None if no place moves a sensor.
+
+    Args:
+        problem: The placement.
+        folder: Its output folder, which contains the user's parts.
+        searched: All measured places.
+        best: The best one.
+    """
     dots = _dots(problem, folder, searched)
     if not dots:
         return None
+    # with one weighing score the colours show its values: a loss times `sign` is the value
     name, sign = "weighted sum", 1.0
     weighing = [score for score in problem.scores if score.weight]
     if len(weighing) == 1 and weighing[0].weight == 1:
@@ -101,6 +109,11 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
     """One dot per sensor and position, or viewing direction if there is one position; worst first.
 
     Sensors with one of each have none.
+
+    Args:
+        problem: The placement.
+        folder: Its output folder, which contains the user's parts.
+        searched: All measured places.
     """
     moving = [
         knob.name
@@ -274,7 +287,13 @@ def _draw_mark(image: Rgb, at: Array, size: int, colour: Sequence[int], board: b
 
 
 def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
-    """(H, W, 3) the colour bar with its values, best on top, and the score's name."""
+    """(H, W, 3) the colour bar with its values, best on top, and the score's name.
+
+    Args:
+        best: Value at the top.
+        worst: Value at the bottom.
+        name: The score's name, shown on two lines of 18 characters.
+    """
     image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18
     image[top:bottom, left : left + 24] = np.array(_viridis(np.linspace(1.0, 0.0, bottom - top)))[:, None]

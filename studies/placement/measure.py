@@ -86,6 +86,11 @@ class Visit:
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> PlaceRow:
     """Simulates a visit's walk with the needed sensors, and scores the recording, which is deleted then.
 
+    Args:
+        folder: The placement's folder, in which the recording lies meanwhile.
+        estimators: Names of the estimators to run.
+        visit: Place and walk.
+
     Returns:
         `walk`, `estimators` (scores by output), and `failed` with a reason if the walk or an estimator failed.
 
@@ -264,6 +269,7 @@ class Measure:
 
             visits = list(self._visits([(i, places[i]) for i in part], seeds, failed))
             for visit, row in zip(visits, self._rows_of(visits, len(walks), progress)):
+                # a reason counts only where a score is missing
                 values[visit.at] = [score.of(row) for score in scores]
                 if row.get("failed") and np.isnan(values[visit.at]).any():
                     why = "; ".join(f"{name}: {reason}" for name, reason in row["failed"].items())
@@ -302,7 +308,7 @@ class Measure:
             walks: Number of walks of each place.
             progress: Receives the share of the work that is done (0-1).
         """
-        none: list[PlaceRow] = [{}] * len(visits)
+        none: list[PlaceRow] = [{}] * len(visits)  # where scores of one of the two sorts are not asked for
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
         return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
@@ -323,7 +329,13 @@ class Measure:
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
     def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[PlaceRow]:
-        """Rows with the estimators' scores; those of the first place are checked before the others are measured."""
+        """Rows with the estimators' scores; those of the first place are checked before the others are measured.
+
+        Args:
+            visits: The visits, place by place.
+            walks: Number of walks of each place, so that the first ones are those of the first place.
+            progress: Receives the share of the work that is done (0-1).
+        """
         versions = partial(scoring_versions, __name__, tuple(sorted(self._estimators)))
         jobs = []
         for visit in visits:
@@ -339,7 +351,15 @@ class Measure:
     def _run(
         self, jobs: Sequence[Job[Visit]], work: Work[Visit, PlaceRow], progress: Callable[[float], None]
     ) -> list[PlaceRow]:
-        """Runs jobs, reusing stored rows; a walk that failed has a row with the reason."""
+        """Runs jobs, reusing stored rows; a walk that failed has a row with the reason.
+
+        The keys of all jobs are added to `keys`, which later fixes the order of the rows in the file.
+
+        Args:
+            jobs: The jobs.
+            work: How their rows are made.
+            progress: Receives the share of the jobs that are done (0-1).
+        """
         self.keys += [job.key for job in jobs]
         results = Batch(jobs, self._rows).run(work, self._executor, progress, self._forecast)
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]

@@ -185,6 +185,11 @@ def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
 def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
     """What a depth camera of this range sees over a walk.
 
+    Args:
+        walk: The walk.
+        camera: Calibration and mount of the camera.
+        range_m: Nearest and farthest depth that it measures.
+
     Returns:
         Share of the ground 0.5 to 2.5 m ahead on the route, and share of the image that the walker's body fills.
     """
@@ -195,6 +200,7 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
     seen_from = (ground - eye[:, None]) @ R
     seen = is_in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
     seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_is_behind_ground(walk, eye, ground)
+    # a regular grid of pixels, and the lines of sight through them, in the camera's frame and in the world
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
@@ -233,13 +239,24 @@ def geometric_scores(
 
 
 def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
-    """Scores of shoe cameras that see the other shoe's board, %, and the mean edge of a seen square, px."""
+    """Scores of shoe cameras that see the other shoe's board, %, and the mean edge of a seen square, px.
+
+    Args:
+        sensor_rig: Sensors at the place.
+        walk: The walk.
+        seeing: When a board counts as seen.
+
+    Returns:
+        `visibility_pct` and `sharp_pct` by at least one of the cameras; `occlusion_pct` if a board is ever in view, and
+        `square_px` if one is ever seen.
+    """
     visibilities = []
     for topic, camera in sensor_rig.rig.cameras.items():
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
         if board is not None and isinstance(part, CameraPart):
             visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
     seen = np.array([s.seen for s in visibilities])
+    # instants with a board in view, over both cameras
     in_view = sum(int(s.in_view.sum()) for s in visibilities)
     scores = {
         "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),

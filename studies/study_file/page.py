@@ -11,7 +11,13 @@ _SPREAD = 0.5
 
 
 def study_page(result: StudyResult, text: str, command: str) -> str:
-    """The page of a study from the result of `run_study`, the text of its file, and the command that makes the page."""
+    """The page of a study.
+
+    Args:
+        result: Result of `run_study`.
+        text: Text of the study file, which the page shows.
+        command: The command that makes the page.
+    """
     lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
     tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
     head, combinations = table_head(result), len(result["table"]) // len(result["methods"])

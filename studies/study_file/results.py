@@ -130,6 +130,7 @@ def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
         {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
     ]
     for s, score in enumerate(study.scores):
+        # lines and columns are both in the order combination, method; rows of the transposed array are walks
         for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
             if np.isfinite(column.mean):
                 line["scores"][score] = column.row()

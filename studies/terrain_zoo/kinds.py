@@ -100,7 +100,14 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
 
 
 def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
-    """Draws a stair upward, with riser, tread and number of risers between bounds."""
+    """Draws a stair upward.
+
+    Args:
+        rng: Draws the values.
+        riser_mm: Lowest and highest riser.
+        tread_mm: Lowest and highest depth of a tread.
+        risers: Fewest and most risers.
+    """
     return Stairs(
         risers=int(rng.integers(risers[0], risers[1] + 1)),
         riser_m=1e-3 * float(rng.uniform(*riser_mm)),
@@ -268,7 +275,13 @@ def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
-    """Draws places for a table beside the way, and for a stripe and a shadow on it."""
+    """Draws places for a table beside the way, and for a stripe and a shadow on it.
+
+    Args:
+        rng: Draws the places.
+        from_m: Begin of the part of the route with the things.
+        to_m: Its end.
+    """
     places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
     side = float(rng.choice([-1, 1]))
     return (

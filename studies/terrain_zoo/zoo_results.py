@@ -74,6 +74,7 @@ def _figures(rows: list[ZooRow]) -> Figures:
     steps = [step for walk in walks for step in walk.steps]
     proposed, published = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
     right = sum(step.is_correct for step in steps)
+    # 95 % interval of the share of right steps
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
     slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
     slope_rms = rms([error for error, _ in slopes])

@@ -75,6 +75,11 @@ def kinds_of(kinds: str) -> list[str]:
 def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dict[str, float]:
     """Figures of an odometry whose first pose is given the true position and heading.
 
+    Args:
+        poses: Poses of the IMU, in time order.
+        recording: The walk, with the truth.
+        mount: Body of the camera and its IMU: head or chest.
+
     Returns:
         `distance_m`; `end_height_m`, signed; `tilt_rad`, the RMS error of the vertical after 5 m; `inside_pct`, the
         share of the walk with the position within its own 95 % bound.

@@ -135,6 +135,7 @@ def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, Pap
             "accuracy_by_condition_pct": _by_condition(walks),
             "cells_pct": cells,
         }
+    # the time of the first method, which includes that of the shared map
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
     summary["spread"] = {q: combine_spreads([r["spread"][q] for r in results]) for q in EDGES}
@@ -164,10 +165,14 @@ def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
 
     Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
     walker is unknown.
+
+    Args:
+        rows: Rows of the walks.
+        shares: Share of right steps of each walk, %.
     """
     by_group: dict[object, list[float]] = {}
     is_known = any(k in rows[0] for k in _WHO)
-    for row, share in zip(rows, shares):
+    for row, share in zip(rows, shares):  # one group per person, or per walk
         by_group.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
     means = [float(np.mean(shares_of_group)) for shares_of_group in by_group.values()]
     n = len(means)
@@ -315,7 +320,13 @@ def ahead_lines(result: ModeResult) -> list[str]:
 
 
 def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
-    """The figure at nested keys times a factor; None if it is undefined."""
+    """The figure at nested keys times a factor; None if it is undefined.
+
+    Args:
+        figures: Figures, some of which are mappings themselves.
+        keys: From the outermost one to that of the figure.
+        factor: To the unit of the table.
+    """
     *outer_keys, last_key = keys
     for key in outer_keys:
         figures = get_figures(figures, key)

@@ -240,7 +240,7 @@ def predict(
             else:
                 poses.append(sample)
         for method, predictor in predictors.items():
-            began = time.process_time()
+            began = time.process_time()  # CPU time of this method alone; a map counts for the method that updates it
             estimate = predictor.update(sample)
             elapsed_ms = 1e3 * (time.process_time() - began)
             if isinstance(sample, Depth):
@@ -267,7 +267,13 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
 
 
 def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, TimedModeRows]:
-    """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`."""
+    """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`.
+
+    Args:
+        predictions: Predictions on a walk.
+        recording: The walk, with the truth.
+        sole_m: Length of the walker's soles, m.
+    """
     return {
         method: {**scores.rows(), "time_ms": _time(predictions.frame_ms[method])}
         for method, scores in score_predictions(predictions, recording, sole_m).items()
@@ -289,7 +295,7 @@ def samples_with_poses(
         on_pose: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
-    if poses == "given":
+    if poses == "given":  # the true poses take the place of the odometry
         topics = [find_pose_topic(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from recording.samples(topics)
         return

@@ -144,7 +144,14 @@ class OdometryRow(CaseRow):
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
 ) -> dict[str, OdometryFigures]:
-    """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name."""
+    """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name.
+
+    Args:
+        recording: The walk.
+        mount: Mount of the camera: head or chest.
+        make: Makes an odometry from its name.
+        further_names: Names of the other estimators.
+    """
     truth = true_path(recording, mount)
     return {
         name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)

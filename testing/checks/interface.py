@@ -71,13 +71,13 @@ def check_estimates(subject: Subject) -> None:
     kind = subject.estimator_class.declaration.kind
     if not estimates:
         raise ConformanceError("update returned None after every sample of the walk: return an estimate when it is new")
-    if kind == PATH:
+    if kind == PATH:  # None in place of a pose is valid: nothing is new
         wrong = next((e for e in estimates if pose_of(e) is None and getattr(e, "pose", e) is not None), None)
         expected = "a stridetwin.streams.trajectory.Pose, or an object whose `pose` is one"
     elif kind in _ESTIMATES:
         wrong = next((e for e in estimates if not isinstance(e, _ESTIMATES[kind])), None)
         expected = f"a {_ESTIMATES[kind].__module__}.{_ESTIMATES[kind].__name__}"
-    else:
+    else:  # a kind of another package, whose estimates only it knows
         return
     if wrong is not None:
         raise ConformanceError(f"update returned {type(wrong).__name__}: for kind {kind!r}, return {expected}")

@@ -70,7 +70,14 @@ def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[tuple[Sample, ...], int
 
 
 def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns: int, number: int) -> None:
-    """Feeds the samples of one pass: each `duration_ns` later than those of the one before, and farther on the way."""
+    """Feeds the samples of one pass, as if the walk went on: later and farther than those of the pass before.
+
+    Args:
+        estimator: The estimator.
+        samples: Samples of one pass.
+        duration_ns: Added to the stamps once per earlier pass.
+        number: Number of the pass, from 0.
+    """
     way = number * _way(samples)
     for sample in samples:
         call_update(estimator, copy_sample(shift_sample(sample, number * duration_ns, way)))

@@ -45,7 +45,7 @@ def _problem(leaf: Leaf) -> str:
         return ""
     if not leaf.is_finite:
         return "is not finite: return None for what is unknown, or inf for a standard deviation"
-    if leaf.is_covariance:
+    if leaf.is_covariance:  # then a standard deviation, else a probability
         return _covariance_problem(value)
     if leaf.is_standard_deviation:
         return "" if (value > 0.0).all() else f"is {value.min():.3g}: a standard deviation is positive"

@@ -47,6 +47,11 @@ def check_plausible(subject: Subject) -> None:
 def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
     """The poses of one frame are rotations, as far apart as the true ones, and upright.
 
+    Args:
+        subject: The estimator under test, with its walk.
+        frame: Frame of the poses; "" is the estimator's only IMU, if there is one.
+        poses: Poses of the frame, in time order; only valid ones are compared with the truth.
+
     Raises:
         ConformanceError: They are not.
     """

@@ -85,6 +85,11 @@ def check_follow(subject: Subject) -> None:
 def _require_same_path(path: Trajectory, expected: Trajectory, frame: str) -> None:
     """Two paths have the stamps, positions and rotations of each other, bit by bit.
 
+    Args:
+        path: Path of `follow`.
+        expected: Path of `update`, sample by sample.
+        frame: Their frame, for the message.
+
     Raises:
         ConformanceError: They differ.
     """
