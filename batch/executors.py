@@ -189,8 +189,8 @@ class _Cluster(Executor):
         client, versions, failed_groups = self._connect(), work.versions(), list[str]()
         from distributed import KilledWorker, as_completed
 
-        # the keys of Dask's tasks;
         run = uuid4().hex  # another run on the same cluster may have a job of the same name
+        # by the keys of Dask's tasks
         by_key = {f"{group[0].name}-{run}-{i}": group for i, group in enumerate(groups)}
         futures = [
             client.submit(run_group, work, versions, [job.task for job in group], key=key, pure=False)

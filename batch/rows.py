@@ -111,7 +111,7 @@ def _read_lines(text: str) -> Iterator[tuple[str, RowT]]:
     for line in text.splitlines():
         try:
             row = json.loads(line)
-            yield row.pop("key"), row
+            yield row.pop("key"), row  # the row without its key
         except _INVALID:
             continue  # the last line of a killed run
 

@@ -250,6 +250,7 @@ def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str
     for estimator, members in _group_feet(names).items():
         for metric in sorted({m for walk in before for name in members for m in walk.get(name, {})}):
             if (scale := scale_of(metric)) is not None:
+                # (walks,) losses before and now, means over the feet, NaN where the score is missing
                 b, n = (
                     np.mean([_losses(walks, name, metric, scale) for name in members], axis=0)
                     for walks in (before, now)

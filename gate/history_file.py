@@ -111,6 +111,7 @@ def _check(line: object, where: FieldLocation) -> None:
         raise where.error(line, _WRITTEN)
 
     def need(fits: bool, name: str, valid: str) -> None:
+        """Raises ConfigError for a field that does not fit; `valid` says what is expected."""
         if not fits:
             raise where.key(name).error(line.get(name), valid)
 

@@ -194,7 +194,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -
         else:
             new = validate(get_type_hints(type(group))[name], value, at.source, at=at.path)
         return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
-    except ConfigError as error:
+    except ConfigError as error:  # every error is located at the full name of the parameter
         raise at.error(error.value, error.valid) from error
     except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
         raise at.error(value, f"what {type(group).__name__} accepts ({error})") from error

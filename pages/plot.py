@@ -292,7 +292,7 @@ class Plot:
 
     @property
     def _aspect(self) -> float:
-        """Height over width of a figure true to scale; 0 for one of fixed height."""
+        """Height over width of a figure true to scale; 0 for one of fixed height, or so flat that y is stretched."""
         if not self.to_scale or self.x is None or self.y is None:
             return 0.0
         aspect = (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])

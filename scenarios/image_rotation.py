@@ -157,7 +157,7 @@ def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     U, _, Vt = np.linalg.svd(b.T @ a)
-    U[:, 2] *= np.linalg.det(U @ Vt)
+    U[:, 2] *= np.linalg.det(U @ Vt)  # a rotation, not a reflection
     R = U @ Vt
     residual = np.linalg.norm(a @ R.T - b, axis=1)
     return np.asarray(R, float) if float(np.median(residual)) < _ROTATION_PX * pixel else None

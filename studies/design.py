@@ -199,6 +199,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     names = [*factors, *([_SCENARIO] if len(bases) > 1 else [])]
     if (count := len(bases) * math.prod(map(len, factors.values()))) > _MAX_COMBINATIONS:
         raise where.key("vary").error(f"{count} combinations", f"up to {_MAX_COMBINATIONS}")
+    # `zip` leaves the scenario's name out where there is only one and `names` has no factor for it
     combinations = tuple(
         Combination(base=base, levels=levels, labels=dict(zip(names, [*(level.name for level in levels), base.name])))
         for base in bases
@@ -282,6 +283,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     Raises:
         ConfigError: The scenario is invalid with what is set; the message names the place in the study file.
     """
+    # the last level that sets a scenario replaces it
     base = next((level.base for level in reversed(combination.levels) if level.base), combination.base)
     plain = json.loads(json.dumps(base.scenario))  # a deep copy
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]

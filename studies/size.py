@@ -57,6 +57,7 @@ def size_of(sampled_configs: Sequence[Sequence[TwinConfig]], cases: int, estimat
     configs = [config for of_case in sampled_configs for config in of_case]
     if not configs:
         return Size(walks=0, estimates=cases * estimates_per_walk, walked_s=0.0, cpu_s=0.0)
+    # from the sampled cases to all
     walks = round(cases * len(configs) / len(sampled_configs))
     cost: Cost = scale_cost(cost_of(configs), walks)
     rates = [

@@ -125,7 +125,14 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
 
 
 def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]:
-    """The topics of each required role that are all missing, joined by "or"; poses come with every walk."""
+    """The roles that no available topic fills, each as the text of its topics joined by "or".
+
+    One available topic is enough for a role. The topic of poses (`POSES`) is never missing: every walk has poses.
+
+    Args:
+        streams: Streams of an estimator; only those that are required count.
+        topics: Available topics.
+    """
     available, roles = set(topics), dict[str, list[str]]()
     for stream in streams:
         if stream.required and stream.topic != POSES:
@@ -276,6 +283,7 @@ def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Wa
     with _needing_twin():
         streams = estimator_class.streams(rig, options)
     takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}
+    # a file of its own for each estimator, as they take other topics
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
     poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
     recording = write_synthetic_recording(path, takes, more=poses)

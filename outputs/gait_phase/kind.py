@@ -50,7 +50,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def collector(
         self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PhaseSeries]:
-        """Collects every phase of the instance's foot."""
+        """Collects every phase of the instance's foot; neither the estimator's state nor a walk is needed."""
         foot = instance.options.foot
         return EveryEstimate(f"{instance.declaration.name}_{foot}", PhaseEstimate, partial(to_phase_series, foot=foot))
 

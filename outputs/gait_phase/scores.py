@@ -196,6 +196,13 @@ def phase_errors(series: PhaseSeries, stride: Stride) -> tuple[Array, Array]:
     """Circular errors of a stride's samples and their reported standard deviations, both as shares of the cycle.
 
     A sample without a claimed phase counts as estimated at 0, with the deviation that it reports.
+
+    Args:
+        series: Estimates of the foot.
+        stride: One of its true strides; the samples from its begin until before its end count.
+
+    Returns:
+        (N,) estimated minus true phase, positive if the estimate is ahead, and (N,) standard deviations.
     """
     begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
     errors = circular_difference(series.phase[begin:end], true_phase(series.t_ns[begin:end], stride))

@@ -70,7 +70,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def collector(
         self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[ModeRun]:
-        """Collects every prediction, with the walk beside the truth."""
+        """Collects every prediction, with the walk beside the truth; the estimator's own state is not needed."""
 
         def pack(estimates: list[ModeEstimate]) -> ModeRun:
             """The estimates with the walk beside the truth."""

@@ -99,8 +99,10 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
     modes = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):
         rise = after.z0 - before.z1
+        # the step went over a riser of about the least height of a stair
         if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
             modes += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+        # the sole lies across an edge at which the slope changes without a riser
         if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
             modes += [m for m in (mode_of(before), mode_of(after)) if m != mode]
     return tuple(dict.fromkeys(modes))

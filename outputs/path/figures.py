@@ -43,6 +43,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> Markup:
     paths = [_along_route(layout, result) for result in results]
     span_s = data_range(*(s for s, _ in paths), margin=0.01)
     profile = layout.profile if layout else ()
+    # the ground is filled down to 12 cm below its lowest point
     lowest = [min(strip.z0, strip.z1) - 0.12 for strip in profile]
     span_z = data_range(*(z for _, z in paths), include=lowest)
     title = f"Side view, {_part_name(results)}"

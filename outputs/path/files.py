@@ -147,7 +147,7 @@ class LivePaths(LiveOutput):
         return f"{part} {row}".lstrip()
 
     def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
-        """Moves the written files to their places; returns the number of poses in each."""
+        """Moves the written files to their places; returns the number of poses in each. It needs no estimator."""
         for part, file in self._files.items():
             self._out[part].close()
             os.replace(partial_path(file), file)

@@ -240,7 +240,7 @@ def align_yaw(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
     """
     matched = [s for s in steps if s.is_matched]
-    if len(matched) < 2:
+    if len(matched) < 2:  # no direction to fit
         return list(steps)
     true, estimated = (
         np.array(places) for places in ([s.place for s in matched], [s.estimated_place for s in matched])

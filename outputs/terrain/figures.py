@@ -118,6 +118,7 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
     jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])  # true edges, m along the route
+    # distance of each place from the nearest true edge
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
     # errors of the heights, mm; NaN near an edge, where a small error of place would look like one of height
     off = np.where(

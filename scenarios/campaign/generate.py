@@ -226,7 +226,7 @@ def bind_folder(folder: Path, request: Mapping[str, object], walk_names: Iterabl
         raise StrideTwinError(f"{folder}: has walks without their request (earlier version): expected another folder")
     if existing and isinstance(previous, dict) and (differing := _differences(request, previous)):
         raise StrideTwinError(f"{folder}: has walks of another request ({differing}): {_ANOTHER}")
-    if extra := existing - set(walk_names):
+    if extra := existing - set(walk_names):  # of an equal request for more walks
         raise StrideTwinError(
             f"{folder}: has {len(extra)} walks beyond those asked for, from {min(extra)} on: {_ANOTHER}"
         )

@@ -139,10 +139,10 @@ def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.
     """
     name, side = joint.split("_")
+    # an actuator's observation: torque command, torque, speed
     foot, speed = SIDES.index(side), float(observation[f"exo/{joint}/actuator"][2])
     loaded = observation["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in observation["mode"]]
-    # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     assistance = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
     shares = (assistance.stance if loaded else assistance.swing).get(name, TorqueShares())  # ankles get no torque
     if not abs(speed) > 0.0:

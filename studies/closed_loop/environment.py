@@ -182,6 +182,7 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
         seeds = iter(seed)
     except TypeError:
         seeds = repeat(seed)
+    # after the last seed of an iterable comes a text, which `_check_seed` refuses
     return map(_check_seed, chain(seeds, repeat("used up")))
 
 

@@ -123,6 +123,7 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
     Returns:
         (N - 1, 3) mean rates, rad/s, and (N - 1, 3) mean specific forces, m/s², in the sensor's axes.
     """
+    # intervals (N - 1,), s, with mean rates and specific forces, as on an Earth that does not rotate
     dt, rate, force = compute_increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
     # attitude in the middle of each interval, from the world to the sensor
     to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
@@ -183,6 +184,7 @@ class JaoSimulation:
         self.walk, self.rig = walk, _paper_rig()
         rate_hz = self.rig.imu("/foot_l/imu").rate_hz
         n = math.floor(walk.duration_s * rate_hz)
+        # n + 1 stamps of the motion; the n samples of an IMU are means between them
         self.t_ns = np.round(np.arange(n + 1) * 1e9 / rate_hz).astype(np.int64)
         self.imus = {f: self._imu(f, self.t_ns) for f in FEET}
         self.ideal = {f: ideal_imu(self.imus[f]) for f in FEET}

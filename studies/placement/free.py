@@ -55,7 +55,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
 @cache
 def _shapes(surface: str, person: Person) -> list[LimbShape]:
     """Shapes of the body of a surface, for one wearer."""
-    import mujoco  # a placement's file is read without, to be listed
+    import mujoco  # imported late, because placements are listed and read without the simulator
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
     from stridetwin.sim.wearer.limbs import find_shapes

@@ -134,6 +134,7 @@ def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) ->
     """
     row: PlaceRow = {"walk": visit.label, "scores": {}}
     try:
+        # only scores that ask for a sensor need the walk; weights do not
         walk = _plan_walk_once(run, visit) if any(GEOMETRIC_SCORES[name][0] for name in names) else None
         row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
     except StrideTwinError as error:
@@ -153,12 +154,13 @@ def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
     """
     key = run, visit.walk
     if key not in _posed_walks:
+        # full, or with walks of another run, which may be planned otherwise
         if len(_posed_walks) == _MAX_POSED_WALKS or any(cached_run != run for cached_run, _ in _posed_walks):
             _posed_walks.clear()
         try:
             _posed_walks[key] = pose_walk(visit.scenario, visit.seed)
         except StrideTwinError as error:
-            _posed_walks[key] = " ".join(str(error).split())
+            _posed_walks[key] = " ".join(str(error).split())  # raised again for every place
     walk = _posed_walks[key]
     if isinstance(walk, str):
         raise StrideTwinError(walk)
@@ -293,6 +295,7 @@ class Measure:
             except StrideTwinError as error:
                 failed.setdefault(i, f"walk: {_one_line(error, self._folder)}")
                 continue
+            # an estimator that the place cannot feed has no score there
             feeding = [name for name in self._estimators if _feeds(scenario, name)]
             needed = with_sensors_for(scenario, feeding) if feeding else scenario
             # what determines the walk itself, for its digest

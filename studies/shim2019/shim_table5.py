@@ -191,6 +191,7 @@ def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
     def classify(who: int, step: ScoredStep) -> ScoredStep:
+        """The step with the class that the subject's machine gives it; unchanged without machine or estimate."""
         machine = machines.get(who)
         if machine is None or not step.is_matched:
             return step

@@ -138,7 +138,7 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
         for seed in study.seeds:
             of_seed = combination.with_levels(study.levels(seed))
             name = ", ".join([combination.base.name, *(level.name for level in of_seed.levels)])
-            if name not in scenarios:
+            if name not in scenarios:  # seeds with the same levels share a scenario
                 scenarios[name] = make_scenario(study, of_seed, folder, physics)
             walks.append(
                 (f"{name}, seed {seed}", StudyWalk(scenario=scenarios[name], seed=seed, methods=study.methods))

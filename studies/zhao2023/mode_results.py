@@ -538,6 +538,7 @@ def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
         height=280,
     )
     for (method, method_steps), color in zip(steps.items(), PALETTE):
+        # longer lead times count in the last bin; each share is drawn as a step from edge to edge
         counts = np.histogram(np.clip([s.lead_s for s in method_steps], 0.0, 4.999), _LEAD_EDGES)[0]
         shares = np.repeat(100.0 * counts / max(len(method_steps), 1), 2)
         plot.line(np.repeat(_LEAD_EDGES, 2)[1:-1], shares, color, width=2.0, label=WORDS.get(method, method))

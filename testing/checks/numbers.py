@@ -24,7 +24,11 @@ def check_finite(subject: Subject) -> None:
 
 
 def check_covariance(subject: Subject) -> None:
-    """Covariances are positive semidefinite, standard deviations positive; probabilities sum to 1."""
+    """Covariances are positive semidefinite, standard deviations positive; probabilities sum to 1.
+
+    Raises:
+        ConformanceError: One of them cannot be such a number; the message says where and why.
+    """
     for returned in subject.reference:
         for leaf in returned.leaves:
             if _describes_uncertainty(leaf) and (problem := _problem(leaf)):
