@@ -49,6 +49,7 @@ def _end_with_parent() -> None:
     sentinel = parent.sentinel  # becomes ready when the parent ends
 
     def watch() -> None:
+        """Waits for the end of the parent, then ends this process without any cleaning up."""
         connection.wait([sentinel])
         os._exit(1)
 

@@ -151,6 +151,7 @@ def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) ->
     """
 
     def rotate(attitude: geometry.Attitude) -> geometry.Attitude:
+        """The mount of an AHRS with a small random rotation in the frame that carries it."""
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 

@@ -138,6 +138,8 @@ def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
 
 def edge_lines(flight: Stairs) -> list[Array]:
     """Ends of each detected edge, (2, 3) m in the map's world, at the height of the tread above it."""
+    # the horizontal direction of ascent, and that to its left; an edge k lies at `s` along the first, and its ends at
+    # `flight.across` along the second, both from the world's origin
     up = flight.up
     aside = np.array([-up[1], up[0]])
     lines = []

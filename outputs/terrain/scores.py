@@ -130,6 +130,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
     sides = []
     for start, end in ((a, b), (b, c), (c, a)):
         along, offset = end - start, points - start
+        # on the inner side of this side; the nearest point of the side is at `share` of it
         over &= offset @ np.cross(normal, along) >= 0.0
         share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
         sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))

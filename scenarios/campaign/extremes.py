@@ -77,7 +77,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
             for variable in varied:
                 for end in variable.distribution.ends:
                     try:
-                        values = middle | {variable.name: end}
+                        values = middle | {variable.name: end}  # one value at an end, the others at their median
                         parse_scenario(folder, scenario_of(campaign, base, first_person, values, extra))
                     except StrideTwinError as error:
                         if (user_error := errors_in_user_files(error, campaign.user_files)) is not None:

@@ -118,7 +118,7 @@ class AssistanceController:
         """Torque commands from an observation; call it once per `PERIOD_S`.
 
         Each command follows its target, the share of the torque limit by mode and load, with the time constant
-        `SMOOTHING_S`.
+        `SMOOTHING_S`; the controller keeps the last commands for that.
 
         Returns:
             (n,) N m, flexion positive, in the order of the joints.

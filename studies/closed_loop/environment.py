@@ -105,6 +105,7 @@ class WalkPhysics(control.Physics):
         if self._twin is None or seed != self._twin.seed:
             self._twin = Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
         self._torque = np.zeros(len(self.joints))
+        # the motors read the last action at each of their steps, in their own order
         self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []

@@ -412,7 +412,7 @@ def _summary(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
     """
     summary: Summary = {}
     for method in runs[0]:
-        errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
+        errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes north, west, up)
         ddof = min(1, len(errors) - 1)
         figures = {
             "mean_end_error_m": np.linalg.norm(errors[:, :, :2], axis=2).mean(axis=0),

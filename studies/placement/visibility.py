@@ -76,6 +76,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
     s = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])
+    # (N, A, 2): at each instant, every distance ahead on each of the lines beside the route
     ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
@@ -178,6 +179,7 @@ def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
     origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)
+    # (M, K) m from the eye to the first surface on each line of sight
     hit = walk.terrain.ray_cast(origins, sight.reshape(-1, 3)).reshape(length.shape)
     return np.asarray(hit < length - _SHORT_OF_M)
 

@@ -41,6 +41,7 @@ def _draw_score(result: StudyResult, score: str) -> str:
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
     plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
     for m, method in enumerate(methods):
+        # the table has one line per method for each combination; methods are drawn side by side
         color, shift = PALETTE[m % len(PALETTE)], _SPREAD * ((m + 0.5) / len(methods) - 0.5)
         means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]

@@ -93,6 +93,7 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
     """Makes walks up a ramp, over a landing, and down another ramp, with slopes between two bounds."""
 
     def make(config: TwinConfig, rng: Rng) -> TwinConfig:
+        """The walk with two ramps drawn between the bounds."""
         up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
         return _with_terrain(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
 

@@ -28,7 +28,11 @@ _FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0  # of a predicted step, from the bo
 
 
 def check_plausible(subject: Subject) -> None:
-    """Units and frames are those of the project."""
+    """Units and frames are those of the project, as far as the estimates of the walk show it.
+
+    Raises:
+        ConformanceError: A path, step, map or prediction is far from what the walk can be.
+    """
     estimates = [returned.estimate for returned in subject.reference]
     paths: dict[str, list[Pose]] = {}
     for estimate in estimates:
