@@ -52,6 +52,7 @@ class Batch(Generic[Task, RowT]):
                 self.results[job.key] = row
                 continue
             self.missing.append(job)
+            # it has a row, but one that is damaged, of another version, or to be made again
             self.outdated += bool(resume and store is not None and store.has_any(job))
 
     def run(

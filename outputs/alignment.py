@@ -30,7 +30,7 @@ class Rigid:
     t: Array
 
     def apply(self, path: Trajectory) -> Trajectory:
-        """The path in the truth's world; the covariance of the position is rotated with it."""
+        """The path in the truth's world; its covariances, along the axes of the world, are rotated with it."""
         q = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
         covariance = path.covariance
         if covariance is not None:

@@ -195,6 +195,7 @@ class OdometryDriven:
         self.odometry = odometry_class.declaration.name
         self._odometry = odometry_class(rig, options=odometry_options)
         self.estimator: AnyEstimator = estimator_class(rig, options=options)
+        # types of the samples that each of the two takes, by topic
         self._odometry_takes = {s.topic: s.kind for s in streams}
         self._estimator_takes = {s.topic: s.kind for s in estimator_class.streams(rig, options) if s.topic != POSES}
         self.takes = self._odometry_takes | self._estimator_takes

@@ -46,7 +46,14 @@ def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float
 
 
 def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
-    """Draws the true ground from above within two ranges, m, by terrain."""
+    """Draws the true ground from above, by terrain; without a layout it draws nothing.
+
+    Args:
+        plot: The figure.
+        layout: The true terrain, or None.
+        x: Lowest and highest x of the figure, m; slabs are cut there.
+        y: Lowest and highest y, m.
+    """
     for terrain, color in GROUND.items():
         slabs = [slab for slab in (layout.slabs if layout else ()) if slab.terrain == terrain]
         corners = [
@@ -134,6 +141,7 @@ class StraightenedRoute:
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
         heading, offset = way.heading(s), p - way.point(s)
+        # distance to the left of the route
         left = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")

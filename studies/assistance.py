@@ -163,6 +163,7 @@ def table(result: Result[dict[str, VariantSummary], NoPaper, AssistanceRow]) -> 
     rows: list[LabelledFigures] = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:
         carried_modes = summary["carried"]["modes"]
+        # a further line from the same walks: what would remain if the motors helped without any loss
         rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in carried_modes.items()}
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
     share = summary["predicted"].get("gain_share") if "predicted" in summary else None

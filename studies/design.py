@@ -226,7 +226,11 @@ def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLoca
 
 
 def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSchedule]:
-    """The factors that take turns, after those that move them on."""
+    """Checks the block `turns` and returns it: the schedule of each factor that takes turns.
+
+    Raises:
+        ConfigError: A name is that of no factor, or a factor of `add` is not one above it in the block.
+    """
     for name, turn in file.turns.items():
         at = where.key("turns").key(name)
         if name not in file.vary:

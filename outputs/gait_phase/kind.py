@@ -102,7 +102,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedPhases], recording: Recording
     ) -> None:
-        """Logs the phase of each leg over time as `phase/NAME`."""
+        """Logs the phase of each leg over time as `phase/NAME`; the evaluations need no recording."""
         for evaluation in evaluations:
             series = evaluation.estimates
             log_curves(rerun, stream, f"phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))

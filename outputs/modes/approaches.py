@@ -20,7 +20,10 @@ _MATCH_M = 0.4  # largest distance along the route between a predicted change an
 
 
 def mode_changes(layout: Layout) -> list[TerrainChange]:
-    """The terrain changes of a route, in order: stairs from the first edge to the last, ramps."""
+    """The terrain changes of a route, in order: begin and end of each flight of stairs, and each change of slope.
+
+    The end of a flight is a change to level ground. A change of slope at a riser belongs to the stairs and is none.
+    """
     changes = []
     for flight in flights(layout.profile, _STAIR_M):
         mode = "SA" if flight.riser > 0 else "SD"

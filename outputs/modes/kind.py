@@ -124,7 +124,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedModes], recording: Recording
     ) -> None:
-        """Logs the true and the predicted footprints, and the modes, of the first estimator."""
+        """Logs the true and the predicted footprints, and the modes, of the first estimator; it needs no recording."""
         from stridetwin.outputs.modes.rerun import log_modes
 
         log_modes(rerun, stream, evaluations[0].estimates, evaluations[0].walk)

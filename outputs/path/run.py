@@ -92,6 +92,11 @@ def run_paths(instance: Instance, recording: Recording, progress: Progress | Non
     The estimator's `follow` is used where it has one and takes what the instance has, because it is faster; otherwise
     samples are fed one by one.
 
+    Args:
+        instance: The estimator with its options.
+        recording: The recording.
+        progress: Receives the stage and its progress (0-1), from `follow` alone.
+
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """

@@ -186,6 +186,7 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
     starts, ends = _stretches(comparison.distance_m, span_m)
     if not len(starts):
         return np.empty(0)
+    # at the start of each stretch, the true attitude and the estimated one, and the difference of their headings
     attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
     rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
     estimated_moves, true_moves = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))

@@ -74,8 +74,13 @@ def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float
 
 
 def _class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
-    """A PNG of (S, L) classes, the left of the route on top, as a data URI."""
-    # OpenCV's order of colours; unknown cells are transparent
+    """A PNG as a data URI: along the route from left to right, the left of the route on top.
+
+    Args:
+        classes: (S, L) numbers of `GROUND_CLASSES`, along the route and from right to left of it.
+        known: (S, L) whether each cell is mapped; others are transparent.
+    """
+    # OpenCV's order of colours, with opacity
     bgra = np.zeros((*classes.shape, 4), np.uint8)
     bgra[..., :3] = _PALE[classes][..., ::-1]
     bgra[..., 3] = 255

@@ -92,7 +92,7 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedMap], recording: Recording
     ) -> None:
-        """Logs the ground of the first map, its planes and edges, over time."""
+        """Logs the ground of the first map, its planes and edges, over time; its snapshots need no recording."""
         from stridetwin.outputs.terrain.rerun import log_ground
 
         log_ground(rerun, stream, evaluations[0].estimates.snapshots)

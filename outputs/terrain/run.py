@@ -79,6 +79,7 @@ class _MapSampler:
         path = np.column_stack([[f.t_ns for f in walk.footprints], walk.foot_places_m])
         self._scorer = MapScorer(walk.layout, path)
         last_m = float(max(walk.place_m.max(), walk.foot_places_m.max()))
+        # the stored ground reaches a little beyond the walk at both ends
         self._route = RouteMapper(walk.layout, float(walk.place_m.min()) - 0.5, last_m + 1.0)
         self._snapshots: list[Snapshot] = []
 

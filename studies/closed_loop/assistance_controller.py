@@ -89,6 +89,7 @@ class AssistanceObserver(Streams):
         for sample in sample_list:
             self._recognition.update(sample)
             if isinstance(sample, Insole):
+                # topics are `/foot_l/insole` and `/foot_r/insole`
                 self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
 
     def observation(self) -> dict[str, Array]:

@@ -226,7 +226,16 @@ class JaoSimulation:
         return blocks, noises
 
     def aiding_measurements(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
-        """Measurements of cameras and sonars in one run: relative positions, points of the boards, and ranges."""
+        """Measurements of cameras and sonars in one run: relative positions, points of the boards, and ranges.
+
+        Every image gives both a relative position, for the published methods, and the points of the board, for ours.
+
+        Args:
+            rng: Draws the noise.
+
+        Returns:
+            Those of the left foot's camera, of the right one's, and then the ranges of both sonars.
+        """
         sd = _RELATIVE_POSITION_SD_M
         aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:

@@ -113,6 +113,7 @@ def collect(results: list[WalkRow]) -> Collected[Summary, EndErrors]:
         suffix = "" if case == "unclipped" else f"_{case}"
         of = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
         for name, values in _summary(of).items():
+            # the suffix comes before the unit, such as `mean_end_error_clipped_m`
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)

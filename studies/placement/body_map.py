@@ -153,6 +153,7 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     The right side mirrors the left one, so its sensors are left out.
     """
     rig = sensor_rig(config).rig
+    # an IMU inside a depth camera has no mark of its own
     inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
     mounts = {topic: sensor.mount for kind in (rig.imus, rig.cameras, rig.others) for topic, sensor in kind.items()}
     for topic, mount in mounts.items():

@@ -370,6 +370,7 @@ class Measure:
     def _check_scores(self, rows: Sequence[PlaceRow]) -> None:
         """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
+            # an estimator that reports nothing at all may just not be fed by these walks
             reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"

@@ -135,6 +135,7 @@ def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
         places = grid(problem.knobs)
     else:
         places = optimise(problem.knobs, problem.search, problem.seeds[0], losses)
+    # what the search has measured is reused from the stored rows
     return measure([Place(), *places], problem.seeds, "places")
 
 

@@ -303,6 +303,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
     paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]
+    # figure, name of the line, its cases, and mean and SD of both papers
     quoted = [
         ("elevation_mm", "LW", ("LW",), paper_errors["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
         ("elevation_mm", "SA", ("SA",), paper_errors["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),

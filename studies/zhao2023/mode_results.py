@@ -494,6 +494,7 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
     """Steps by true and predicted mode, as HTML."""
 
     def cell(row: dict[str, int], mode: str) -> str:
+        """Number of steps with a predicted mode, and its share of the steps with the true mode; "" for none."""
         share = 100.0 * row[mode] / max(sum(row.values()), 1)
         return _two_lines(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
 

@@ -94,7 +94,7 @@ def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
     """
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
-    spent = 0.0
+    spent = 0.0  # since the last image, ms; what comes before the first image is left out at the end
     for sample in samples:
         if isinstance(sample, Image):
             frame_ms.append(spent)
