@@ -28,7 +28,7 @@ _FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0  # of a predicted step, from the bo
 
 
 def check_plausible(subject: Subject) -> None:
-    """Units and frames are those of the project, as far as the estimates of the walk show it.
+    """Units and frames are those of the project.
 
     Raises:
         ConformanceError: A path, step, map or prediction is far from what the walk can be.
