@@ -17,7 +17,7 @@ from stridetwin.batch.jobs import Failure, Job, ResultT, Task, Work, run_group
 from stridetwin.batch.processes import open_pool
 from stridetwin.streams.errors import StrideTwinError, explain_import_error
 
-_MAX_DEATHS = 3
+_MAX_DEATHS = 3  # groups in a row whose worker died; then the batch stops
 _DIED = Failure("its worker died; it may have run out of memory")
 _TIMEOUT_S = 60
 
@@ -88,6 +88,7 @@ class _Pool(Executor):
     """
 
     def __init__(self, workers: int, resources: ExitStack) -> None:
+        """Sets the number of processes; the pool, opened at the first run, is closed with `resources`."""
         self.workers, self._resources = workers, resources
         self._pool: ProcessPoolExecutor | None = None
 
@@ -96,9 +97,13 @@ class _Pool(Executor):
     ) -> Iterator[tuple[Job[Task], ResultT | Failure]]:
         """Runs the groups on several processes; jobs and results come in the order in which the groups end.
 
+        If a process dies, its whole pool is lost. The groups that were running are then repeated one by one, each in a
+        process of its own, and a new pool takes the remaining groups. The pool stays open for the next call.
+
         Raises:
             StrideTwinError: An error that affects all jobs, or the third group in a row whose worker dies.
         """
+        # `failed_groups`: names of the last groups in a row whose worker also died in the repetition
         versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
         while waiting:
             running: dict[Future[list[ResultT | Failure]], Sequence[Job[Task]]] = {}
@@ -113,7 +118,7 @@ class _Pool(Executor):
                         results = future.result()
                         failed_groups = []
                         yield from zip(running.pop(future), results)
-            except BrokenProcessPool:
+            except BrokenProcessPool:  # from `submit` or `result`: a process of the pool died
                 self._resources.close()
                 self._pool = None
                 names = ", ".join(map(_name_of, running.values()))
@@ -129,7 +134,13 @@ class _Pool(Executor):
 def _run_alone(
     work: Work[Task, ResultT], versions: Mapping[str, str], group: Sequence[Job[Task]]
 ) -> Sequence[ResultT | Failure] | None:
-    """Runs a group in a process of its own; returns its results, or None if that process died."""
+    """Runs a group in a process of its own; returns its results, or None if that process died.
+
+    Args:
+        work: How rows are made.
+        versions: Versions of the code that the process must have.
+        group: Jobs that run together.
+    """
     try:
         with open_pool(1) as pool:
             return pool.submit(run_group, work, versions, [job.task for job in group]).result()
@@ -160,6 +171,7 @@ class _Cluster(Executor):
     """Runs groups on the workers of a Dask scheduler, which repeats the groups of a dead worker."""
 
     def __init__(self, address: str, resources: ExitStack) -> None:
+        """Sets the scheduler's address; the connection, made at the first run, is closed with `resources`."""
         self._address, self._resources = address, resources
         self._client: Any = None
 
@@ -178,6 +190,7 @@ class _Cluster(Executor):
         from distributed import KilledWorker, as_completed
 
         run = uuid4().hex  # another run on the same cluster may have a job of the same name
+        # by the keys of Dask's tasks
         by_key = {f"{group[0].name}-{run}-{i}": group for i, group in enumerate(groups)}
         futures = [
             client.submit(run_group, work, versions, [job.task for job in group], key=key, pure=False)
@@ -199,7 +212,7 @@ class _Cluster(Executor):
         Raises:
             StrideTwinError: Dask is not installed, or no scheduler with workers answers within a minute.
         """
-        if self._client is not None:
+        if self._client is not None:  # an earlier call has connected
             return self._client
         with explain_import_error("--scheduler needs Dask", "cluster"):
             from distributed import Client

@@ -48,7 +48,7 @@ def hold_folder(
         (folder / UNFINISHED).mkdir(exist_ok=True)
         try:
             yield folder / UNFINISHED
-        except StrideTwinError:
+        except StrideTwinError:  # a refused request leaves no trace; finished rows always stay
             if is_new and not has_rows():
                 shutil.rmtree(folder)
             raise

@@ -26,7 +26,7 @@ class Forecast:
 
     def __init__(self, size: str, count: int, resume: str) -> None:
         self._size, self._left, self._resume = size, count, resume
-        self._ended, self._start_s = 0, 0.0
+        self._ended, self._start_s = 0, 0.0  # number of ended jobs; when the first one ended
         self._is_announced = False
 
     def count_job(self, workers: int) -> None:
@@ -38,7 +38,7 @@ class Forecast:
         self._ended, self._left = self._ended + 1, self._left - 1
         if self._ended == 1:
             self._start_s = time.monotonic()
-        # of the first job the kernels are compiled; of two more per worker the speed is known
+        # the first job also compiles kernels, so the time is taken from its end on; two more per worker show the speed
         if self._ended == 1 + 2 * workers and not self._is_announced:
             self._is_announced = True
             left_s = (time.monotonic() - self._start_s) / (self._ended - 1) * self._left

@@ -78,6 +78,11 @@ def content_key(*content: object) -> str:
 def run_group(work: Work[Task, ResultT], expected: Mapping[str, str], tasks: Sequence[Task]) -> list[ResultT | Failure]:
     """Runs the tasks of one group on a worker, and returns a result for each, in order.
 
+    Args:
+        work: The function that makes rows, and the versions of its code on this worker.
+        expected: Versions of the code where the batch was started.
+        tasks: Tasks of the group.
+
     Raises:
         StrideTwinError: The worker has other versions of the code than those expected.
     """

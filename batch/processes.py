@@ -68,14 +68,19 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """Makes a worker process end with the one that started it in every case, and print nothing when it is stopped."""
+    """Makes a worker process end with the one that started it in every case, and print nothing when it is stopped.
+
+    A thread of the worker waits until the parent has ended for any reason, and then ends the worker at once. Ctrl-C
+    ends the worker by the signal's default action, without a traceback.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = parent_process()
     if parent is None:
         return
-    sentinel = parent.sentinel
+    sentinel = parent.sentinel  # becomes ready when the parent ends
 
     def watch() -> None:
+        """Waits for the end of the parent, then ends this process without any cleaning up."""
         connection.wait([sentinel])
         os._exit(1)
 

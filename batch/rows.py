@@ -62,6 +62,7 @@ class RowLines(Generic[RowT]):
         self._file, self._unfinished = file, unfinished
         text = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
         self._rows: dict[str, RowT] = dict(_read_lines(text))
+        # whether the file holds exactly its valid rows; if not, `write` first writes it anew
         self._is_whole = text == self._text(list(self._rows))  # without the half line of a killed run
 
     def __len__(self) -> int:
@@ -110,7 +111,7 @@ def _read_lines(text: str) -> Iterator[tuple[str, RowT]]:
     for line in text.splitlines():
         try:
             row = json.loads(line)
-            yield row.pop("key"), row
+            yield row.pop("key"), row  # the row without its key
         except _INVALID:
             continue  # the last line of a killed run
 

@@ -43,7 +43,7 @@ class Batch(Generic[Task, RowT]):
         self.results: dict[str, RowT | Failure] = {}
         self.missing: list[Job[Task]] = []
         self.outdated = 0
-        unique = {job.key: job for job in jobs}
+        unique = {job.key: job for job in jobs}  # jobs with equal keys have equal rows, so one of them runs
         self._count = len(unique)
         for job in unique.values():
             stored = store.read(job) if store is not None and resume else None
@@ -52,6 +52,7 @@ class Batch(Generic[Task, RowT]):
                 self.results[job.key] = row
                 continue
             self.missing.append(job)
+            # it has a row, but one that is damaged, of another version, or to be made again
             self.outdated += bool(resume and store is not None and store.has_any(job))
 
     def run(

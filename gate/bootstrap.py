@@ -84,6 +84,10 @@ def _test_columns(sides: Sequence[Array], min_draws: int) -> BootstrapResult:
     """Tests slices of the columns one after the other, so that memory stays bounded.
 
     The generator starts anew for every slice, so all columns get the same resamples of the walks.
+
+    Args:
+        sides: One group of values (walks, S), whose means are tested, or two groups, whose differences of means are.
+        min_draws: Least number of resamples.
     """
     draws = max(DRAWS, min_draws)
     step = max(1, _MAX_RESAMPLED_MEANS // draws)
@@ -102,6 +106,10 @@ def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
     With the mean m and its standard error s, a resample with mean m* (of centred values) and error s* has the statistic
     t* = m* / s*. The interval is m - t*(97.5 %) s to m - t*(2.5 %) s, where s* is at least `_MIN_RELATIVE_ERROR` s; the
     p-value is the share of t* at least as extreme as m / s, without that bound.
+
+    Args:
+        sides: One group of values (walks, S), or two.
+        draws: Number of resamples.
     """
     rng = np.random.default_rng(_SEED)
     means, variances, counts = zip(*map(_moments, sides))
@@ -109,10 +117,11 @@ def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
     mean, resampled_mean = _difference(means), _difference(resampled_means)
     error, resampled_error = (np.sqrt(np.sum(v, axis=0)) for v in (variances, resampled_variances))
     tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
-    error = np.maximum(error, tiny)
+    error = np.maximum(error, tiny)  # standard error (S,) of the mean or difference
     t, resampled_t = mean / error, resampled_mean / np.maximum(resampled_error, tiny)
     tail = (1.0 - _COVERAGE) / 2.0
     bounded_t = resampled_mean / np.maximum(resampled_error, np.maximum(_MIN_RELATIVE_ERROR * error, tiny))
+    # the quantiles change sides: the upper one gives the lower end of the interval
     below, above = np.quantile(bounded_t, [tail, 1.0 - tail], axis=0)
     limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
     return BootstrapResult(
@@ -157,15 +166,21 @@ def _resample(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Ar
 
     A resample draws as many walks as there are, with replacement. How often it draws each walk times sums over walks
     gives count, sum and sum of squares of all columns at once.
+
+    Args:
+        x: (walks, S) values, NaN where one is missing.
+        draws: Number of resamples.
+        rng: Draws the walks.
     """
     n, columns = len(x), x.shape[1]
     is_present = np.isfinite(x).astype(float)
     centred = np.where(is_present > 0, x - np.nanmean(x, axis=0), 0.0)
-    terms = np.hstack([is_present, centred, centred**2])
+    terms = np.hstack([is_present, centred, centred**2])  # (walks, 3 S): summands of count, sum, sum of squares
     mean, variance = np.empty((draws, columns)), np.empty((draws, columns))
     step = max(1, _MAX_DRAWN_AT_ONCE // n)
     for start in range(0, draws, step):
         rows = min(step, draws - start)
+        # resample k draws numbers k n to k n + n - 1, so that one `bincount` counts the walks of all resamples
         picked = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
         multiplicity = np.bincount(picked.ravel(), minlength=rows * n).reshape(rows, n).astype(float)
         count, total, squares = np.split(multiplicity @ terms, 3, axis=1)

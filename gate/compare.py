@@ -23,7 +23,7 @@ ENOUGH_WALKS = 30
 PAIRED, UNPAIRED, TOLERANCE = "paired", "unpaired", "tolerance"
 SAME, WORSE, BETTER, MISSING, NEW = "same", "worse", "better", "missing", "new"
 _MAX_DRAWS = 2_000_000
-_NO_SPREAD = 1e-9
+_NO_SPREAD = 1e-9  # a standard deviation of losses up to this is none
 WALKS = "walks"
 """Metric name of the line with the number of walks on which an estimator could be scored."""
 
@@ -123,8 +123,10 @@ def check_level(baseline: ScoreTable, rules: Rules) -> None:
     Raises:
         ConfigError: Too many scores for the level; the message gives the smallest valid level.
     """
+    # with fewer than MIN_WALKS there is no test, and hence no limit
     score_count = len(_score_columns(list(baseline.walks.values()), [], ()))
     if len(baseline.walks) >= MIN_WALKS and _draw_count(score_count, rules.level) > _MAX_DRAWS:
+        # smallest level whose number of resamples is allowed, in %, rounded up to four decimals
         min_level = math.ceil(1e6 * _draw_count(score_count, 1.0) / _MAX_DRAWS) / 1e4
         valid = f"{min_level:g} or more, with the {score_count} scores of this baseline"
         raise ConfigError("command line", "--false-alarms", float(f"{100.0 * rules.level:g}"), valid)
@@ -140,6 +142,9 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
 
     Walks in both tables are compared in pairs. With fewer than `MIN_WALKS` of these, the two groups of walks are
     compared; with too few of them, the means are compared by the tolerance.
+
+    Scores that fewer than `MIN_WALKS` walks have are compared by their means and the tolerance, too. An estimator
+    that the baseline lacks gets a line with the verdict NEW.
 
     Raises:
         ConfigError: The baseline has too many scores for the level, see `check_level`.
@@ -165,12 +170,14 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
                 f"means may be worse by {100 * rules.tolerance:g} %"
             )
     lines = _find_missing(now, baseline, shared, method)
+    # estimators that now give no score at all: their single line says so, and their scores are not compared
     gone = {line.estimator for line in lines if line.now == 0}
     columns = _score_columns(before, after, gone)
     enough = [c for c in columns if method != TOLERANCE and c.count(method) >= MIN_WALKS]
     if method != TOLERANCE:
         lines += _compare_over_walks([*enough, *_composite_columns(columns)], method, rules)
     compared = {(name, c.metric) for c in enough for name in c.members}
+    # the baseline's means of all scores that no test has compared
     means = {
         name: {m: v for m, v in scores.items() if (name, m) not in compared}
         for name, scores in baseline.means.items()
@@ -243,6 +250,7 @@ def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str
     for estimator, members in _group_feet(names).items():
         for metric in sorted({m for walk in before for name in members for m in walk.get(name, {})}):
             if (scale := scale_of(metric)) is not None:
+                # (walks,) losses before and now, means over the feet, NaN where the score is missing
                 b, n = (
                     np.mean([_losses(walks, name, metric, scale) for name in members], axis=0)
                     for walks in (before, now)
@@ -273,7 +281,10 @@ def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
-    """For each estimator with two or more errors, their mean loss with weights 1 / spread over walks.
+    """A composite column `OVERALL` for each estimator: the mean loss of its errors, with weights 1 / spread over walks.
+
+    Only walks and errors without a missing value count; the spread is the standard deviation over the baseline's walks.
+    An estimator with fewer than two such errors, or with fewer than `MIN_WALKS` walks, gets no composite.
 
     As a loss is a logarithm, this is a weighted geometric mean of errors, in which errors of low spread count more.
     Weights come from the baseline alone, so that a change does not affect its own weight.
@@ -283,7 +294,8 @@ def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
         errors = [c for c in columns if c.estimator == name and c.scale.kind == ERROR]
         if not errors:
             continue
-        before, now = np.array([c.before for c in errors]), np.array([c.now for c in errors])
+        before, now = np.array([c.before for c in errors]), np.array([c.now for c in errors])  # (errors, walks)
+        # without the walks on which the estimator has no error at all
         had, has = (side[:, np.isfinite(side).any(axis=0)] for side in (before, now))
         if min(had.shape[1], has.shape[1]) < MIN_WALKS:
             continue
@@ -301,11 +313,17 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
 
     p-values are corrected by Holm's method, separately for composites and scores (`_correct_p_values`). A paired score
     that is equal on every walk is not tested and keeps the verdict SAME.
+
+    Args:
+        columns: Scores and composites with enough walks.
+        method: PAIRED or UNPAIRED.
+        rules: Level and least change.
     """
     lines = []
     for c in columns:
+        # mean losses as values of the score, before and now
         b, n = (c.scale.value(float(side.mean())) for side in c.finite_losses(method))
-        if c.metric == OVERALL:  # of several units
+        if c.metric == OVERALL:  # its errors have several units: only the ratio has a meaning
             b, n = 1.0, n / b
         lines.append(
             Line(
@@ -342,6 +360,7 @@ def _correct_p_values(p: Array, composite: NDArray[np.bool_]) -> Array:
     """p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores."""
     corrected = np.empty(len(p))
     for part in (composite, ~composite):
+        # times 2: each of the two families has half of the level
         corrected[part] = np.minimum(2.0 * holm_correct(p[part]), 1.0)
     return corrected
 
@@ -380,8 +399,15 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
 
     PAIRED compares the walks in both tables. Otherwise an estimator without failures in the baseline must not fail on
     any current walk, and every estimator of the baseline must have a mean.
+
+    Args:
+        now: Current scores.
+        baseline: Scores of the baseline.
+        shared: Keys of the walks in both tables.
+        method: PAIRED, UNPAIRED or TOLERANCE.
     """
     lines = []
+    # `had`: walks on which the estimator should give scores; `has`: those on which it does
     for name in sorted(baseline.means):
         if method == PAIRED:
             had = [key for key in shared if name in baseline.walks[key]]
@@ -413,11 +439,17 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
 
     A mean is WORSE if it exceeds the baseline's by the tolerance and by rounding differences between machines
     (`Scale.slack`); a score that is gone is MISSING.
+
+    Args:
+        now: Current means by estimator.
+        baseline: Means of the baseline that are compared, by estimator.
+        rules: The tolerance.
     """
     lines = []
     for name, scores in baseline.items():
         for metric, value in scores.items():
             scale, current = scale_of(metric), now.get(name, {}).get(metric)
+            # descriptive scores are not gated; signed scores and claims must only exist, as their means say nothing
             if scale is None or (scale.by_walks_only and current is not None):
                 continue
             line = Line(

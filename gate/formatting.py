@@ -53,7 +53,7 @@ def to_cells(line: Line) -> list[str]:
     unit = "pp" if line.in_points else "%"
     change = "-" if line.change is None else f"{line.change:+.1f} {unit}"
     interval = "-" if line.low is None or line.high is None else f"{line.low:+.1f} to {line.high:+.1f} {unit}"
-    if line.limit is not None:
+    if line.limit is not None:  # compared by the tolerance, without a test
         interval = f"limit {line.limit:.4g}"
     p = "-" if line.p is None else f"{line.p:.4f}"
     metric = f"|{line.metric}|" if line.absolute else line.metric
@@ -159,7 +159,7 @@ def to_junit(comparison: Comparison, failed: Sequence[ScoringFailure] = ()) -> s
                 worse.text = _valid_xml(f"{details}\n{comparison.description}")
             elif line.verdict == NEW:
                 ElementTree.SubElement(case, "skipped", message="not in the baseline")
-            elif details:
+            elif details:  # what a passed test prints
                 ElementTree.SubElement(case, "system-out").text = _valid_xml(details)
     ElementTree.indent(top)
     return ElementTree.tostring(top, encoding="unicode", xml_declaration=True) + "\n"
@@ -172,7 +172,13 @@ def _add_case(suite: ElementTree.Element, estimator: str, name: str) -> ElementT
 
 
 def _set_counts(element: ElementTree.Element, lines: Sequence[Line], failed: int) -> None:
-    """Sets the numbers of tests, failures, errors and skipped tests of a JUnit element."""
+    """Sets the numbers of tests, failures, errors and skipped tests of a JUnit element.
+
+    Args:
+        element: The element, which is changed.
+        lines: Its scores, one test each; a score that the baseline lacks is a skipped test.
+        failed: Number of walks on which an estimator failed, one more test and error each.
+    """
     regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
     counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}
     element.attrib.update({name: str(count) for name, count in counts.items()})

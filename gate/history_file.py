@@ -58,6 +58,7 @@ def history_line(
         verdict = FAILED
     else:
         verdict = ALONE if comparison is None else PASSED
+    # the same walks give the same digest, in whatever order they were scored
     digests = "\n".join(sorted(row["sha256"] for row in rows))
     return {
         "label": label,
@@ -110,6 +111,7 @@ def _check(line: object, where: FieldLocation) -> None:
         raise where.error(line, _WRITTEN)
 
     def need(fits: bool, name: str, valid: str) -> None:
+        """Raises ConfigError for a field that does not fit; `valid` says what is expected."""
         if not fits:
             raise where.key(name).error(line.get(name), valid)
 

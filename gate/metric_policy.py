@@ -88,6 +88,7 @@ class Scale:
 
 def scale_of(metric: str) -> Scale | None:
     """The scale of a score, as a kind of output declares it, else that of an error; None if it describes the walk."""
+    # a score that no kind declares, such as one of a user's own, counts as an error
     declared = all_scores().get(metric)
     kind = CLAIM if metric.startswith(_CLAIMS) else ERROR if declared is None else declared.scale
     if kind == DESCRIPTIVE:

@@ -41,7 +41,10 @@ _TAIL = 600  # characters of a program's last output, or of a class's exception
 _HOME = Path(__file__).resolve().parents[1]
 _STANDARD_LIBRARY = sysconfig.get_path("stdlib")
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
-"""Command of a shell whose stdin closes when this process ends for any reason."""
+"""Command of a shell whose stdin closes when this process ends for any reason.
+
+Then it kills the process group $1 and removes the folder $2.
+"""
 
 
 class PathEstimator(Protocol):
@@ -168,6 +171,7 @@ class Program(OwnEstimator):
                 arguments = [argument.replace(placeholder, file_name) for argument in arguments]
             with log.open("wb") as file:
                 code = _run_program(arguments, self.timeout_s, file.fileno(), Path(folder))
+            # the end of what it has printed, on one line
             last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             printed = f"; stderr: {last}" if last else "; nothing on stderr"
             if code is None:
@@ -286,7 +290,7 @@ def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     name = type(estimator).__name__
     poses: list[Pose] = []
     sensors = [topic for topic in recording.topics if not topic.startswith(TRUTH_PREFIX)]
-    topics = getattr(estimator, "topics", None)
+    topics = getattr(estimator, "topics", None)  # an estimator without them gets all sensors
     if topics is None:
         topics = sensors
     for topic in topics:
@@ -321,13 +325,14 @@ def _catch_user_errors(where: str) -> Iterator[None]:
             yield
     except KeyboardInterrupt:
         raise
-    except StrideTwinError as error:
+    except StrideTwinError as error:  # without a location it arose in this project: its message says enough
         if not (location := _error_location(error)):
             raise
         raise StrideTwinError(f"{where}: {error}{location}") from error
     except BaseException as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from error
+        # one line of bounded length; characters that are not UTF-8 are escaped
         exception_text = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
         text = f"{where}: {exception_text}{_error_location(error)}"
         raise StrideTwinError(text.encode("utf-8", "backslashreplace").decode()) from error
@@ -338,7 +343,7 @@ def _error_location(error: BaseException) -> str:
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    user_frames = [
+    user_frames = [  # the outermost first
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith(("<", _STANDARD_LIBRARY))

@@ -36,12 +36,14 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
     `TwinConfig`. File names in a mapping are relative to the working folder. Cameras, which take most of the time to
     render, are off by default.
     """
+    # by configuration, seed and whether cameras are on
     recordings: dict[tuple[str, int, bool], Recording] = {}
     folder = tmp_path_factory.mktemp("stridetwin")
 
     def walk(
         scenario: str | Path | Mapping[str, object] | TwinConfig, seed: int = 0, *, cameras: bool = False
     ) -> Recording:
+        """The recording of a scenario with a seed, from an earlier call if there was one."""
         from stridetwin.scenarios.record import make_twin, record, without_cameras
         from stridetwin.streams.recording.reader import Recording
 
@@ -71,6 +73,7 @@ def stridetwin_score() -> Callable[..., Scores]:
         frame: str = "foot_l/imu",
         align: str = "start",
     ) -> Scores:
+        """Scores of an estimator or a path on a recording; `align` is `start`, `yaw` or `se3`."""
         from stridetwin.estimators.base import PathEstimate
         from stridetwin.outputs.path.evaluate import evaluate
 

@@ -146,7 +146,16 @@ def document_of(entries: Sequence[ScoredWalk], means: Mapping[str, Scores]) -> d
 
 
 def _check_names(value: object, where: FieldLocation, valid: str) -> dict[str, object]:
-    """Checks that a value is a mapping whose keys are names, and returns it."""
+    """Checks that a value is a mapping whose keys are names, and returns it.
+
+    Args:
+        value: Node of a file.
+        where: Its position.
+        valid: What is valid there, for the error.
+
+    Raises:
+        ConfigError: It is no mapping, or a key is too long or no text in UTF-8.
+    """
     if not isinstance(value, dict):
         raise where.error(value, valid)
     for name in value:

@@ -66,6 +66,12 @@ class ScoringJob:
 def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
     """The jobs of some sources: recordings, and every accepted walk of campaigns.
 
+    A single job is strict (`ScoringJob.strict`): a failing estimator is then an error at once.
+
+    Args:
+        sources: Recordings, or folders of campaigns that `generate` has written.
+        **settings: Fields of all jobs, such as `alignment`; `lenient` is required for campaigns.
+
     Raises:
         StrideTwinError: A campaign's folder has no accepted walk, its recordings differ from its list, or a folder
             holds campaigns instead of being one.
@@ -86,6 +92,10 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
 
 def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob]:
     """Jobs for the accepted walks of a campaign; warns of recordings that its manifest does not list.
+
+    Args:
+        folder: Folder of the campaign.
+        settings: Fields of all jobs; a walk with findings is read leniently in any case.
 
     Raises:
         StrideTwinError: The manifest is invalid, lists no accepted walk, or a recording has another size than it says.
@@ -148,7 +158,7 @@ def score_walk(
     }
     if job.user_estimators:
         results: list[Result] = []
-        for estimator in job.user_estimators:
+        for estimator in job.user_estimators:  # each may fail alone
             try:
                 results += evaluate(recording, [estimator.path(recording)], job.alignment)
             except StrideTwinError as error:
@@ -172,7 +182,16 @@ def score_walk(
 
 
 def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progress | None) -> Iterator[KindEvaluations]:
-    """Runs the estimators that the recording feeds, kind by kind; raises StrideTwinError if there are none."""
+    """Runs the estimators that the recording feeds, and yields their evaluated outputs kind by kind.
+
+    Args:
+        recording: The recording.
+        job: Selects the estimators and their parameters.
+        progress: Receives the stage and its progress (0-1).
+
+    Raises:
+        StrideTwinError: It feeds none; the message says what they need.
+    """
     selection = Selection(only=job.only, parameters=job.parameters)
     has_any = False
     for kind_results in evaluate_recording(recording, selection, alignment=job.alignment, progress=progress):
@@ -185,7 +204,14 @@ def _evaluate_installed(recording: Recording, job: ScoringJob, progress: Progres
 
 
 def _record_failure(job: ScoringJob, failed: dict[str, str], name: str, error: Exception) -> None:
-    """Adds an estimator's error on one line to `failed`; in a strict job raises it."""
+    """Adds an estimator's error on one line to `failed`; in a strict job raises it.
+
+    Args:
+        job: The job, whose path is left out of the text.
+        failed: Reasons by estimator, which get one more.
+        name: Name of the estimator.
+        error: Its error; one that is no StrideTwinError is shown with its type.
+    """
     if job.strict:
         raise error
     text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
@@ -227,6 +253,7 @@ def score_walks(
         return [score_walk(jobs[0], progress, on_evaluated)]
     if options.scheduler is not None:
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
+    # the built-in estimators whose code determines the rows; the code of users' estimators has no version
     estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))
     versions = partial(scoring_versions, __name__, estimators)
     work = Work(run=one_by_one(score_walk), versions=versions)

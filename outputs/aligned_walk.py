@@ -89,6 +89,7 @@ def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
     layout = terrain_layout(recording.metadata)
     assert layout is not None, "odometry_of has checked it"
     truth, path = true_path(recording, odometry.frame), odometry.path
+    # poses within the span of the truth that the odometry trusts, in its world after any injected restart
     keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     healthy = path[keep if odometry.healthy is None else keep & odometry.healthy]
     poses = restart_poses(healthy, recording.metadata)

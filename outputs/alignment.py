@@ -30,10 +30,11 @@ class Rigid:
     t: Array
 
     def apply(self, path: Trajectory) -> Trajectory:
-        """The path in the truth's world; the covariance of the position is rotated with it."""
+        """The path in the truth's world; its covariances, along the axes of the world, are rotated with it."""
         q = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
         covariance = path.covariance
         if covariance is not None:
+            # block-diagonal: one R for each three components, position and, where there are six, rotation
             G = np.kron(np.eye(covariance.shape[-1] // 3), self.R)
             covariance = G @ covariance @ G.T
         return replace(
@@ -135,7 +136,7 @@ class MovingAlignment:
 
     def __init__(self, estimate: Trajectory, truth: Trajectory) -> None:
         self._t_ns = estimate.t_ns
-        self._estimated, self._true = estimate.p_frame_in_world, truth.p_frame_in_world
+        self._estimated, self._true = estimate.p_frame_in_world, truth.p_frame_in_world  # (N, 3) m
         self._yaw = _yaw(truth.q_world_frame) - _yaw(estimate.q_world_frame)
 
     def at(self, t_ns: int) -> YawAlignment:

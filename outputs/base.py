@@ -240,6 +240,11 @@ class OutputKind(ABC, Generic[E, V]):
     def run(self, instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[E]]:
         """Runs an estimator on a whole recording; for kinds that take poses see `pose_feed.replay`.
 
+        Args:
+            instance: The estimator with its options.
+            recording: With the topics that the estimator needs.
+            progress: Receives the stage and its progress (0-1), where a kind reports it.
+
         Raises:
             StrideTwinError: A topic or calibration is missing, or the estimator gives no estimate.
         """

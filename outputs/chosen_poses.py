@@ -31,7 +31,7 @@ from stridetwin.streams.trajectory import Trajectory
 
 TRUE_POSES = "truth"
 """The value of `--poses` that requests the true poses of a recording."""
-_IMAGES = 20
+_IMAGES = 20  # most depth images from which the direction upwards is estimated
 _TILT_RAD = math.radians(30.0)
 """A smaller angle may be that of a ramp; the frame of a first image is off by a right angle or so."""
 
@@ -79,6 +79,7 @@ def choose_poses(
         return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
+    # the first odometry whose IMU is on the depth camera's body; long dead reckoning is left out
     instances = [with_parameters(instance, parameters) for instance in runnable_instances(odometry, recording)]
     for output in (o for instance in instances for o in run_paths(instance, recording)):
         estimate = output.estimates
@@ -142,7 +143,14 @@ def _read_path(recording: Recording, topic: str) -> Trajectory:
 
 
 def _choose_upright(recording: Recording, path: Trajectory, frame: str, description: str) -> ChosenPoses:
-    """The poses in a world whose z axis is up, with a description that names the rotation if one was needed."""
+    """The poses in a world whose z axis is up, with a description that names the rotation if one was needed.
+
+    Args:
+        recording: With the depth images, which show where the ground is.
+        path: Poses of `frame`.
+        frame: Frame of the poses; "" is the depth camera's optical frame.
+        description: What the poses are, for a message.
+    """
     path, angle = _set_upright(recording, path, frame)
     rotation = f", rotated by {math.degrees(angle):.0f}° because their z axis is not up" if angle else ""
     return ChosenPoses(path=path, frame=frame, description=description + rotation)
@@ -164,14 +172,15 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     stamps = recording.image_times(calibration.depth_topic)
     in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
     chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
-    views: list[tuple[Array, Array]] = []
+    views: list[tuple[Array, Array]] = []  # normals in the camera's frame, and the camera's rotation to the world
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):
             depth, _ = camera.rectify(image.depth, TerrainMapParameters())
+            # the last pose up to the image
             at = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1
             R = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix() @ R_frame_camera
             views.append((normals(depth, camera.intrinsics), R))
-    up = upward(views)
+    up = upward(views)  # in the world of the given poses; None without any ground
     if up is None or (angle := math.acos(min(1.0, max(-1.0, float(up[2]))))) < _TILT_RAD:
         return path, 0.0
     rotation = _rotation_onto_z(up)
@@ -187,6 +196,6 @@ def _rotation_onto_z(up: Array) -> Rotation:
     """The shortest rotation of a unit vector onto the z axis."""
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
-    if sine < 1e-9:
+    if sine < 1e-9:  # parallel or opposite to z: the axis is undefined
         return Rotation.identity() if up[2] > 0.0 else Rotation.from_rotvec([math.pi, 0.0, 0.0])
     return Rotation.from_rotvec(axis / sine * math.atan2(sine, float(up[2])))

@@ -107,7 +107,7 @@ def runnable_on(estimator_class: EstimatorClass, defaults: Options, rig: Rig, to
             streams = estimator_class.streams(rig, options)
         except ConfigError:
             raise
-        except StrideTwinError:
+        except StrideTwinError:  # the rig lacks what this foot or mount needs
             continue
         if not missing_topics(streams, topics):
             instances.append(Instance(estimator_class=estimator_class, options=options, streams=streams))
@@ -115,7 +115,14 @@ def runnable_on(estimator_class: EstimatorClass, defaults: Options, rig: Rig, to
 
 
 def missing_topics(streams: Iterable[Stream], available_topics: Container[str]) -> list[str]:
-    """The topics of each required role that are all missing, joined by "or"; poses come from elsewhere."""
+    """The roles that no available topic fills, each as the text of its topics joined by "or".
+
+    One available topic is enough for a role. The topic of poses (`POSES`) is never missing: poses come from elsewhere.
+
+    Args:
+        streams: Streams of an estimator; only those that are required count.
+        available_topics: Topics that there are.
+    """
     roles: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:

@@ -156,6 +156,7 @@ def change_parameters(
         ConfigError: No such parameter, or an invalid value; the message has the valid ones.
     """
     hint = get_type_hints(estimator_class.__init__).get("parameters")
+    # the classes of parameters in the hint, which may be a union with None
     kinds = [kind for kind in (hint, *get_args(hint)) if isinstance(kind, type) and _fields(kind)]
     if not kinds:
         name = estimator_class.declaration.name
@@ -175,6 +176,12 @@ def _fields(group: Any) -> list[str]:
 def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -> Any:
     """A copy of a group of parameters with one value replaced; the keys lead to it through inner groups.
 
+    Args:
+        group: A dataclass or named tuple.
+        keys: Names of the inner groups, then of the parameter.
+        value: The new value, as a file has it.
+        at: Where it is given, for errors.
+
     Raises:
         ConfigError: No such parameter, or an invalid value.
     """
@@ -187,7 +194,7 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -
         else:
             new = validate(get_type_hints(type(group))[name], value, at.source, at=at.path)
         return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
-    except ConfigError as error:
+    except ConfigError as error:  # every error is located at the full name of the parameter
         raise at.error(error.value, error.valid) from error
     except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
         raise at.error(value, f"what {type(group).__name__} accepts ({error})") from error

@@ -21,7 +21,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Odometry, Sample
 from stridetwin.streams.trajectory import Pose, Trajectory
 
-_PROGRESS_NS = 200_000_000
+_PROGRESS_NS = 200_000_000  # time of the recording between two reports of the progress
 
 
 def default_odometry() -> EstimatorClass:
@@ -122,7 +122,7 @@ def replay(
     """
     numbered = list(instances)
     running: dict[int, _RunningEstimator] = {}
-    inner: dict[type, AnyEstimator] = {}
+    inner: dict[type, AnyEstimator] = {}  # by class, the estimators that others run themselves
     for i, (kind, instance) in reversed(list(enumerate(numbered))):  # kinds that use others come after these
         shared = inner.get(instance.estimator_class) if instance.parameters is None else None
         estimator = shared or instance.build(rig_of(recording))
@@ -135,7 +135,7 @@ def replay(
     reported_ns = -1
     for sample in merge_poses(poses, recording, list(topics_of_all), camera):
         for r in outermost_first:
-            if not r.topics:
+            if not r.topics:  # an inner estimator: its outer one, earlier in the list, has just fed it
                 r.collector.add(sample, None)
             elif sample.topic in r.topics:
                 r.collector.add(sample, r.estimator.update(sample))
@@ -160,7 +160,7 @@ class PoseFeed:
     def samples(self, estimate: object) -> Iterator[Odometry]:
         """The samples in an estimate of the odometry: the camera's pose if it is new, and the pose if it is valid."""
         pose, camera = pose_of(estimate), getattr(estimate, "camera_pose", None)
-        if camera is not None and camera is not self._camera:
+        if camera is not None and camera is not self._camera:  # another object than the last one passed on
             self._camera = camera
             yield pose_sample(camera.t_ns, camera.p_frame_in_world, camera.q_world_frame, CAMERA_POSES)
         if pose is not None and pose.valid:
@@ -186,6 +186,7 @@ class OdometryDriven:
 
     def __init__(self, rig: Rig, estimator_class: EstimatorClass, options: Options | None = None) -> None:
         options, odometry_class = options or Options(), default_odometry()
+        # `poses_of` is for the estimator alone: the frame of the odometry's poses, that of its IMU
         odometry_options = replace(options, method=odometry_class.declaration.methods[0], poses_of="")
         streams = [s for s in odometry_class.streams(rig, odometry_options) if s.live]
         frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")
@@ -194,6 +195,7 @@ class OdometryDriven:
         self.odometry = odometry_class.declaration.name
         self._odometry = odometry_class(rig, options=odometry_options)
         self.estimator: AnyEstimator = estimator_class(rig, options=options)
+        # types of the samples that each of the two takes, by topic
         self._odometry_takes = {s.topic: s.kind for s in streams}
         self._estimator_takes = {s.topic: s.kind for s in estimator_class.streams(rig, options) if s.topic != POSES}
         self.takes = self._odometry_takes | self._estimator_takes

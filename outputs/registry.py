@@ -80,7 +80,7 @@ def _entry_points_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
     """
     points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name):
-        if point.value != points.setdefault(point.name, point).value:
+        if point.value != points.setdefault(point.name, point).value:  # the same class twice is no conflict
             both = f"{points[point.name].value} and {point.value}"
             raise StrideTwinError(f"{OUTPUT_GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
     return points

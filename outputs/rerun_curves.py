@@ -26,7 +26,17 @@ def log_curves(
     labels: tuple[str, ...],
     colors: Sequence[tuple[int, int, int]] | None = None,
 ) -> None:
-    """Logs (N, K) values at (N,) stamps as K curves; an empty label stands for the last part of the entity."""
+    """Logs (N, K) values at (N,) stamps as K curves, thinned to about `CURVES_HZ`.
+
+    Args:
+        rerun: The module `rerun`.
+        stream: Its stream.
+        entity: Path of the curves in the viewer.
+        t_ns: (N,) times, ns.
+        values: (N, K) values.
+        labels: Name of each curve; "" stands for the last part of the entity.
+        colors: RGB of each curve; None leaves them to the viewer.
+    """
     seconds, thinned = thin_out(t_ns, CURVES_HZ, values)
     names = [label or entity.rsplit("/", 1)[1] for label in labels]
     stream.log(entity, rerun.SeriesLines(names=names, colors=colors), static=True)
@@ -47,5 +57,6 @@ def thin_out(t_ns: NDArray[np.int64], rate_hz: float, *columns: Array) -> tuple[
     """
     seconds = t_ns * 1e-9
     span_s = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
+    # number of rows per row that is kept
     step = max(1, round(len(seconds) / (span_s * rate_hz)))
     return seconds[::step], *(np.asarray(column[::step], dtype=float) for column in columns)

@@ -22,12 +22,19 @@ FOOT_M, _HALF_FOOT_M = 0.26, 0.045
 """Length and half width of a drawn footprint."""
 HALF_WIDTH_M = 1.0
 """Half width of a figure of the straightened route."""
-_ROW_M, _MAX_ROWS = 10.0, 8
+_ROW_M, _MAX_ROWS = 10.0, 8  # length of a row of a long route, and most rows
 _TRUE_STEP = "#46546a"
 
 
 def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float) -> None:
-    """Draws the true ground along the route, by terrain, down to the height `floor`, m."""
+    """Draws the true ground along the route from the side, by terrain.
+
+    Args:
+        plot: The figure.
+        profile: Strips of the route.
+        span: Begin and end of the figure along the route, m; strips are cut there.
+        floor: Height down to which the ground is filled, m.
+    """
     for terrain, color in GROUND.items():
         outlines = []
         for strip in profile:
@@ -39,7 +46,14 @@ def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float
 
 
 def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
-    """Draws the true ground from above within two ranges, m, by terrain."""
+    """Draws the true ground from above, by terrain; without a layout it draws nothing.
+
+    Args:
+        plot: The figure.
+        layout: The true terrain, or None.
+        x: Lowest and highest x of the figure, m; slabs are cut there.
+        y: Lowest and highest y, m.
+    """
     for terrain, color in GROUND.items():
         slabs = [slab for slab in (layout.slabs if layout else ()) if slab.terrain == terrain]
         corners = [
@@ -52,6 +66,7 @@ def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
 def outline(footprint: Footprint) -> Array:
     """(4, 2) m, corners of a footprint in the true world, from above."""
     w, x, y, z = footprint.q_world_foot
+    # horizontal unit vectors: from heel to toes (the foot's x axis, which is shorter on a slope), and to the left
     toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
     aside = np.array([-toes[1], toes[0]])
     local = [(0.0, -_HALF_FOOT_M), (FOOT_M, -_HALF_FOOT_M), (FOOT_M, _HALF_FOOT_M), (0.0, _HALF_FOOT_M)]
@@ -73,6 +88,7 @@ class StraightenedRoute:
     def __init__(self, walk: AlignedWalk) -> None:
         self._walk, way = walk, walk.layout.way
         self.place_m = walk.foot_places_m
+        # (F,) rad and (F, 2) m: direction and point of the route at each footprint
         self._heading, self._origin = way.heading(self.place_m), way.point(self.place_m)
         self.footprints = [self.straighten(i, outline(f)) for i, f in enumerate(walk.footprints)]
         self.span_m: Range = (float(self.place_m.min()) - 0.6, float(self.place_m.max()) + 0.8)
@@ -96,7 +112,13 @@ class StraightenedRoute:
         return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
 
     def plot_row(self, title: str, number: int, rows: list[Range]) -> Plot:
-        """An empty plot of one row, to scale."""
+        """An empty plot of one row, to scale.
+
+        Args:
+            title: Of the whole figure; later rows add their number.
+            number: Number of the row.
+            rows: Begin and end of each row along the route, m.
+        """
         is_last = number == len(rows) - 1
         return Plot(
             title=title if number == 0 else f"{title}, row {number + 1}",
@@ -115,9 +137,11 @@ class StraightenedRoute:
 
     def draw_path(self, plot: Plot, span: Range) -> None:
         """Draws the true path of the camera within a span of the route."""
+        # every eighth position is enough for a figure
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
         heading, offset = way.heading(s), p - way.point(s)
+        # distance to the left of the route
         left = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")

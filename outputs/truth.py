@@ -86,6 +86,7 @@ class TruePath:
         if len(t_ns) and (t_ns.min() < self.t_ns[0] or t_ns.max() > self.t_ns[-1]):
             raise ValueError("stamps outside the span of the truth")
         i = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, len(self.t_ns) - 2)
+        # interval i, its length h in s, and the share s of it that has passed at each stamp
         h = (self.t_ns[i + 1] - self.t_ns[i]) * 1e-9
         s = ((t_ns - self.t_ns[i]) * 1e-9 / h)[:, None]
         h = h[:, None]
@@ -223,7 +224,7 @@ def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
     A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair.
     """
     route_flights: list[Flight] = []
-    s, heights = [], []
+    s, heights = [], []  # places and heights of the edges of the present flight
     for place, height, onto in edges(profile, min_m):
         s.append(place)
         heights.append(height)

@@ -37,6 +37,7 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
     everything = np.concatenate(parts)
     finite = everything[np.isfinite(everything)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    # equal values have no span: a tenth of their size is taken
     pad = margin * (high - low) or max(abs(high), 1.0) * 0.1
     return low - pad, high + pad
 
@@ -61,6 +62,7 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
         if np.isfinite(part).any():
             kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
         if not np.isfinite(part).all():
+            # one point without a value keeps the gap
             kept.add(a + int(np.argmin(np.isfinite(part))))
     index = sorted(kept)
     return x[index], y[index]
@@ -109,15 +111,24 @@ class Plot:
     y_names: Mapping[float, str] = field(default_factory=dict)
     hover: str = "closest"
     continued: bool = False
-    _traces: list[dict[str, Any]] = field(default_factory=list)
-    _layout: dict[str, Any] = field(default_factory=dict)
+    _traces: list[dict[str, Any]] = field(default_factory=list)  # Plotly's, in the order of drawing
+    _layout: dict[str, Any] = field(default_factory=dict)  # Plotly's layout beyond the axes, such as images
 
     def line(
         self, x: ArrayLike, y: ArrayLike, color: str, *, label: str = "", width: float = 1.6, dash: str = "solid"
     ) -> None:
-        """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned."""
+        """Draws a line through the points (N,), interrupted where y is not finite; dense curves are thinned.
+
+        Args:
+            x: (N,) values of the axis.
+            y: (N,) values of the axis.
+            color: CSS colour.
+            label: In the legend; "" leaves it out.
+            width: In pixels.
+            dash: Plotly's name, such as `dash` or `solid`.
+        """
         xs, ys = np.asarray(x, float), np.asarray(y, float)
-        if np.all(np.diff(xs) >= 0):
+        if np.all(np.diff(xs) >= 0):  # a curve over x; others, such as paths from above, keep all points
             xs, ys = thin(xs, ys, _MOST_POINTS // 2)
         line = {"color": color, "width": width, "dash": dash}
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
@@ -136,8 +147,16 @@ class Plot:
         self.areas([outline], color, label=label, stroke=stroke)
 
     def areas(self, outlines: Sequence[ArrayLike], fill: str, *, label: str = "", stroke: str = "") -> None:
-        """Fills shapes given by their outlines, (N, 2) each."""
+        """Fills shapes given by their outlines, (N, 2) each, which are closed here.
+
+        Args:
+            outlines: The shapes; all of them are one trace.
+            fill: CSS colour of the inside.
+            label: In the legend; "" leaves it out.
+            stroke: CSS colour of the outline; "" draws none.
+        """
         if len(outlines):
+            # each outline is closed; gaps separate the outlines
             points = join_curves([np.vstack([o, np.asarray(o)[:1]]) for o in outlines])
             line = {"color": stroke, "width": 1} if stroke else {"width": 0}
             self._add(
@@ -155,7 +174,16 @@ class Plot:
     def bars(
         self, left: ArrayLike, right: ArrayLike, low: ArrayLike, high: ArrayLike, color: str, *, label: str = ""
     ) -> None:
-        """Draws upright rectangles from `left` to `right` and from `low` to `high`, each a number or (N,)."""
+        """Draws upright rectangles from `left` to `right` and from `low` to `high`.
+
+        Args:
+            left: Number or (N,), like the three others; a number counts for all rectangles.
+            right: On the x axis, like `left`.
+            low: On the y axis.
+            high: On the y axis.
+            color: CSS colour.
+            label: In the legend; "" leaves it out.
+        """
         sides = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (left, right, low, high)))
         self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
 
@@ -171,7 +199,18 @@ class Plot:
         sd: ArrayLike | None = None,
         labels: Sequence[str] = (),
     ) -> None:
-        """Draws markers at the points (N,), with error bars of ± `sd` and texts above them where given."""
+        """Draws markers at the points (N,), with error bars and texts where given.
+
+        Args:
+            x: (N,) values of the axis.
+            y: (N,) values of the axis.
+            color: CSS colour.
+            size: Of a marker, pixels.
+            label: In the legend; "" leaves it out.
+            symbol: Plotly's name of the marker.
+            sd: (N,) half lengths of the error bars; None draws none.
+            labels: Text above each marker; empty for none.
+        """
         mark = {"color": color, "size": size, "symbol": symbol}
         more: dict[str, Any] = {} if sd is None else {"error_y": {"array": _numbers(sd), "color": color}}
         if labels:
@@ -230,6 +269,7 @@ class Plot:
     def html(self) -> Markup:
         """The figure as an element of a page made by `html.page`, whose script draws it."""
         figure = {"data": self._traces, "layout": self._axes() | self._layout, "aspect": self._aspect}
+        # "<" as an escape sequence, so that no text can end the script element
         text = json.dumps(figure, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
         caption = Markup("") if self.continued else Markup("<figcaption>{}</figcaption>").format(self.title)
         return Markup(
@@ -239,7 +279,9 @@ class Plot:
 
     def _add(self, label: str, **trace: Any) -> None:
         """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
+        # no earlier trace has the label
         first = bool(label) and all(t.get("name") != label for t in self._traces)
+        # traces of one group are shown and hidden together
         named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
         self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
 
@@ -250,7 +292,7 @@ class Plot:
 
     @property
     def _aspect(self) -> float:
-        """Height over width of a figure true to scale; 0 for one of fixed height."""
+        """Height over width of a figure true to scale; 0 for one of fixed height, or so flat that y is stretched."""
         if not self.to_scale or self.x is None or self.y is None:
             return 0.0
         aspect = (self.y[1] - self.y[0]) / (self.x[1] - self.x[0])
@@ -270,7 +312,7 @@ class Plot:
             x_axis |= {"tickvals": list(range(len(self.x_names))), "ticktext": list(self.x_names)}
         if self.y_names:
             y_axis |= {"tickvals": list(self.y_names), "ticktext": list(self.y_names.values()), "showgrid": False}
-        if scaled:
+        if scaled:  # equal units on both axes: the range stays, and the drawn area shrinks
             x_axis["constrain"] = "domain"
             y_axis |= {"scaleanchor": "x", "constrain": "domain"}
         return {"xaxis": x_axis, "yaxis": y_axis, "hovermode": self.hover, "showlegend": not self.continued}

@@ -12,7 +12,8 @@ import yaml
 
 from stridetwin.streams.samples import Array
 
-_LEG_M = 0.9
+_LEG_M = 0.9  # length of the leg that the speeds of the groups belong to
+# name and upper end of the speed, m/s
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 

@@ -27,8 +27,8 @@ _JOINTS = {
 _CYCLE = np.linspace(0.0, 100.0, 101)
 _LOAD_PCT = {"first_peak": (10.0, 20.0), "valley": (25.0, 37.0), "second_peak": (43.0, 53.0)}
 """Where in the gait cycle the vertical load has its peaks and valley at a comfortable speed."""
-_SOLE_M = (0.32, 0.08)
-_PAUSE_NS = 30_000_000
+_SOLE_M = (0.32, 0.08)  # length and half width of the area whose points are drawn
+_PAUSE_NS = 30_000_000  # a longer pause breaks a path of the centre of pressure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +57,7 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
     steady = footprints[1:-1]
     strides = []
     for a, b, c in zip(steady, steady[1:], steady[2:]):
+        # a stride of one foot with one step of the other within it
         if a.foot == c.foot != b.foot and all(p.mode == "LG" and p.terrain == "level" for p in (a, b, c)):
             length = float(np.linalg.norm(c.p_foot_in_world - a.p_foot_in_world))
             seconds = (c.t_ns - a.t_ns) * 1e-9
@@ -86,6 +87,7 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
         return []
     block = recording.block("/truth/joints")
     angles = dict(zip(block.constants["names"], np.degrees(block.columns["position"]).T))
+    # people's curves at the mean speed of the walk
     group = speed_group(float(np.mean([s.speed_mps for s in strides])))
     figures = []
     for joint, title in _JOINTS.items():
@@ -113,7 +115,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
-            block = recording.block(topic)
+            block = recording.block(topic)  # the vertical force as a share of the carried weight
             load = block.columns["force_in_world"][:, 2] / (mass_kg * NOMINAL_GRAVITY_MPS2)
             loads[foot] = block.t_ns, load
     if not loads:
@@ -166,6 +168,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
         if topic not in recording.topics or not prints:
             continue
         block = recording.block(topic)
+        # number of the footprint at each sample, -1 before the first; the last footprint is left out
         of_print = np.searchsorted([p.t_ns for p in prints], block.t_ns, side="right") - 1
         paths = []
         for i, p in enumerate(prints[:-1]):
@@ -173,6 +176,7 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
             ahead = _in_footprint(block.columns["p_in_world"][rows], p)
             inside = (np.abs(ahead[:, 1]) < _SOLE_M[1]) & (ahead[:, 0] > -0.05) & (ahead[:, 0] < _SOLE_M[0])
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
+            # at most some 120 points of each part
             paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
         if paths:
             plot.curves(paths, COLORS[foot], width=0.8, label=f"{FOOT_NAMES[foot]} foot")

@@ -29,7 +29,7 @@ from stridetwin.streams.samples import (
 )
 
 _DEG = 180.0 / np.pi
-WINDOW_S = 6.0
+WINDOW_S = 6.0  # seconds of each stream that a report shows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +104,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         block = recording.block(topic)
         t = block.t_ns * 1e-9
         inside = (t >= window[0]) & (t <= window[1])
-        if inside.sum() < 2:
+        if inside.sum() < 2:  # no curve
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
@@ -129,6 +129,7 @@ def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float],
         window: First and last time of the figure, s.
         span: Lower and upper end of the figure's y axis.
     """
+    # a very short fault is drawn wide enough to be seen
     least = 0.004 * (window[1] - window[0])
     for fault in faults:
         begin, end = max(fault.from_s, window[0]), min(max(fault.until_s, fault.from_s + least), window[1])

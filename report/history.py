@@ -33,7 +33,13 @@ def _plots(name: str, lines: Sequence[HistoryLine]) -> str:
 
 
 def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
-    """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked."""
+    """Plots a score over the versions; the line breaks where the walks change, and worse versions are marked.
+
+    Args:
+        name: Name of the estimator in the scores.
+        metric: Name of the score; versions without it have no point.
+        lines: The history, the oldest version first.
+    """
     values = np.array([line["estimators"].get(name, {}).get(metric, np.nan) for line in lines], float)
     places = np.arange(len(lines), dtype=float)
     plot = Plot(
@@ -46,8 +52,10 @@ def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
         height=230,
     )
     walks = np.array([line["walks_digest"] for line in lines])
+    # runs of versions that were scored on the same walks, as indices
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
     plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
+    # beginnings of the sentences about this score; the gate names both feet of an estimator without `_l` or `_r`
     marked = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
     worse = np.array([any(sentence.startswith(marked) for sentence in line["regressions"]) for line in lines])
     is_scored = np.isfinite(values)

@@ -18,11 +18,11 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image
 
 NEAR_M, FAR_M = 0.4, 6.0
-_AT_ONCE = 16
+_AT_ONCE = 16  # images that are decoded together
 _LEAST_GREY = 8  # difference from the grey of pixels that are not rendered; more than JPEG leaves in them
 _SEARCHED_S, _SEARCH_STEP_S = 1.4, 0.1  # for the next image with a rendered part: more than a stride
-_ASPECT = 4 / 3
-FPS, WIDTH, HEIGHT = 12, 576, 324
+_ASPECT = 4 / 3  # width over height of a cropped part
+FPS, WIDTH, HEIGHT = 12, 576, 324  # of a film; pixels
 _VP9 = {"flags": "+bitexact", "deadline": "realtime", "cpu-used": "6", "crf": "28", "b": "0", "g": "120"}
 """Of libvpx: constant quality, about 0.3 bit per pixel and 7 ms of CPU time per frame."""
 
@@ -64,7 +64,13 @@ def camera_topics(recording: Recording) -> list[str]:
 
 
 def images_of(recording: Recording, topic: str, rate_hz: float) -> Iterator[Image | Depth]:
-    """Yields images of one camera at about the given rate, decoded in groups of 16."""
+    """Yields images of one camera at about the given rate, decoded in groups of `_AT_ONCE`.
+
+    Args:
+        recording: The walk.
+        topic: Topic of the camera or of its depth.
+        rate_hz: Rate of the images; a slower camera gives all of its images.
+    """
     times = recording.image_times(topic)
     step = max(1, round(recording.topics[topic].rate_hz / rate_hz))
     for first in range(0, len(times), step * _AT_ONCE):
@@ -86,6 +92,7 @@ def camera_views(
     views = []
     for topic in camera_topics(recording):
         info = recording.topics[topic]
+        # `count` times inside the walk, without its ends
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
             images, scale = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
@@ -128,8 +135,10 @@ def crop_to_rendered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     high, wide = pixels.shape
     drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY
     x, y, width, height = cv2.boundingRect(drawn.astype(np.uint8))
+    # nothing is rendered, or the rendered part touches a border of the image
     if min(width, height, x, y, wide - x - width, high - y - height) == 0:
         return None
+    # the smallest 4:3 around it, centred on it and then shifted into the image
     h = max(height, round(width / _ASPECT))
     w = min(round(h * _ASPECT), wide)
     left = min(max(x + (width - w) // 2, 0), wide - w)
@@ -161,6 +170,7 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
     Raises:
         StrideTwinError: There is no frame.
     """
+    # times of the stills, in the middle of equal parts of the walk
     wanted = [(i + 0.5) / count * duration_s for i in range(count)]
     stills: list[tuple[float, NDArray[np.uint8]]] = []
     webm = io.BytesIO()
@@ -168,7 +178,7 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
         stream = film.add_stream("libvpx-vp9", rate=FPS, options=_VP9)
         stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1
         for t, rgb in frames:
-            if not stream.codec_context.is_open:
+            if not stream.codec_context.is_open:  # the first frame sets the size
                 stream.height, stream.width = rgb.shape[:2]
             film.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
             if len(stills) < count and t >= wanted[len(stills)]:

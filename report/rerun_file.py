@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 _GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
-_IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320
+_IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320  # rates, and width in pixels, of what is logged
 
 
 def rerun_installed() -> bool:
@@ -48,6 +48,11 @@ def recording_id(recording: Recording) -> str:
 
 def write_rerun(path: Path, recording: Recording, of_kinds: Sequence[KindEvaluations]) -> None:
     """Writes a walk with its evaluated outputs as `.rrd`.
+
+    Args:
+        path: The file.
+        recording: The walk.
+        of_kinds: Evaluated outputs of each kind, which logs them itself.
 
     Raises:
         StrideTwinError: The file cannot be written.
@@ -83,6 +88,7 @@ def _log_terrain(rr: ModuleType, stream: RecordingStream, layout: Layout | None)
         under = np.column_stack([tops[:, :2], np.full(4, floor)])
         sides = [(under[j], under[k], tops[k], tops[j]) for j, k in ((0, 1), (1, 2), (2, 3), (3, 0))]
         faces = np.array([tops, *sides], dtype=np.float32)
+        # two triangles per face, (3 T, 3) corners one after the other, and the normal of each triangle
         flat = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
         normals = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -104,7 +110,7 @@ def _log_true_poses(rr: ModuleType, stream: RecordingStream, recording: Recordin
         stream.send_columns(
             entity,
             indexes=[rr.TimeColumn("time", duration=t)],
-            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),
+            columns=rr.Transform3D.columns(translation=p, quaternion=q[:, [1, 2, 3, 0]]),  # x, y, z, w
         )
 
 
@@ -113,6 +119,7 @@ def _log_streams(rr: ModuleType, stream: RecordingStream, recording: Recording) 
     for topic in scalar_topics(recording):
         block = recording.block(topic)
         for curves in curves_of(block):
+            # the quantity without sensor and unit, such as `angular_rate`
             name = curves.title.rsplit(": ", 1)[1].split(",")[0].replace(" ", "_")
             log_curves(rr, stream, f"streams{topic}/{name}", block.t_ns, curves.values, curves.labels)
 
@@ -123,7 +130,7 @@ def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any
 
     views = {"text": rrb.TextDocumentView, "series": rrb.TimeSeriesView}
     cameras = [rrb.Spatial2DView(origin=f"cameras{t}", name=t.strip("/")) for t in camera_topics(recording)]
-    series: list[Any] = [
+    series: list[Any] = [  # the views of the outputs, then the streams of both feet
         views[view](origin=entity, name=title)
         for of_kind in reversed(of_kinds)
         for entity, (view, title) in of_kind.kind.rerun_views(of_kind.evaluations).items()

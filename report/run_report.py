@@ -103,6 +103,7 @@ def _film(film: Film | None) -> str:
 
 def _views(data: ReportData) -> str:
     """The section with images of each camera; empty without cameras."""
+    # shoe cameras that render nothing but the other shoe's board
     boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
     partly = [t for t in data.recording.rig.cameras if boards and t.startswith("/foot_")]
     views = [

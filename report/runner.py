@@ -83,6 +83,7 @@ def run_scenario(
     if estimators is not None:
         scenario = with_sensors_for(scenario, estimators)
     with stage_files(folder) as out:
+        # the estimators' kernels are compiled while the walk is simulated
         with compile_ahead(*nominal_sensors(scenario, seed), estimators):
             twin = make_twin(scenario, seed)
             record(twin, out / "recording.mcap", progress)
@@ -90,6 +91,7 @@ def run_scenario(
         progress("estimate", 0.0)
         selection = Selection(only=estimators, backend=backend, parameters=parameters)
         of_kinds = []
+        # the files of all outputs, and the evaluations of those with a truth
         for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
             for output in outputs:
                 if not kind.is_empty(output):
@@ -129,7 +131,15 @@ def scores_document(
     fell_at: float | None,
     faults: Sequence[InjectedFault],
 ) -> dict[str, object]:
-    """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes."""
+    """The content of `scores.json`: without times of day or file paths, so that equal runs give equal bytes.
+
+    Args:
+        scenario: Scenario of the walk.
+        seed: Seed of the walk.
+        scores: Scores by output.
+        fell_at: When the walker fell, s; None without a fall.
+        faults: Injected faults.
+    """
     walk: dict[str, object] = {"scenario": scenario.config.name, "seed": seed, "physics": scenario.config.physics}
     if fell_at is not None:
         walk["fell_at_s"] = fell_at

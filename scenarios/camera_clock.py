@@ -127,6 +127,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     Returns:
         None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
     """
+    # rates of the gyro in the camera's axes, (M, 3) rad/s
     T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
     R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ T_body_imu[:3, :3]
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
@@ -166,18 +167,27 @@ def _estimate_clock(
     Gyro and images are compared at every shift, first with the nominal mount. A rotated mount (`_align_mounts`) is
     taken instead if it is more than `MOUNT_OFF_DEG` off and the nominal one fits worse by the factor `_BETTER`, or not
     at all.
+
+    Args:
+        camera: Calibration of the camera.
+        t_ns: (M,) stamps of the gyro, ns.
+        rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
+        rates: Rates from the images, by segment.
     """
     blocks = [
         half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
     ]
     if len(blocks) < _MIN_BLOCKS:
         return None
+    # `blocks` only tells how many pairs each block has; `block` is the number of the block of each pair (N,)
     block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
     visual = np.concatenate([r.rate for r in rates])
     shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
+    # (S, N, 3) at S shifts
     measured = _gyro_rates(np.concatenate([r.t_ns for r in rates]), shifts, t_ns, rate)
     fit, off_deg = _fit_shift(shifts, measured, visual, block), 0.0
     # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
+    # (S, 3, 3) best rotation at each shift, and its cost
     rotations, costs = _align_mounts(measured, visual)
     if _angle_deg(rotations[int(np.argmin(costs)) if fit is None else fit.at]) > MOUNT_OFF_DEG:
         rotated = _fit_shift(shifts, measured @ rotations.transpose(0, 2, 1), visual, block)
@@ -198,8 +208,16 @@ def _estimate_clock(
 
 
 def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64], rate: Array) -> Array:
-    """(S, N, 3) mean rate of the gyro over each of N intervals (start and end in ns), shifted by each of S shifts."""
+    """(S, N, 3) mean rate of the gyro over N intervals between images, shifted by each of S shifts, rad/s.
+
+    Args:
+        spans: (N, 2) start and end of each interval by the camera's clock, ns.
+        shifts: (S,) s, added to them.
+        t_ns: (M,) stamps of the gyro, ns.
+        rate: (M, 3) rates of the gyro, rad/s.
+    """
     t = (t_ns - t_ns[0]) * 1e-9
+    # (M, 3) integral of the rates: a mean rate is its difference over an interval
     angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
     at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2)
     ends = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
@@ -237,10 +255,12 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
         visual: (N, 3) rates from the images, rad/s.
         block: (N,) number of the block of each pair.
     """
+    # (S, N); a minimum at the end of the range may lie beyond it
     squared, at, cost = _robust_residuals(measured, visual)
     if at in (0, len(shifts) - 1):
         return None
     count = int(block[-1]) + 1
+    # (B, S) cost of each block at each shift
     by_block = np.zeros((count, len(shifts)))
     np.add.at(by_block, block, squared.T)
     total = by_block.sum(axis=0)
@@ -249,6 +269,7 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
     is_far = np.abs(shifts - shifts[at]) > _PEAK_S
     if correlation < _MIN_CORRELATION or not _are_significantly_worse(by_block - by_block[:, [at]])[is_far].all():
         return None
+    # jackknife: the minimum without each of the blocks
     left_out = np.array([_parabola_minimum(shifts, total - one) for one in by_block])
     sd = math.hypot(math.sqrt((count - 1) * float(np.var(left_out))), _MODEL_SD_S)
     half = _student_quantile(count - 1) * sd
@@ -263,10 +284,12 @@ def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float
     Each axis is weighted by its spread (not in the mean); a difference counts at most `_OUTLIER` times the median.
     """
     residual = measured - visual
+    # the median is the gyro's bias, as seen at each shift
     residual = residual - np.median(residual, axis=1, keepdims=True)
     squared = np.sum(residual**2, axis=2)
     means = np.mean(np.minimum(squared, _OUTLIER * np.median(squared, axis=1, keepdims=True)), axis=1)
     at = int(np.argmin(means))
+    # (3,) variance of each axis, from the median of its squares, which outliers hardly change
     variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
     squared = np.sum(residual**2 / variance, axis=2)
     return np.minimum(squared, _OUTLIER * np.median(squared[at])), at, float(means[at])
@@ -298,9 +321,17 @@ def _parabola_minimum(shifts: Array, cost: Array) -> float:
 
 
 def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
-    """Rotations (S, 3, 3) that best map gyro rates (S, N, 3) to visual ones (Kabsch), without bias; and their costs.
+    """The rotation that best maps the gyro's rates to the visual ones (Kabsch), at each of S shifts.
 
-    A small weight keeps them at the nominal mount about axes that the rates do not observe.
+    A few rounds leave out pairs with large differences. A small weight keeps a rotation at the nominal mount about axes
+    that the rates do not observe.
+
+    Args:
+        measured: (S, N, 3) rates of the gyro in the camera's nominal axes, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+
+    Returns:
+        (S, 3, 3) rotations, and (S,) costs: mean squared differences, each limited, (rad/s)².
     """
     a, b = measured - np.median(measured, axis=1, keepdims=True), visual - np.median(visual, axis=0)
     weight = np.ones(a.shape[:2])
@@ -308,6 +339,7 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
         size = np.sum(weight * np.linalg.norm(a, axis=2) * np.linalg.norm(b, axis=1), axis=1)
         H = np.einsum("sn,ni,snj->sij", weight, b, a) + (_PRIOR_SHARE * size + 1e-12)[:, None, None] * np.eye(3)
         U, _, Vt = np.linalg.svd(H)
+        # a rotation, not a reflection
         U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
         R = U @ Vt
         squared = np.sum((a @ R.transpose(0, 2, 1) - b) ** 2, axis=2)

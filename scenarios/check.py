@@ -26,8 +26,8 @@ _FURTHER_FULL_SCALES = {
     "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
 }
 S = TypeVar("S", bound=Sample)
-_SHARE_OF_RANGE = 0.999
-_MIN_PLATEAU = 5
+_SHARE_OF_RANGE = 0.999  # from this share of the full scale on a value is at the limit
+_MIN_PLATEAU = 5  # samples that share the largest magnitude of an axis, if the full scale is not known
 
 
 def range_hits_pct(block: Block[S], rig: Rig | None) -> float | None:
@@ -55,12 +55,12 @@ def _at_limit(magnitude: Array, limit: float | None) -> Array:
     """
     if limit is not None:
         return np.asarray((magnitude >= _SHARE_OF_RANGE * limit).any(axis=1))
-    largest = magnitude.max(axis=0)
+    largest = magnitude.max(axis=0)  # (3,)
     is_largest = magnitude >= largest - 1e-9 * np.maximum(largest, 1.0)
     return np.asarray((is_largest & (is_largest.sum(axis=0) >= _MIN_PLATEAU) & (largest > 0)).any(axis=1))
 
 
-GAP_PERIODS = 5.0
+GAP_PERIODS = 5.0  # a longer step between two samples is a gap
 CLIPPED_PCT, RANGE_HITS_PCT = 5.0, 20.0
 """Shares of saturated samples from which a warning and an error are due. On 14 real walks whose samples were clipped at
 smaller ranges, the foot's error stays within a factor of 1.2 up to the first (median), doubles by the second, and grows
@@ -186,6 +186,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         findings.append(Finding(topic="", what="no calibration inside"))
     if not recording.topics:
         findings.append(Finding(topic="", what="no stream that can be read"))
+    # streams with a specific force, read at once
     inertial = recording.blocks(t for t, i in recording.topics.items() if i.kind in (Imu, Accelerometer))
     topics: dict[str, CheckedTopic] = {}
     for i, topic in enumerate(sorted(recording.topics)):
@@ -258,7 +259,16 @@ def _decode_images(recording: Recording) -> None:
 def _check_clocks(
     recording: Recording, gyros: Mapping[str, Block[Imu]], progress: Callable[[float], None]
 ) -> tuple[dict[str, CameraClock], list[Finding]]:
-    """Clock and mount of each camera with an IMU on its body, and the findings about them."""
+    """Clock and mount of each camera with an IMU on its body, and the findings about them.
+
+    Args:
+        recording: The recording.
+        gyros: Samples of the IMUs by topic.
+        progress: Receives the share of the work that is done (0-1).
+
+    Returns:
+        The clocks by the camera's topic, without cameras that could not be checked; for these a warning says why.
+    """
     rig = recording.rig if recording.has_rig else Rig()
     cameras = [c for c in rig.cameras.values() if c.topic in recording.topics and c.imu_topic in gyros]
     clocks, findings = dict[str, CameraClock](), list[Finding]()
@@ -319,7 +329,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
         "longest_gap_s": timing["longest_gap_s"],
         "longest_gap_at_s": timing["longest_gap_at_s"],
     }
-    findings: list[Finding] = []
+    findings: list[Finding] = []  # gaps of images are warnings, gaps of other sensors errors
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
@@ -344,13 +354,17 @@ def _is_known(recording: Recording, finding: Finding) -> bool:
 
 
 def _timing(t_ns: NDArray[np.int64]) -> Timing:
-    """Jitter (scaled median absolute deviation of the steps) and gaps (steps beyond five periods)."""
+    """Jitter and gaps of stamps (N,), ns; all zero with fewer than three stamps.
+
+    Jitter is the scaled median absolute deviation of the steps; a gap is a step of more than `GAP_PERIODS` periods.
+    """
     if len(t_ns) < 3:
         return {"jitter_ms": 0.0, "gaps": 0, "longest_gap_s": 0.0, "longest_gap_at_s": 0.0}
     step = np.diff(t_ns)
     period = float(np.median(step))
     at = int(np.argmax(step))
     return {
+        # 1.4826 times the median absolute deviation is the standard deviation of a normal distribution
         "jitter_ms": 1.4826 * float(np.median(np.abs(step - period))) * 1e-6,
         "gaps": int(np.sum(step > GAP_PERIODS * period)),
         "longest_gap_s": float(step[at]) * 1e-9,

@@ -53,6 +53,7 @@ def cost_of(configs: Iterable[TwinConfig]) -> Cost:
     """The estimated cost of walks: the time that the route takes at the gait's speed, times rates by sensor."""
     count, walked_s, size_mb, cpu_s = 0, 0.0, 0.0, 0.0
     for config in configs:
+        # length of the route; the walker also stands at both ends
         way_m = lay_out(config.route).way.segments[-1].s1
         seconds = way_m / config.gait.speed_mps + 2.0 * config.gait.stand_s
         count, walked_s = count + 1, walked_s + seconds

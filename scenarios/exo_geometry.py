@@ -22,7 +22,7 @@ from stridetwin.streams.rig import Rig
 LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration of a stationary wearer."""
 _MEASUREMENT = 4  # key of the random numbers of the measurement, beside the walk's seed
-_THIGH, _KNEE, _FOOT = 5, 6, 8
+_THIGH, _KNEE, _FOOT = 5, 6, 8  # numbers of frames in the D-H table
 _SENSORS = {"ahrs", "encoder", "insole"}
 
 
@@ -45,6 +45,7 @@ def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
             topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
         )
 
+    # pose of the sole in the D-H frame of the foot
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
@@ -93,9 +94,13 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
 
 
 def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
-    """The text of `nominal_geometry` for a recording's metadata.
+    """The text of `nominal_geometry` for a recording's metadata; empty without the exoskeleton or one of its sensors.
 
-    Empty without the exoskeleton or one of its sensors.
+    Args:
+        size: The wearer.
+        rig: Calibration of the sensors.
+        seed: Seed of the walk.
+        faults: Faults of the walk.
     """
     if not ({sensor.kind for sensor in rig.others.values()} >= _SENSORS and isinstance(size.exo, ExoLinks)):
         return {}
@@ -119,6 +124,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
         for side, leg in legs.items():
             if isinstance(fault, Miscalibration) and fnmatchcase(leg.knee.topic, fault.topic):
                 rows = list(leg.rows)
+                # row i is that of frame i + 1, at the far end of the segment
                 for i, error_m in ((_THIGH, fault.thigh_m), (_KNEE, fault.shank_m)):
                     rows[i] = replace(rows[i], a=rows[i].a + error_m)
                 legs[side] = replace(leg, rows=tuple(rows))
@@ -145,10 +151,12 @@ def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) ->
     """
 
     def rotate(attitude: geometry.Attitude) -> geometry.Attitude:
+        """The mount of an AHRS with a small random rotation in the frame that carries it."""
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
     def change_lengths(leg: geometry.Leg) -> geometry.Leg:
+        """The leg with measurement errors of its thigh, its shank and both mounts."""
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())

@@ -26,6 +26,7 @@ def stage_files(folder: Path) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _remove_unfinished(folder)
+        # the lock shows other processes that the temporary folder is in use
         with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as temporary, lock_folder(Path(temporary)):
             yield Path(temporary)
             for path in sorted(Path(temporary).iterdir()):

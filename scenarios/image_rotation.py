@@ -36,6 +36,8 @@ _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
 _LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
+"""Median motion of the features below which the camera is at rest; median residual below which a rotation alone
+explains them; and largest residual of an inlier."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +67,7 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     """
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
+    # `before`: stamp, grey image and depth of the previous image
     features, spans, rates, before = _Features(camera), [], [], None
     try:
         for number, t in enumerate(times, first):
@@ -104,7 +107,7 @@ class _Features:
 
     def __init__(self, camera: CameraCalibration) -> None:
         self._camera = camera
-        self._tracked: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)
+        self._tracked: NDArray[np.float32] = np.zeros((0, 1, 2), np.float32)  # pixels in the last image
 
     def rotation(self, a: Grey, b: Grey, depth: DepthImage | None) -> Array | None:
         """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
@@ -130,8 +133,9 @@ class _Features:
         before, self._tracked = self._tracked[is_tracked], tracked[is_tracked]
         if len(before) < _MIN_TRACKS:
             return None
-        scale = a.shape[1] / self._camera.width
+        scale = a.shape[1] / self._camera.width  # the tracked images are smaller than the camera's
         x, y = (_rays(points, self._camera, scale) for points in (before, self._tracked))
+        # size of a pixel in normalised coordinates, which x and y are
         pixel = 1.0 / (self._camera.intrinsics[0] * scale)
         if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
             return np.zeros(3)  # at rest the essential matrix is not defined
@@ -143,18 +147,30 @@ class _Features:
 
 
 def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
-    """(3, 3) rotation between (N, 2) rays by Kabsch's algorithm; None unless rotation alone explains them."""
+    """(3, 3) rotation between rays by Kabsch's algorithm; None unless rotation alone explains them.
+
+    Args:
+        x: (N, 2) normalised coordinates in the first image.
+        y: (N, 2) in the second image.
+        pixel: Size of a pixel in normalised coordinates.
+    """
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     U, _, Vt = np.linalg.svd(b.T @ a)
-    U[:, 2] *= np.linalg.det(U @ Vt)
+    U[:, 2] *= np.linalg.det(U @ Vt)  # a rotation, not a reflection
     R = U @ Vt
     residual = np.linalg.norm(a @ R.T - b, axis=1)
     return np.asarray(R, float) if float(np.median(residual)) < _ROTATION_PX * pixel else None
 
 
 def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
-    """(3, 3) rotation from the essential matrix of (N, 2) rays (Nistér 2004) with RANSAC; None if it fails."""
+    """(3, 3) rotation from the essential matrix (Nistér 2004) with RANSAC; None if it fails.
+
+    Args:
+        x: (N, 2) normalised coordinates in the first image.
+        y: (N, 2) in the second image.
+        pixel: Size of a pixel in normalised coordinates.
+    """
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):
         return None
@@ -184,14 +200,26 @@ def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | No
 
 
 def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> Array:
-    """(N,) depths at N features, m; 0 where the camera measured none."""
+    """(N,) depths at N features, m; 0 where the camera measured none.
+
+    Args:
+        depth: (H, W) depths, m.
+        corners: (N, 1, 2) pixels of the features in the tracked, smaller image.
+        scale: Width of that image relative to the depth image; pixel centres are at whole numbers.
+    """
     at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
     height, width = depth.shape
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
 
 
 def _rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) -> Array:
-    """(N, 2) normalised image coordinates without distortion."""
+    """(N, 2) normalised image coordinates (x / z, y / z) without distortion.
+
+    Args:
+        pixels: (N, 1, 2) pixels in the tracked, smaller image.
+        camera: Calibration of the camera.
+        scale: Width of that image relative to the camera's own; pixel centres are at whole numbers.
+    """
     points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
     undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
     return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)

@@ -29,6 +29,7 @@ def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
     events = [event for _, by_topic in planned for topic_events in by_topic.values() for event in topic_events]
     events.sort(key=lambda e: (e.from_ns, e.topic, e.kind))
     rows = [{"kind": e.kind, "topic": e.topic, "from_s": e.from_ns / 1e9, "until_s": e.until_ns / 1e9} for e in events]
+    # begin and end, ns, yaw and translation of each restart of an odometry
     restarts = [
         (e.from_ns, e.until_ns, fault.yaw_rad, *fault.translation_m)
         for fault, by_topic in planned

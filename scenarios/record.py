@@ -67,7 +67,7 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
     config = twin.config
     plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
     metadata = _walk_metadata(twin, plan.rig)
-    if twin.fell_at is None:
+    if twin.fell_at is None:  # a fall may end the walk before a fault begins
         check_times(config.name, config.faults, twin.duration_s)
     else:
         metadata["fell_at_s"] = f"{twin.fell_at:g}"

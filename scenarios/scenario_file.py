@@ -22,6 +22,7 @@ from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SENSORS: tuple[str, ...] = TwinConfig.sensors
 CAMERAS = ("foot_camera", "head_camera")
+# keys of a file that are fields of the route, and of the configuration
 _OF_ROUTE = ("width_m", "scenery", "texture", "light", "bystanders", "things")
 _OF_CONFIG = ("person", "exo", "gait", "physics", "dynamics", "rig_mount", "ideal", "shock", "faults")
 
@@ -105,6 +106,7 @@ def scenario_of(node: object, path: Path) -> Scenario:
     if "sensors" in file.model_fields_set:
         values |= {"sensors": file.sensors.groups, "fittings": file.sensors.configs}
     config = TwinConfig(name=path.stem, route=route, **values)
+    # the second checks lay out route and rig, which needs what the first ones check
     _run_checks(
         lambda: _check_order(path, route.segments),
         lambda: _check_physics(path, config),
@@ -161,7 +163,13 @@ def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
 
 
 def _check_exo_groups(path: Path, config: TwinConfig, paths: dict[str, str]) -> None:
-    """Raises ConfigError for sensors of an exoskeleton that the scenario does not have."""
+    """Raises ConfigError for sensors of an exoskeleton that the scenario does not have.
+
+    Args:
+        path: The scenario file.
+        config: Its configuration.
+        paths: Key path of each group of sensors that the file names.
+    """
     for name, at in paths.items():
         if config.exo is None and name in EXO_GROUPS:
             valid = ", ".join(n for n in SENSORS if n not in EXO_GROUPS) + ", as the scenario has no exoskeleton"

@@ -299,7 +299,16 @@ class Sensors:
 
 
 def _read_sensor_part(group: str, node: object, info: ValidationInfo) -> SensorConfig:
-    """A part by its name in the library, with or without `-ideal`, or by the path of its file."""
+    """A part by its name in the library, with or without `-ideal`, or by the path of its file.
+
+    Args:
+        group: Group of sensors, which fixes the kind of the part.
+        node: The name or the path, as the file has it.
+        info: Pydantic's context with the folder of the scenario file.
+
+    Returns:
+        Options with the part, which is ideal if the name ends in `-ideal`.
+    """
     if not isinstance(node, str):
         raise field_error(node, _valid_parts(group))
     part_name = node.removesuffix(IDEAL)
@@ -314,7 +323,7 @@ def _read_sensor_part(group: str, node: object, info: ValidationInfo) -> SensorC
         raise field_error(node, _valid_parts(group, node))
     if kind_of(sensor_part) != KIND[group]:
         raise field_error(node, _valid_parts(group))
-    return SensorConfig(part=sensor_part, ideal=node != part_name)
+    return SensorConfig(part=sensor_part, ideal=node != part_name)  # they differ by the suffix alone
 
 
 def _valid_parts(group: str, near: str = "") -> str:
@@ -365,6 +374,7 @@ def _group_type(group: str) -> Any:
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     position = hints["position_m"]
     hints["position_m"] = Annotated[position, AfterValidator(_check_on_shoe)]
+    # None stands for an option that the file does not give
     names = (*_COMMON_OPTIONS, *_OPTIONS.get(group, ()))
     fields: dict[str, Any] = {
         "part": (Annotated[Any, BeforeValidator(partial(_read_sensor_part, group), json_schema_input_type=str)], None)

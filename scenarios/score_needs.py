@@ -33,7 +33,7 @@ def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
     """
     estimators: set[str] = set()
     for name in names:
-        output = name.partition(".")[0]
+        output = name.partition(".")[0]  # an estimator, or one with its part, such as `foot_ins_l`
         estimator = next((n for n in (output, output.rpartition("_")[0]) if n in registry.names()), None)
         if estimator is None:
             raise ConfigError(source, "estimator", name, ", ".join(registry.names()))
@@ -71,12 +71,18 @@ def with_sensors_for(scenario: Scenario, estimators: Collection[str]) -> Scenari
 def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig) -> set[str]:
     """Topics that an estimator reads from the sensors of a walk, optional ones included.
 
+    Args:
+        estimator_class: The estimator, with the first of its methods.
+        config: Configuration of the walk.
+        worn: Its sensors.
+
     Raises:
         StrideTwinError: The estimator cannot run with these sensors.
     """
     from stridetwin.sim.wearer.body import fit_wearer  # imports the simulator, which `score` does without
 
     declaration = estimator_class.declaration
+    # a user's exoskeleton has no D-H table, so that its recording has no geometry
     has_links = config.exo is not None and config.exo.user_exo is None
     metadata = exo_geometry.geometry_metadata(fit_wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)

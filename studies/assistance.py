@@ -100,6 +100,7 @@ def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary]
         `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
+    # walks that nobody fell in, so that all variants have the same way
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
     summary: dict[str, VariantSummary] = {}
     work_of_way: dict[str, float] = {}
@@ -118,9 +119,17 @@ def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary]
 
 
 def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: bool) -> dict[str, float]:
-    """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %."""
+    """Costs per step of one mode in one variant, over all walks, and their change against no exoskeleton, %.
+
+    Args:
+        rows: Rows of the walks, in at least one of which the mode occurs.
+        way: The variant.
+        mode: The locomotion mode.
+        beside_none: Adds the changes; the variant `none` was walked, too.
+    """
 
     def per_step(way: str, figure: str) -> float:
+        """A cost of the mode's steps in a variant over all walks, divided by their number."""
         costs_of_mode = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
         return sum(o[figure] for o in costs_of_mode) / sum(o["steps"] for o in costs_of_mode)
 
@@ -154,6 +163,7 @@ def table(result: Result[dict[str, VariantSummary], NoPaper, AssistanceRow]) -> 
     rows: list[LabelledFigures] = [(VARIANT_NAMES[way], figures) for way, figures in summary.items()]
     if "carried" in summary:
         carried_modes = summary["carried"]["modes"]
+        # a further line from the same walks: what would remain if the motors helped without any loss
         rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in carried_modes.items()}
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
     share = summary["predicted"].get("gain_share") if "predicted" in summary else None

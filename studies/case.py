@@ -89,6 +89,7 @@ class ExperimentCase:
         for i, combination in enumerate(design.walks(self.seed)):
             config = make_scenario(design, combination, self.folder).config
             config = replace(config, sensors=self.setup.sensors or config.sensors, physics=self.physics)
+            # levels that take turns are the same for all walks of the case, see `labels`
             labels = {name: level for name, level in combination.labels.items() if name not in design.turns}
             walks.append(CaseWalk(name=f"{i}_{config.name}" if i else config.name, labels=labels, config=config))
         return walks

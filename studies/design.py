@@ -190,6 +190,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     factors = _read_factors(file, files, where)
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
+        # the faults are the last factor, which changes first
         at, lists = where.key(_FAULTS), data[_FAULTS]
         assert isinstance(lists, dict)
         factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
@@ -198,6 +199,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     names = [*factors, *([_SCENARIO] if len(bases) > 1 else [])]
     if (count := len(bases) * math.prod(map(len, factors.values()))) > _MAX_COMBINATIONS:
         raise where.key("vary").error(f"{count} combinations", f"up to {_MAX_COMBINATIONS}")
+    # `zip` leaves the scenario's name out where there is only one and `names` has no factor for it
     combinations = tuple(
         Combination(base=base, levels=levels, labels=dict(zip(names, [*(level.name for level in levels), base.name])))
         for base in bases
@@ -224,7 +226,11 @@ def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLoca
 
 
 def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSchedule]:
-    """The factors that take turns, after those that move them on."""
+    """Checks the block `turns` and returns it: the schedule of each factor that takes turns.
+
+    Raises:
+        ConfigError: A name is that of no factor, or a factor of `add` is not one above it in the block.
+    """
     for name, turn in file.turns.items():
         at = where.key("turns").key(name)
         if name not in file.vary:
@@ -248,7 +254,14 @@ def _read_factors(file: DesignFile, files: NamedFiles, where: FieldLocation) -> 
 
 
 def _read_level(name: str, values: _Values, files: NamedFiles, at: FieldLocation) -> FactorLevel:
-    """A level from its values; the key `scenario` among them replaces the whole scenario."""
+    """A level from its values; the key `scenario` among them replaces the whole scenario.
+
+    Args:
+        name: Name of the level.
+        values: Paths into the scenarios, each with a value.
+        files: Collects the files that they name.
+        at: Position of the level in the file.
+    """
     values = dict(values)
     scenario = values.pop(_SCENARIO, None)
     base = None
@@ -274,8 +287,9 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     Raises:
         ConfigError: The scenario is invalid with what is set; the message names the place in the study file.
     """
+    # the last level that sets a scenario replaces it
     base = next((level.base for level in reversed(combination.levels) if level.base), combination.base)
-    plain = json.loads(json.dumps(base.scenario))
+    plain = json.loads(json.dumps(base.scenario))  # a deep copy
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]
     for variable in variables:
         value = json.loads(json.dumps(variable.distribution.at(0.0)))
@@ -294,7 +308,16 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
 
 
 def _fill_factors(value: object, labels: Mapping[str, str], at: FieldLocation) -> object:
-    """A value with `{FACTOR}` in a text replaced by the level of that factor."""
+    """A value with `{FACTOR}` in a text replaced by the level of that factor; other values come back as they are.
+
+    Args:
+        value: Plain data.
+        labels: Names of the levels by factor.
+        at: Position of the value in the file, for errors.
+
+    Raises:
+        ConfigError: The text names no factor, or is no format string.
+    """
     if not isinstance(value, str) or "{" not in value:
         return value
     try:
@@ -304,7 +327,17 @@ def _fill_factors(value: object, labels: Mapping[str, str], at: FieldLocation) -
 
 
 def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: list[FieldLocation]) -> StrideTwinError:
-    """An error of a scenario at the place in the study file that causes it."""
+    """An error of a scenario at the place in the study file that causes it.
+
+    Args:
+        error: The error, whose field is a path in the scenario.
+        base: The scenario.
+        variables: Values that were set, in order; the last one that concerns the field causes the error.
+        faults: Position of each fault of the scenario: `base.at` for one of its own.
+
+    Returns:
+        The error at the variable or at the fault, else at the scenario's name.
+    """
     for variable in reversed(variables):
         if any(_is_about(path, error) for path in variable.paths):
             return variable.at.error(error.value, error.valid)

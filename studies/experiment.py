@@ -118,7 +118,7 @@ class Experiment:
     def size(self, cases: Sequence[ExperimentCase]) -> Size:
         """What some cases, at least one, take."""
         sampled_configs = []
-        for case in cases[:: -(-len(cases) // SAMPLED)]:
+        for case in cases[:: -(-len(cases) // SAMPLED)]:  # every n-th case, rounded up: at most `SAMPLED`
             if self.list_configs is not None:
                 sampled_configs.append(self.list_configs(case))
             else:
@@ -137,7 +137,7 @@ class Experiment:
         }
 
 
-_LOADED: dict[str, Experiment] = {}
+_LOADED: dict[str, Experiment] = {}  # experiments that have been read, by name
 
 
 def experiment(name: str) -> Experiment:
@@ -161,8 +161,10 @@ def read_experiment(path: Path) -> Experiment:
     """
     data = _read(path)
     file = validate(ExperimentFile, data, path)
+    # without scenarios `run_case` makes its own walks
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
+    # without a module of its own the tables come from the module of `run_case`
     hook, tables = file.run, file.tables or file.run
     run_module, tables_module = hook.load(), tables.load()
     rows = getattr(tables_module, "rows", None)
@@ -192,5 +194,6 @@ def _read(path: Path) -> dict[str, Any]:
     if parent is None:
         return data
     inherited = _read(experiments()[parent])
+    # in these blocks single values are taken over; any other key replaces the inherited one
     merged = {key: inherited[key] | data[key] for key in ("set", "vary") if key in inherited and key in data}
     return inherited | data | merged

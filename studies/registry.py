@@ -105,6 +105,7 @@ def run_experiment(
         for job, row in zip(jobs, results):
             if isinstance(row, Failure):
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
+        # read from the files, so that reused and new rows are equal to the last bit
         rows = [read_row(store.path(job)) for job in jobs]
         result = study.result(rows)
         if options.parameters:
@@ -181,7 +182,7 @@ def read_row(file: Path) -> Row:
 
 def _run_case(task: _CaseTask) -> Row:
     """Runs a case and returns its row; recordings of another version are deleted first."""
-    mark = task.case.file(".key")
+    mark = task.case.file(".key")  # beside the recordings: the key of what made them
     if not mark.exists() or mark.read_text(encoding="utf-8") != task.walks_key:
         for recording in task.case.recordings:
             recording.unlink()

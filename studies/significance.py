@@ -101,6 +101,7 @@ def _test_means(values: Array) -> BootstrapResult:
     if count >= _MIN_WALKS_OF_BOOTSTRAP:
         return compare_pairs(values)
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(count)
+    # half width of the interval, and probability that Student's variable is below mean / error
     half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
     below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
     return BootstrapResult(
@@ -144,6 +145,7 @@ def differences(changes: Array) -> list[Difference]:
         changes: (W, C) differences on W walks, two or more.
     """
     result = _test_means(changes)
+    # two-sided p-values
     corrected = holm_correct(np.minimum(1.0, 2.0 * np.minimum(result.p_above, result.p_below))).tolist()
     enough = len(changes) >= MIN_SEEDS
     return [

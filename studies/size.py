@@ -11,6 +11,7 @@ from stridetwin.sim.config import TwinConfig
 
 SAMPLED = 10
 """Cases whose walks are laid out for the time; the others are taken to be like them."""
+# CPU time per second walked of one estimate, by camera and for the rest; and the time to start
 _CPU_PER_S = {"head_camera": 0.5, "foot_camera": 0.2}
 _OTHER_CPU_PER_S = 0.02
 _START_CPU_S = 60.0
@@ -56,6 +57,7 @@ def size_of(sampled_configs: Sequence[Sequence[TwinConfig]], cases: int, estimat
     configs = [config for of_case in sampled_configs for config in of_case]
     if not configs:
         return Size(walks=0, estimates=cases * estimates_per_walk, walked_s=0.0, cpu_s=0.0)
+    # from the sampled cases to all
     walks = round(cases * len(configs) / len(sampled_configs))
     cost: Cost = scale_cost(cost_of(configs), walks)
     rates = [

@@ -85,6 +85,7 @@ class _Cell(Formatter):
         if isinstance(value, list):
             return " ".join(format(v, format_spec) for v in value)
         if value is None:
+            # only the width of the format counts
             return format("-", format_spec.split(".")[0].lstrip("+"))
         return str(value) if isinstance(value, str) else format(value, format_spec)
 

@@ -86,7 +86,11 @@ def fell_at_s(recording: Recording) -> float | None:
 def record_walk(walk: CaseWalk, case: ExperimentCase) -> Iterator[Recording]:
     """Records a walk into the case's folder, or opens the file of an earlier run.
 
-    The file is deleted at the end of the context unless recordings are kept.
+    The file is deleted at the end of the context unless recordings are kept; after an exception it stays.
+
+    Args:
+        walk: The walk.
+        case: Its case: seed, folder, and whether recordings are reused and kept.
     """
     file = case.file(f"_{walk.name}.mcap")
     if not (case.resume and file.exists()):

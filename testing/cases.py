@@ -122,7 +122,7 @@ class _Suite:
 
     def __init__(self, subject: Subject) -> None:
         self.subject = subject
-        self._verdicts: dict[str, Verdict] = {}
+        self._verdicts: dict[str, Verdict] = {}  # of the checks that have run, by name
 
     def verdict(self, name: str) -> Verdict:
         """The verdict of a check."""

@@ -16,11 +16,13 @@ from stridetwin.streams.samples import Depth, Image, Odometry, Sample
 
 FaultWindow = tuple[float, float]
 """Begin and end of a fault, as shares of the walk's duration."""
+# windows of a fault: on all streams at once, shared by the streams one after another, one more at the end, and their
+# whole span; a long gap; and faults that last until after the walk
 _ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
 _GAP = (0.30, 0.72)
 _FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)
 _LATE_S, _JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 0.4, 100.0
-_SHARE_OF_RANGE = 0.02
+_SHARE_OF_RANGE = 0.02  # of a part's range, at which saturated values clip
 _IMAGES = (Image, Depth)
 
 
@@ -184,15 +186,16 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
         streams.setdefault(sample.topic, []).append(
             SampleInTransit(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
         )
-    last_ns = 0
+    last_ns = 0  # when the last fault begins or ends
     for injection in case.injections:
         topics = [topic for topic, stream in streams.items() if _concerns(injection, stream, rig)]
         for number, topic in enumerate(topics):
             fault = injection.create(topic)
             events = _events(injection, fault, topic, number / len(topics), len(topics), samples, _part(rig, topic))
             if events:
-                memory: dict[object, object] = {}
+                memory: dict[object, object] = {}  # what the fault keeps between samples; `flush` gives the rest
                 streams[topic] = [*fault.process(streams[topic], events, memory), *fault.flush(memory)]
+                # a fault that lasts beyond the walk has no end in it: the estimator has to go on with it
                 last_ns = max(last_ns, *(e.until_ns for e in events if e.until_ns <= samples[-1].t_ns), 0)
                 last_ns = max(last_ns, *(e.from_ns for e in events))
         if not topics:
@@ -203,7 +206,13 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
 
 
 def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig) -> bool:
-    """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range."""
+    """Whether a fault acts on a stream: on samples of its kind and, for a saturation, on parts with a known range.
+
+    Args:
+        injection: The fault.
+        stream: Samples of the stream, at least one.
+        rig: Names the sensors' parts.
+    """
     first = stream[0].item
     if not isinstance(first, injection.kinds):
         return False
@@ -214,7 +223,17 @@ def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig)
 def _events(
     injection: Injection, fault: TimedFault, topic: str, first: float, count: int, samples: Sequence[Sample], part: str
 ) -> tuple[Event, ...]:
-    """Events of a fault on one topic: in the common windows, then in the topic's share of the window `each`."""
+    """Events of a fault on one topic: in the common windows, then in the topic's share of the window `each`.
+
+    Args:
+        injection: The windows.
+        fault: The fault.
+        topic: Topic that it acts on.
+        first: Number of the topic among those of the injection, divided by their number.
+        count: Their number.
+        samples: All samples of the walk, which give its begin and duration.
+        part: Name of the sensor's part.
+    """
     begin_ns, duration_ns = samples[0].t_ns, samples[-1].t_ns - samples[0].t_ns
     windows = list(injection.windows)
     if injection.each is not None:

@@ -24,7 +24,7 @@ _MAY_BE_UNKNOWN: dict[type, frozenset[str]] = {
 }
 """Fields that are NaN or infinite where the value is unknown, as the docstrings of these types say."""
 _STANDARD_DEVIATION = re.compile(r"(?:^|_)(?:sd|std)(?:_|$)")
-_DEEPEST = 12
+_DEEPEST = 12  # nesting of objects beyond which only their types are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,13 +126,13 @@ def _leaves(value: object, path: str, name: str, owner: type, depth: int) -> Ite
         yield Leaf(path, name, owner, np.asarray(value))
     elif isinstance(value, float | np.floating):
         yield Leaf(path, name, owner, float(value))
-    elif depth >= _DEEPEST:
+    elif depth >= _DEEPEST:  # also ends a cycle of references
         yield Leaf(path, name, owner, type(value).__name__)
     elif is_dataclass(value) and not isinstance(value, type):
         for attribute in _fields_of(type(value)):
             yield from _leaves(getattr(value, attribute), _join(path, attribute), attribute, type(value), depth + 1)
     elif isinstance(value, Mapping):
-        if name.endswith("probabilities"):
+        if name.endswith("probabilities"):  # also as one array, whose sum can be checked
             yield Leaf(path, name, owner, np.array(list(value.values()), float))
         for key, item in value.items():
             yield from _leaves(item, f"{path}[{key}]", name, owner, depth + 1)

@@ -167,6 +167,7 @@ def call_update(estimator: AnyEstimator, sample: Sample) -> object:
 def describe(error: BaseException) -> str:
     """An exception in one line: type, message, and where in the author's code it arose."""
     frames = traceback.extract_tb(error.__traceback__)
+    # frames of the stack that are not of these checks; the innermost one is last
     outside = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME / "testing")]
     place = f" ({Path(outside[-1].filename).name}:{outside[-1].lineno}, in {outside[-1].name})" if outside else ""
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
@@ -210,7 +211,7 @@ def _with_interface(estimator_class: type) -> type[AnyEstimator]:
     A class with `update` alone gets a declaration of kind path, and as streams the topics that its attribute `topics`
     names.
     """
-    if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):
+    if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):  # checked as it is
         return estimator_class
     inner_class: type[PathUpdate] = estimator_class
 

@@ -106,7 +106,7 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
         return _synthetic_walk(estimator_class, options)
     problem: Exception | None = None
     mount = options.mount or (estimator_class.declaration.mounts or ("head",))[0]
-    counts: list[int] = []
+    counts: list[int] = []  # per set of cameras, how many of the estimator's live streams the walk then has
     for cameras in _CAMERAS:
         rig, metadata = _nominal_rig(cameras, mount)
         try:
@@ -125,7 +125,14 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
 
 
 def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]:
-    """The topics of each required role that are all missing, joined by "or"; poses come with every walk."""
+    """The roles that no available topic fills, each as the text of its topics joined by "or".
+
+    One available topic is enough for a role. The topic of poses (`POSES`) is never missing: every walk has poses.
+
+    Args:
+        streams: Streams of an estimator; only those that are required count.
+        topics: Available topics.
+    """
     available, roles = set(topics), dict[str, list[str]]()
     for stream in streams:
         if stream.required and stream.topic != POSES:
@@ -139,7 +146,16 @@ def rig_of(recording: Recording) -> Rig:
 
 
 def _select_streams(estimator_class: type[AnyEstimator], options: Options, recording: Recording) -> Walk:
-    """The walk of a recording; of several possible mounts the first that it has."""
+    """The walk of a recording; of several possible mounts the first that it has.
+
+    Args:
+        estimator_class: The estimator.
+        options: Its options; metadata and source are set here.
+        recording: The recording.
+
+    Raises:
+        StrideTwinError: The recording lacks a stream that the estimator requires.
+    """
     options = replace(options, metadata=recording.metadata, source=str(recording.path))
     mounts = estimator_class.declaration.mounts
     candidates = [replace(options, mount=mount) for mount in mounts] if mounts and not options.mount else [options]
@@ -151,7 +167,7 @@ def _select_streams(estimator_class: type[AnyEstimator], options: Options, recor
         except StrideTwinError as error:
             problem = error
             continue
-        pose_topic = ""
+        pose_topic = ""  # where the estimator takes no poses
         if any(stream.topic == POSES for stream in streams):
             pose_topic, frame = _find_poses(recording, streams)
             candidate = replace(candidate, poses_of=frame)
@@ -186,7 +202,13 @@ def _find_poses(recording: Recording, streams: Sequence[Stream]) -> tuple[str, s
 
 @lru_cache(maxsize=1)
 def _read_samples(path: Path, pose_topic: str, topics: tuple[str, ...]) -> tuple[Sample, ...]:
-    """Samples in time order; poses as an odometry gives them, without velocities, before the images of that instant."""
+    """Samples in time order; poses as an odometry gives them, without velocities, before the images of that instant.
+
+    Args:
+        path: The recording.
+        pose_topic: Truth that takes the place of an odometry's poses, under the topic `POSES`; "" for none.
+        topics: Topics of the samples.
+    """
     wanted = [pose_topic, *topics] if pose_topic else list(topics)
     unknown = np.full(3, np.nan)
     return tuple(
@@ -261,6 +283,7 @@ def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Wa
     with _needing_twin():
         streams = estimator_class.streams(rig, options)
     takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}
+    # a file of its own for each estimator, as they take other topics
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
     poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
     recording = write_synthetic_recording(path, takes, more=poses)

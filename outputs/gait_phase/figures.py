@@ -40,6 +40,7 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     )
     for stride in strides:
         if not stride.is_pause:
+            # until just before the next touch-down, where the phase falls from 1 to 0
             true_t_ns = np.array([stride.begin_ns, stride.end_ns - 1])
             plot.line(true_t_ns * 1e-9, 100.0 * true_phase(true_t_ns, stride), INK, width=3.0, label="truth")
     estimated = np.where(series.walking, 100.0 * series.phase, np.nan)
@@ -60,6 +61,7 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     for stride in strides:
         if stride.is_pause:
             continue
+        # (N,) errors and true phases of the stride's samples, shares of the cycle
         errors, _ = phase_errors(series, stride)
         begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
         cycle = true_phase(series.t_ns[begin:end], stride)

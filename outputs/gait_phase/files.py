@@ -27,7 +27,7 @@ class LivePhases(LiveTable):
     """Gait phases in `live`: one row per sample, and a table of all rows at the end."""
 
     def add(self, estimate: object) -> str | None:
-        """The row of an estimate as text; None for anything else."""
+        """The row of an estimate as text, which is also kept for the table; None for anything but a `PhaseEstimate`."""
         if not isinstance(estimate, PhaseEstimate):
             return None
         e = estimate

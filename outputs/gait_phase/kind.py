@@ -50,7 +50,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def collector(
         self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[PhaseSeries]:
-        """Collects every phase of the instance's foot."""
+        """Collects every phase of the instance's foot; neither the estimator's state nor a walk is needed."""
         foot = instance.options.foot
         return EveryEstimate(f"{instance.declaration.name}_{foot}", PhaseEstimate, partial(to_phase_series, foot=foot))
 
@@ -61,7 +61,16 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def evaluate(
         self, outputs: Sequence[Output[PhaseSeries]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedPhases]:
-        """The phases beside the true touch-downs; a leg without a counted stride has no scores."""
+        """Scores each leg's phases against its true strides.
+
+        Args:
+            outputs: Phases of each leg.
+            recording: The recording with the true footprints.
+            alignment: Unused: a phase has no position that would have to be aligned with the truth.
+
+        Returns:
+            One evaluation per leg. A leg without a stride that counts has no scores and is left out.
+        """
         footprints, evaluations = true_footprints(recording), []
         for output in outputs:
             strides = true_strides(footprints, output.estimates.foot)
@@ -93,7 +102,7 @@ class GaitPhases(OutputKind[PhaseSeries, EvaluatedPhases]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedPhases], recording: Recording
     ) -> None:
-        """Logs the phase of each leg over time as `phase/NAME`."""
+        """Logs the phase of each leg over time as `phase/NAME`; the evaluations need no recording."""
         for evaluation in evaluations:
             series = evaluation.estimates
             log_curves(rerun, stream, f"phase/{evaluation.name}", series.t_ns, series.phase[:, None], ("",))

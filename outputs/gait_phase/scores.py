@@ -146,6 +146,7 @@ def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
             end_mode=after.mode,
             is_pause=bool(durations[i] > longest_ns),
         )
+        # neither one of the first two strides nor the last one, and about as long as the previous one
         is_even = 1 < i < len(durations) - 1 and abs(durations[i] / durations[i - 1] - 1.0) < STEADY_CHANGE
         strides.append(replace(stride, is_steady=bool(stride.terrain == LEVEL and is_even)))
     return strides
@@ -195,6 +196,13 @@ def phase_errors(series: PhaseSeries, stride: Stride) -> tuple[Array, Array]:
     """Circular errors of a stride's samples and their reported standard deviations, both as shares of the cycle.
 
     A sample without a claimed phase counts as estimated at 0, with the deviation that it reports.
+
+    Args:
+        series: Estimates of the foot.
+        stride: One of its true strides; the samples from its begin until before its end count.
+
+    Returns:
+        (N,) estimated minus true phase, positive if the estimate is ahead, and (N,) standard deviations.
     """
     begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
     errors = circular_difference(series.phase[begin:end], true_phase(series.t_ns[begin:end], stride))
@@ -214,6 +222,7 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         first and the last; `strides` counted. Empty without a counted stride.
     """
     counted = [s for s in strides if not s.is_pause]
+    # a stride, its (N,) errors and their (N,) standard deviations
     rows = [(stride, *phase_errors(series, stride)) for stride in counted]
     rows = [row for row in rows if len(row[1])]
     if not rows:
@@ -238,11 +247,16 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
 
 
 def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]) -> dict[str, float]:
-    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones, see `phase_scores`."""
+    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones, see `phase_scores`.
+
+    Args:
+        detected_ns: (M,) times of the detected touch-downs, ns.
+        strides: True strides of the foot, one or more, in order.
+    """
     true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
     pairs = match_touch_downs(detected_ns, true_ns)
     errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])
-    margin_ns = 250_000_000
+    margin_ns = 250_000_000  # the tolerance of `match_touch_downs`
     between = (detected_ns > true_ns[0] - margin_ns) & (detected_ns < true_ns[-1] + margin_ns)
     scores = {"missed": float(len(true_ns) - len(pairs)), "extra": float(between.sum() - len(pairs))}
     if not pairs:

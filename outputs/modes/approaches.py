@@ -15,12 +15,15 @@ from stridetwin.outputs.truth import flights, scoring_time_ns
 from stridetwin.streams.samples import Array, Footprint
 from stridetwin.streams.terrain_truth import Layout
 
-_STAIR_M = 0.07
-_MATCH_M = 0.4
+_STAIR_M = 0.07  # least rise between two surfaces that counts as a stair
+_MATCH_M = 0.4  # largest distance along the route between a predicted change and the true one
 
 
 def mode_changes(layout: Layout) -> list[TerrainChange]:
-    """The terrain changes of a route, in order: stairs from the first edge to the last, ramps."""
+    """The terrain changes of a route, in order: begin and end of each flight of stairs, and each change of slope.
+
+    The end of a flight is a change to level ground. A change of slope at a riser belongs to the stairs and is none.
+    """
     changes = []
     for flight in flights(layout.profile, _STAIR_M):
         mode = "SA" if flight.riser > 0 else "SD"
@@ -52,7 +55,9 @@ def score_approaches(
     landed_ns = np.array([f.t_ns for f in landed])
     scored = []
     for change in mode_changes(layout):
+        # infinite if no foot landed beyond the change, which then is not scored
         scored_ns = scoring_time_ns(change.s, landed_ns, places)
+        # the last estimate up to then
         at = int(np.searchsorted(t_ns, scored_ns, side="right")) - 1
         if math.isfinite(scored_ns):
             score = _score_change(change, estimates[at], alignment, layout) if at >= 0 else None
@@ -67,11 +72,18 @@ def _score_change(
 
     The true change is found if the predicted one has its mode and lies within 0.4 m along the route; otherwise all
     errors are NaN. Sizes count where the true change has them.
+
+    Args:
+        change: The true change.
+        estimate: The estimate that is scored.
+        alignment: From the odometry's world to the true one.
+        layout: The true terrain.
     """
     predicted = estimate.change
     if predicted is None or predicted.mode != change.mode:
         return ScoredChange(mode=change.mode, is_detected=False)
     heading = float(layout.way.heading(change.s))
+    # (2,) m from the true place to the predicted one, of which the part along the route counts
     offset = alignment.point(estimate.t_ns, predicted.p_in_world) - layout.way.point(change.s)
     offset_m = float(offset @ [math.cos(heading), math.sin(heading)])
     if abs(offset_m) > _MATCH_M:

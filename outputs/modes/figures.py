@@ -64,7 +64,12 @@ def _straighten_predictions(
 ) -> list[_Predicted | None]:
     """Each true footprint as predicted when the previous foot had landed, along the straightened route.
 
-    None for a footprint without such a prediction.
+    None for a footprint without such a prediction, such as the two initial ones.
+
+    Args:
+        straight: The straightened route.
+        estimates: In time order.
+        walk: The walk beside the truth.
     """
     straightened: list[_Predicted | None] = [None] * len(walk.footprints)
     for i, first_prediction in enumerate(first_steps(walk.footprints, estimates), 2):
@@ -72,6 +77,7 @@ def _straighten_predictions(
             continue
         estimate, step = first_prediction
         alignment = walk.alignment.at(estimate.t_ns)
+        # the true outline, shifted by the error of the predicted place
         shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
         rotation = straight.rotation(i) @ alignment.rotation
         place = straight.straighten(i, outline(walk.footprints[i]) + shift)
@@ -87,7 +93,16 @@ def _draw_row(
     rows: list[tuple[float, float]],
     number: int,
 ) -> Markup:
-    """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes."""
+    """One row of the figure: terrain, true and predicted footprints, 95 % ellipses, and marks for wrong modes.
+
+    Args:
+        straight: The straightened route.
+        predicted: Prediction of each true footprint; None where there was none.
+        scores: The scored steps, which tell the wrong modes.
+        title: Of the whole figure.
+        rows: Begin and end of each row along the route, m.
+        number: Number of this row.
+    """
     span = rows[number]
     plot = straight.plot_row(title, number, rows)
     if number == 0:
@@ -104,6 +119,7 @@ def _draw_row(
         outlines = [np.vstack([place, place[:1]]) for place, _, m in predictions if m == mode]
         plot.curves(outlines, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
     steps = scores.steps
+    # the two initial footprints are not steps: footprint i belongs to step i - 2
     wrong = [
         straight.footprints[i].mean(axis=0) for i in shown if 2 <= i < len(steps) + 2 and not steps[i - 2].is_correct
     ]
@@ -136,6 +152,8 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
         height=270,
         y_names={3.4: "true", 2.4: "predicted", 1.6: "p = 1", 0.8: "p = 0.5", 0.0: "p = 0"},
     )
+    # bars of true modes at heights 3.0-3.8, of predicted ones at 2.0-2.8, of errors below these; the curve of the
+    # probability p is at 0 to 1.6
     touched = np.array([begin, *(step.t_s for step in steps)])
     for mode in MODES:
         true = np.array([step.mode == mode for step in steps])
@@ -155,6 +173,11 @@ def prediction_runs(
     """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
 
     A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
+
+    Args:
+        estimates: In time order.
+        scores: The scored steps of the walk.
+        walk: The walk, whose first two footprints are the initial ones.
     """
     steps = scores.steps
     by_step = predictions_by_step(walk.footprints[2:], estimates)
@@ -163,6 +186,7 @@ def prediction_runs(
     for step, predictions in zip(steps, by_step):
         next_ = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in predictions if e.t_ns * 1e-9 > before]
         ends = [*(t for t, _ in next_[1:]), step.t_s]
+        # `of_mode`: consecutive ((begin, mode), end) of the same mode
         for mode, run in groupby(zip(next_, ends), key=lambda row: row[0][1]):
             of_mode = list(run)
             runs.append((of_mode[0][0][0], of_mode[-1][1], mode, mode in step.allowed))
@@ -176,6 +200,7 @@ def lead_times(scores: ModeScores) -> str:
     if not steps:
         return ""
     t, lead = np.array([s.t_s for s in steps]), np.array([s.lead_s for s in steps])
+    # half width of a bar, from the usual time between two steps
     half = 0.3 * float(np.median(np.diff(t))) if len(steps) > 1 else 0.2
     top = 1.1 * max(1.0, float(lead.max()))
     plot = Plot(

@@ -63,16 +63,20 @@ class CompletedSteps:
     """
 
     def __init__(self) -> None:
-        self._since: dict[int, tuple[str, int]] = {}
-        self._before: ModeEstimate | None = None
+        self._since: dict[int, tuple[str, int]] = {}  # per number of a step: its predicted mode, and since when, ns
+        self._before: ModeEstimate | None = None  # the previous estimate
 
     def add(self, estimate: ModeEstimate) -> PredictedStep | None:
-        """Adds an estimate; returns the last prediction of a step completed since the previous estimate, if any."""
+        """Adds an estimate; returns the last prediction of a step completed since the previous estimate, if any.
+
+        A step is completed when the number of landed steps, `ModeEstimate.step`, has grown. The method also notes since
+        when each coming step has had its predicted mode (`_since`), which gives `PredictedStep.steady_s`.
+        """
         if self._before is not None and estimate.step < self._before.step:  # the poses jumped: start again
             self._since, self._before = {}, None
         since, before, completed = self._since, self._before, None
         if before is not None and estimate.step > before.step:
-            step = before.steps[0]
+            step = before.steps[0]  # the step that was the next one
             completed = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
             self._since = since = {number: mode for number, mode in since.items() if number > estimate.step}
         for step in estimate.steps:
@@ -95,6 +99,7 @@ def find_completed_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedSte
 def mode_cells(row: PredictedStep) -> list[str]:
     """The cells of `MODE_COLUMNS` for a predicted step; unknown values are empty."""
     step, change = row.step, row.estimate.change
+    # unit vector of the walking direction, for the standard deviation of the footprint along it
     heading = np.array([math.cos(row.estimate.heading), math.sin(row.estimate.heading)])
     variance = float(heading @ step.covariance @ heading)
     forward_sd = math.sqrt(variance) if variance >= 0.0 else math.nan
@@ -142,7 +147,10 @@ class LiveModes(LiveTable):
         self._steps = CompletedSteps()
 
     def add(self, estimate: object) -> str | None:
-        """The row of the next step in an estimate, and keeps the last prediction of a step that it completes."""
+        """The row of the next step in an estimate as text; None for anything but a `ModeEstimate`.
+
+        If the estimate completes a step, the step's last prediction is kept as a row of the file.
+        """
         if not isinstance(estimate, ModeEstimate):
             return None
         if (completed := self._steps.add(estimate)) is not None:

@@ -70,9 +70,10 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def collector(
         self, estimator: AnyEstimator, instance: Instance, walk: AlignedWalk | None = None
     ) -> Collector[ModeRun]:
-        """Collects every prediction, with the walk beside the truth."""
+        """Collects every prediction, with the walk beside the truth; the estimator's own state is not needed."""
 
         def pack(estimates: list[ModeEstimate]) -> ModeRun:
+            """The estimates with the walk beside the truth."""
             return ModeRun(estimates=estimates, walk=walk)
 
         return EveryEstimate(instance.declaration.name, ModeEstimate, pack)
@@ -80,7 +81,13 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def evaluate(
         self, outputs: Sequence[Output[ModeRun]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedModes]:
-        """Scores the predictions against the true footprints and terrain; outputs without a truth are left out."""
+        """Scores the predictions against the true footprints and terrain.
+
+        Args:
+            outputs: Predictions of each estimator; those without a truth are left out.
+            recording: Unused: each output has the truth in its walk.
+            alignment: Unused: each output's walk has its own alignment, one per instant.
+        """
         evaluations = []
         for output in outputs:
             walk, estimates = output.estimates.walk, output.estimates.estimates
@@ -117,7 +124,7 @@ class Modes(OutputKind[ModeRun, EvaluatedModes]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedModes], recording: Recording
     ) -> None:
-        """Logs the true and the predicted footprints, and the modes, of the first estimator."""
+        """Logs the true and the predicted footprints, and the modes, of the first estimator; it needs no recording."""
         from stridetwin.outputs.modes.rerun import log_modes
 
         log_modes(rerun, stream, evaluations[0].estimates, evaluations[0].walk)

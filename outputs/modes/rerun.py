@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 STEPS, MODE = "world/steps", "modes"
-_STEPS_HZ = 5.0
+_STEPS_HZ = 5.0  # most predictions drawn per second
 _TRUE = (240, 244, 248)
 _ABOVE_M = 0.01
 """How far lines lie above the ground, so that they are seen."""
@@ -103,6 +103,7 @@ def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
     due_ns, step = -(2**62), -1
     for estimate in estimates:
         if estimate.t_ns >= due_ns or estimate.step != step:
+            # 0.9 of the period: estimates that come slightly early still count
             due_ns, step = estimate.t_ns + int(0.9e9 / _STEPS_HZ), estimate.step
             yield estimate
 
@@ -111,7 +112,13 @@ def _sole_outline(step: StepPrediction, estimate: ModeEstimate, alignment: YawAl
     """(5, 3) m, closed outline of the sole of a predicted step in the true world.
 
     Ground of unknown height is drawn at the odometry's floor.
+
+    Args:
+        step: The predicted step.
+        estimate: The estimate that predicts it; its heading is the foot's.
+        alignment: From the odometry's world to the true one, at the estimate.
     """
+    # half of the yaw in the true world, for the quaternion; the outline uses place, foot and yaw alone
     half = 0.5 * (estimate.heading + alignment.yaw)
     place = alignment.to_true(np.nan_to_num(step.p_foot_in_world, nan=0.0))
     footprint = Footprint(

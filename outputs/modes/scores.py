@@ -209,7 +209,7 @@ def score_modes(
         layout: The true terrain; None: nothing straddles and no change is scored.
         sole_m: Length of the soles.
     """
-    landed = footprints[2:]
+    landed = footprints[2:]  # without the two initial footprints
     by_step = predictions_by_step(landed, estimates)
     first = first_predictions(landed, by_step)
     alternatives: list[tuple[str, ...]] = [() for _ in landed]
@@ -217,7 +217,7 @@ def score_modes(
     approaches: list[ScoredChange] = []
     if layout is not None:
         all_places = project_on_way([f.p_foot_in_world for f in footprints], layout)
-        places, behind = all_places[2:], all_places[1:-1]
+        places, behind = all_places[2:], all_places[1:-1]  # of each footprint, and of the one before it
         alternatives = [alternative_modes(f.mode, (s0, s), layout, sole_m) for f, s0, s in zip(landed, behind, places)]
         slopes = [slope_under(s, layout, sole_m) for s in places]
         approaches = score_approaches(landed, places, estimates, alignment, layout)
@@ -227,6 +227,8 @@ def score_modes(
         allowed = (print_.mode, *alternatives[i])
         predictions = by_step[i]
         last = predictions[-1] if predictions else None
+        # an estimate e predicts this step as e.steps[k]; the lead time counts from the first estimate after the last
+        # wrong one
         wrong_ns = [e.t_ns for e, k in predictions if e.steps[k].mode not in allowed]
         right_since = [e.t_ns for e, k in predictions if not wrong_ns or e.t_ns > wrong_ns[-1]]
         forward, left = _footprint_error(print_, first[i], alignment)
@@ -266,13 +268,14 @@ def _footprint_error(
     estimate, k = prediction
     p = alignment.point(estimate.t_ns, estimate.steps[k].p_foot_in_world[:2])
     w, x, y, z = print_.q_world_foot
+    # horizontal part of the foot's x axis: first column of the quaternion's rotation matrix
     forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
     forward /= np.linalg.norm(forward)
     error = p - print_.p_foot_in_world[:2]
     return float(error @ forward), float(error @ [-forward[1], forward[0]])
 
 
-_BINS = 10
+_BINS = 10  # of probabilities, for the calibration
 _STEADY = 0.2
 """Steps in steady walking differ by no more, as a share of the shortest."""
 _SIZES = (
@@ -409,6 +412,7 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
         kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.is_detected], 50)
         for kind, modes in kinds.items()
     }
+    # per attribute, (error, standard deviation) of each change; NaN where the change lacks the size
     sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
     observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
@@ -445,7 +449,7 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
     Returns:
         `seen_pct`, share of the changes where the size was observed, not guessed; `rmse` of those; `all_rmse` of all.
     """
-    sd = name.replace("_", "_sd_")
+    sd = name.replace("_", "_sd_")  # `riser_m` has the standard deviation `riser_sd_m`
     errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
     return {
         "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in errors),

@@ -17,8 +17,8 @@ from stridetwin.outputs.terrain.changes import mode_of
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import Layout
 
-_JUST_LANDED_NS = 150_000_000
-_HEEL_M = 0.045
+_JUST_LANDED_NS = 150_000_000  # largest delay, or lead, of a reported touch-down
+_HEEL_M = 0.045  # distance of the heel behind the place of a footprint
 _GENTLE_RAD = math.radians(3.49)
 """Building codes call a slope a ramp from 1:20 (2.9°) on; just below 3.5° either answer serves the walker."""
 _LOW_RISER_M = (0.065, 0.075)
@@ -62,6 +62,9 @@ def predictions_by_step(
     touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
     """
     t_ns = np.array([f.t_ns for f in landed])
+    # estimate.steps[k] predicts step first + k + offset, where `first` is the next true step; the offset is -1 if the
+    # touch-down before is reported late (steps[0] has already landed and is skipped), and 1 if the next one is
+    # reported early
     predictions: list[list[tuple[ModeEstimate, int]]] = [[] for _ in landed]
     for estimate in estimates:
         first = int(np.searchsorted(t_ns, estimate.t_ns, side="left"))
@@ -90,21 +93,29 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
         layout: The true terrain.
         sole_m: Length of the soles.
     """
-    behind, s = from_to
+    behind, s = from_to  # the walk goes forward: behind < s
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
     modes = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):
         rise = after.z0 - before.z1
+        # the step went over a riser of about the least height of a stair
         if behind < after.s0 <= s and _LOW_RISER_M[0] < abs(rise) < _LOW_RISER_M[1]:
             modes += [m for m in ("LG", "SA" if rise > 0 else "SD") if m != mode]
+        # the sole lies across an edge at which the slope changes without a riser
         if abs(rise) < 1e-6 and after.slope != before.slope and heel < after.s0 < toe:
             modes += [m for m in (mode_of(before), mode_of(after)) if m != mode]
     return tuple(dict.fromkeys(modes))
 
 
 def slope_under(s: float, layout: Layout, sole_m: float) -> float:
-    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges."""
+    """True slope of level ground or a ramp under a whole sole, rad; NaN on treads and across edges.
+
+    Args:
+        s: Place of the footprint along the route, m.
+        layout: The true terrain.
+        sole_m: Length of the sole, which reaches from `_HEEL_M` behind the place forward.
+    """
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
     return next(
         (p.slope for p in layout.profile if p.terrain in ("level", "ramp") and p.s0 <= heel and toe <= p.s1), math.nan

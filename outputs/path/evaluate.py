@@ -72,10 +72,11 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
     worlds: dict[str, Rigid] = {}
     for estimate in estimates:
         _check_poses(estimate)
+        # the truth from the first valid pose on
         path = true_path(recording, estimate.frame).since(estimate.ready_ns)
         comparison = compare(estimate.path, path, alignment, worlds.get(estimate.world))
         _check_order(estimate, comparison.truth)
-        if estimate.world:
+        if estimate.world:  # the first estimate of a shared world fixes its alignment
             worlds.setdefault(estimate.world, comparison.transform)
         scores = score(comparison, not estimate.world) | {f"nis_{kind}": v for kind, v in estimate.nis.items()}
         for metric, value in scores.items():
@@ -112,11 +113,12 @@ def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
         estimate: The path.
         truth: True poses at those of its stamps that lie within the truth.
     """
+    # about `_MAX_ORDER_POSES` poses are enough
     step = 1 + len(truth) // _MAX_ORDER_POSES
     path, true_q = estimate.path, truth.q_world_frame[::step]
     q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]
     error = _mean_rotation_error(q, true_q)
-    if error < _MIN_ORDER_ERROR_RAD:
+    if error < _MIN_ORDER_ERROR_RAD:  # small enough for the right order
         return
     for steps, cause in _ORDERS.items():
         if _mean_rotation_error(np.roll(q, steps, axis=1), true_q) * _ORDER_RATIO < error:

@@ -43,6 +43,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> Markup:
     paths = [_along_route(layout, result) for result in results]
     span_s = data_range(*(s for s, _ in paths), margin=0.01)
     profile = layout.profile if layout else ()
+    # the ground is filled down to 12 cm below its lowest point
     lowest = [min(strip.z0, strip.z1) - 0.12 for strip in profile]
     span_z = data_range(*(z for _, z in paths), include=lowest)
     title = f"Side view, {_part_name(results)}"
@@ -74,6 +75,7 @@ def error_over_time(results: Sequence[Result]) -> Markup:
     errors = [1e3 * np.linalg.norm(r.comparison.error_m, axis=1) for r in results]
     bounds = [_bound_mm(r) for r in results]
     max_error = max(float(e.max()) for e in errors)
+    # largest bound at the end; the axis shows it up to three times the largest error
     reported = max((float(b[-1]) for b in bounds if b is not None), default=0.0)
     plot = Plot(
         title=f"Position error over time, {_part_name(results)}",
@@ -87,7 +89,7 @@ def error_over_time(results: Sequence[Result]) -> Markup:
     for result, error, bound in zip(results, errors, bounds):
         color = colors[result.estimate.name]
         t, label = result.comparison.truth.t_ns * 1e-9, label_of(result.estimate)
-        if bound is not None:
+        if bound is not None:  # every tenth sample is enough for the band
             low, high, bound_label = np.zeros_like(t[::10]), bound[::10], f"{label}: own 95 % bound"
             plot.band(t[::10], low, high, faint(color, 0.08), stroke=faint(color, 0.6), label=bound_label)
         plot.line(t, error, color, label=f"{label}: error")
@@ -99,6 +101,7 @@ def nees_over_time(results: Sequence[Result]) -> Markup:
 
     It is "" if no estimate has a covariance. Values beyond ten times the bound are cut off, so that it remains visible.
     """
+    # those with a covariance
     consistent = [result for result in results if result.comparison.estimate.covariance is not None]
     if not consistent:
         return Markup("")
@@ -138,6 +141,7 @@ def _draw_paths(plot: Plot, results: Sequence[Result], paths: Sequence[Array]) -
     """
     colors = estimate_colors(results)
     for part_results in by_part(results).values():
+        # the estimates of one part share their truth
         truth = paths[results.index(part_results[0])][:, 0]
         plot.line(truth[0], truth[1], INK, width=3.0, label="truth")
     for result, path in zip(results, paths):

@@ -47,6 +47,7 @@ def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
     t_ns = estimate.path.t_ns
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
     if estimate.status is not None:
+        # time of each tracked pose; every other pose has a time so early that it never counts as recently tracked
         tracked = np.where(estimate.status == TRACKING, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
         keep &= t_ns - np.maximum.accumulate(tracked) <= DEAD_RECKONING_S * 1e9
     return keep
@@ -75,11 +76,20 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
 
 
 def _describe_unreliable(path: Trajectory, keep: NDArray[np.bool_], written: bool) -> str:
-    """The part of a message about poses that are not reliable; "" if all are."""
+    """The end of the message of `write_path`: says how many poses are not reliable, and what happened to them.
+
+    Args:
+        path: All poses, also those that were not written.
+        keep: (N,) whether each pose is reliable.
+        written: Whether the user asked for the unreliable poses too.
+
+    Returns:
+        Text that begins with ";", also about a loss of tracking before the end; "" if all poses are reliable.
+    """
     if keep.all():
         return ""
     handling = "included" if written else "left out, --dead-reckoning includes them"
-    if not keep.any():
+    if not keep.any():  # then `write_path` wrote all of them
         return "; tracking never began: all of them are unreliable"
     last = int(np.flatnonzero(keep)[-1])
     lost_s = (int(path.t_ns[-1]) - int(path.t_ns[last])) * 1e-9
@@ -88,7 +98,13 @@ def _describe_unreliable(path: Trajectory, keep: NDArray[np.bool_], written: boo
 
 
 def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
-    """Rows of `COLUMNS`; an unknown status or covariance is empty."""
+    """Rows of `COLUMNS`, one per pose; an unknown status or covariance gives empty cells.
+
+    Args:
+        path: The N poses that are written.
+        status: (N,) status of each; None if the estimator has none.
+    """
+    # in the order of the columns: x, y, z, qx, qy, qz, qw
     poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
     statuses = [""] * len(path) if status is None else status.tolist()
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
@@ -106,14 +122,18 @@ class LivePaths(LiveOutput):
     """
 
     def __init__(self, declaration: Declaration, file: Path | None) -> None:
-        self._name, self._parts = declaration.name, declaration.parts
+        self._name, self._parts = declaration.name, declaration.parts  # parts: frame to part, such as `l`
         parts = declaration.parts.values() or ("",)
         self._files = {} if file is None else {part: part_file(file, part) for part in parts}
+        # open files by part, under temporary names until `finish`; `_rows` counts their rows
         self._out = {part: partial_path(path).open("w", encoding="ascii") for part, path in self._files.items()}
         self._rows: Counter[str] = Counter()
 
     def add(self, estimate: object) -> str | None:
-        """The row of a pose, prefixed with its part if there are several."""
+        """The row of a pose as text, prefixed with its part if there are several; also writes it to the part's file.
+
+        The row has time, position and quaternion (x, y, z, w). None comes back for an estimate without a pose.
+        """
         if (pose := pose_of(estimate, self._name)) is None:
             return None
         part = self._parts.get(pose.frame, "")
@@ -127,7 +147,7 @@ class LivePaths(LiveOutput):
         return f"{part} {row}".lstrip()
 
     def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
-        """Moves the written files to their places; returns the number of poses in each."""
+        """Moves the written files to their places; returns the number of poses in each. It needs no estimator."""
         for part, file in self._files.items():
             self._out[part].close()
             os.replace(partial_path(file), file)

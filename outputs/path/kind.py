@@ -75,7 +75,7 @@ class Paths(OutputKind[PathEstimate, Result]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[Result], recording: Recording
     ) -> None:
-        """Logs the true and the estimated paths as lines, and the errors over time."""
+        """Logs the true and the estimated paths as lines, and the errors over time; it needs no recording."""
         from stridetwin.outputs.path.rerun import log_paths
 
         log_paths(rerun, stream, evaluations)

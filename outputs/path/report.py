@@ -29,6 +29,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Footprint
 from stridetwin.streams.terrain_truth import terrain_layout
 
+# score, title, unit, factor from the score to the unit, decimals, note
 _CARDS = (
     ("end_error_pct", "End error", "%", 1.0, 2, "of the distance that foot or camera travelled"),
     ("end_error_m", "End error, absolute", "cm", 100.0, 1, "position and yaw agree at the start"),
@@ -45,6 +46,7 @@ _CARDS = (
         "mostly near 100, and sometimes far lower",
     ),
 )
+# key in the reference, title, length in m
 _PUBLISHED_WALKS: tuple[tuple[Literal["jao_straight_53m", "jao_loop_126m"], str, float], ...] = (
     ("jao_straight_53m", "straight, 53 m", 53.0),
     ("jao_loop_126m", "loop with ramp and stair, 126 m", 126.0),
@@ -62,7 +64,7 @@ def score_cards(results: Sequence[Result]) -> str:
     """The main scores of every path as cards with large numbers; "" without any."""
     cards, colors = [], estimate_colors(results)
     for key, title, unit, scale, digits, note in _CARDS:
-        values = [
+        values = [  # one number per path that has the score
             {
                 "number": number_text(r.scores[key] * scale, digits),
                 "unit": unit,

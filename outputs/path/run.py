@@ -65,6 +65,7 @@ class PathCollector(Collector[PathEstimate]):
         outputs = []
         for frame, poses in self._poses.items():
             part = declaration.parts.get(frame, options.foot if declaration.per_foot else "")
+            # the path is ready from its first valid pose on, or from its first one if none is valid
             valid = np.array([pose.valid for pose in poses], bool)
             path = PathEstimate(
                 name=f"{declaration.name}_{part}" if part else declaration.name,
@@ -91,9 +92,15 @@ def run_paths(instance: Instance, recording: Recording, progress: Progress | Non
     The estimator's `follow` is used where it has one and takes what the instance has, because it is faster; otherwise
     samples are fed one by one.
 
+    Args:
+        instance: The estimator with its options.
+        recording: The recording.
+        progress: Receives the stage and its progress (0-1), from `follow` alone.
+
     Raises:
         StrideTwinError: A topic or calibration is missing, or the estimator gives no pose.
     """
+    # values in place of the estimator's own need a `follow` that has the argument `parameters`
     follow = getattr(instance.estimator_class, "follow", None)
     takes_parameters = follow is not None and "parameters" in signature(follow).parameters
     if follow is not None and (instance.parameters is None or takes_parameters):

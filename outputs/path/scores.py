@@ -24,12 +24,12 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 RPE_DISTANCES_M = (1.0, 5.0)
-RPE_SPACING_M = 0.1
-CHI2_3_95 = 7.814727903251179
-_VARIANCE_FLOOR_M2 = 1e-12
-LOST_M = 2.0
-SPAN_M = 5.0
-CLIMB_M = 0.3
+RPE_SPACING_M = 0.1  # distance between the starts of two stretches
+CHI2_3_95 = 7.814727903251179  # 95 % quantile of the chi-square distribution with 3 degrees of freedom
+_VARIANCE_FLOOR_M2 = 1e-12  # added to variances, so that a covariance of 0 can be inverted
+LOST_M = 2.0  # a path farther away than this is off
+SPAN_M = 5.0  # length of the stretches of path over which drift and climbs are taken
+CLIMB_M = 0.3  # least change of height of a stretch that counts as a climb
 
 SCORES = (
     Score(name="end_error_m", heading="end m", label="End error", unit="m", digits=4),
@@ -116,6 +116,7 @@ def compare(
             f"{inside.sum()} poses of the estimate lie within the truth's "
             f"{path.t_ns[0] / 1e9:.3f}-{path.t_ns[-1] / 1e9:.3f} s; at least 2 are needed"
         )
+    # the truth is interpolated at the estimate's stamps
     inside_poses = estimate[inside]
     truth = path.at(inside_poses.t_ns)
     transform = transform or align(inside_poses, truth, alignment)
@@ -164,7 +165,7 @@ def score(comparison: PathComparison, alone: bool = True) -> Scores:
         errors = relative_errors_m(comparison, span)
         if len(errors):
             scores[f"rpe_{span:g}m_pct"] = float(100.0 * errors.mean() / span)
-    if comparison.estimate.covariance is not None:
+    if comparison.estimate.covariance is not None:  # without one nothing is claimed that could be checked
         nees = nees_position(comparison)
         scores["nees_position_mean"] = float(nees.mean())
         scores["nees_position_within_95_pct"] = float(100.0 * np.mean(nees <= CHI2_3_95))
@@ -185,6 +186,7 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
     starts, ends = _stretches(comparison.distance_m, span_m)
     if not len(starts):
         return np.empty(0)
+    # at the start of each stretch, the true attitude and the estimated one, and the difference of their headings
     attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
     rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
     estimated_moves, true_moves = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
@@ -192,7 +194,15 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
 
 
 def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last index of every stretch of `span_m` of a path; a stretch starts each 0.1 m travelled."""
+    """First and last index of every stretch of `span_m` of a path; a stretch starts each 0.1 m travelled.
+
+    Args:
+        distance_m: (N,) m travelled up to each pose, not decreasing.
+        span_m: Length of the stretches, m.
+
+    Returns:
+        Two arrays of the same length, which is 0 if the path is shorter than the span.
+    """
     s = distance_m
     starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
     ends = np.searchsorted(s, s[starts] + span_m)
@@ -225,6 +235,7 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
         far_m: Distance that fixes the bearing.
     """
     e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]
+    # index of the sample that fixes the bearing; the last one if the estimate never gets that far
     far = np.linalg.norm(e, axis=1) > far_m
     i = int(np.argmax(far)) if far.any() else len(e) - 1
     a = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])
@@ -288,12 +299,14 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
     inside = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
     if inside.sum() < 2:
         return {"failure": "silent", "unhealthy_s": 0.0, "recovered": False}
+    # time that each pose stands for, s; 0 for the last one
     steps = np.diff(path.t_ns, append=path.t_ns[-1]) * 1e-9
     unhealthy_s = float(steps[~healthy].sum())
     if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
         return {"failure": "not finite", "unhealthy_s": unhealthy_s, "recovered": False}
     from_start, from_fit = compare(path, truth, "start"), compare(path, truth, "yaw")
     error = from_start.error_m
+    # errors with the start aligned, and distances with the whole path aligned
     distances = np.linalg.norm(from_fit.error_m, axis=1)
     relative, climbs = relative_errors_m(from_fit, SPAN_M), climb_errors_m(from_fit)
     is_off = max(float(distances.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M

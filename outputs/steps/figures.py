@@ -17,7 +17,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, terrain_layout
 
-_NORMAL_M = 0.16
+_NORMAL_M = 0.16  # length of a drawn normal
 _PLANE, _NORMAL = PALETTE[2], PALETTE[1]
 
 
@@ -29,6 +29,7 @@ def steps_from_aside(
     s = true[:, 0] if layout is None else project_on_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
     error = estimated - true
+    # (N, 2) estimated places in the figure: along the route, height; shifted by the error along the route
     at = np.column_stack([s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading), estimated[:, 2]])
     profile = layout.profile if layout else ()
     span_s = data_range(s, at[:, 0], include=(float(s[0]) - 0.8, float(s[-1]) + 0.8), margin=0.0)
@@ -36,6 +37,7 @@ def steps_from_aside(
     span_z = data_range(true[:, 2], at[:, 1], include=(floor, float(at[:, 1].max()) + 0.3), margin=0.0)
     plot = Plot(title=title, x=span_s, y=span_z, x_label="along the route, m", y_label="height, m", to_scale=True)
     draw_profile(plot, profile, span_s, span_z[0])
+    # unit vectors along each plane and normal to it; the figure's foot begins a tenth of its length behind the place
     along = np.column_stack([np.cos(slopes), np.sin(slopes)])
     up = along[:, ::-1] * [-1.0, 1.0]
     foot = at + 0.4 * FOOT_M * along

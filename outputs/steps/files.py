@@ -42,7 +42,10 @@ class LiveSteps(LiveTable):
     """Formats step estimates in `live`: a row for each, and in the end a table of the last estimate of each step."""
 
     def add(self, estimate: object) -> str | None:
-        """The row of an estimate as text; None for step 0, at which the person stands."""
+        """The row of an estimate as text; None for step 0, at which the person stands, and for other objects.
+
+        The table at the end keeps the last row of each step.
+        """
         if not isinstance(estimate, StepEstimate) or estimate.step <= 0:
             return None
         row = step_cells(estimate)

@@ -73,6 +73,12 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
     ) -> list[EvaluatedSteps]:
         """The steps beside the true footprints.
 
+        Args:
+            outputs: Steps of each estimator.
+            recording: The recording with the true footprints.
+            alignment: Unused: slopes, heights and displacements need no common origin, and a wrong heading counts as
+                an error.
+
         Raises:
             RecordingError: None of the steps of an output matches a true step.
         """

@@ -14,8 +14,8 @@ from stridetwin.outputs.alignment import vertical_rotation
 from stridetwin.outputs.base import BAD_SHARE, DESCRIPTIVE, SHARE, Score, Scores
 from stridetwin.streams.samples import Array, Footprint
 
-_EARLY_NS = 100_000_000
-_STANDING = 2  # the first footprints are the initial ones of both feet
+_EARLY_NS = 100_000_000  # an estimate may precede the true touch-down by this much, ns
+_STANDING = 2  # number of initial footprints, one of each standing foot; they come first and are not steps
 
 SCORES = (
     Score(name="slope_rmse_deg", heading="slope °"),
@@ -120,7 +120,8 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
     estimate_list = list(estimates)
     steps = []
     for i in range(_STANDING, len(footprints)):
-        print_ = footprints[i]
+        print_ = footprints[i]  # `print` is a built-in
+        # two footprints of one foot in a row: the truth lacks one of the other foot between them;
         # either foot may take the first step, whatever the order of the list: that is not a gap
         beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
         before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
@@ -133,7 +134,8 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
 def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimate]) -> int:
     """Number of false steps: repeated estimates of a footprint, or estimates without any footprint.
 
-    A footprint that the truth lacks between two of the other foot may have an estimate.
+    The feet alternate. Where the other foot has several footprints in a row, the truth lacks footprints of this foot
+    between them. The estimates of these missing footprints are not false.
 
     Args:
         footprints: True footprints, in order; the two initial ones come first.
@@ -142,7 +144,9 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
     estimate_list, matched = list(estimates), set[int]()
     for i, print_ in enumerate(footprints):
         later = footprints[max(i + 1, _STANDING) :]
+        # footprints of the other foot until this foot's next one: one is normal, each further one marks a missing print
         other_foot_count = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
+        # one estimate for the footprint itself (none for an initial one), and one for each missing print after it
         max_estimates = (i >= _STANDING) + max(other_foot_count - 1, 0)
         matched.update(
             [id(e) for e in _estimates_of(footprints, i, estimate_list) if id(e) not in matched][:max_estimates]
@@ -154,6 +158,11 @@ def _estimates_of(footprints: Sequence[Footprint], i: int, estimates: Iterable[S
     """The estimates that may belong to the i-th footprint.
 
     They are of its foot, from `_EARLY_NS` before its touch-down until the foot's next one.
+
+    Args:
+        footprints: True footprints of both feet, in order.
+        i: Number of the footprint.
+        estimates: All estimates of the walk, in order.
     """
     foot = footprints[i].foot
     since = footprints[i].t_ns - _EARLY_NS
@@ -209,11 +218,12 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
         Forward, up and left, for each run.
     """
     errors, start = [], 0
-    for end in range(1, len(steps) + 1):
+    for end in range(1, len(steps) + 1):  # steps[start:end] is the present run
         inside = not mode or steps[end - 1].mode == mode
         if inside and end < len(steps) and (not mode or steps[end].mode == mode):
             continue
         if inside:
+            # with the footprint before the run; only steps with an estimate have an estimated place
             run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.is_matched]
             if len(run) > 1:
                 (i, first), (j, last) = run[0], run[-1]
@@ -230,7 +240,7 @@ def align_yaw(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
     """
     matched = [s for s in steps if s.is_matched]
-    if len(matched) < 2:
+    if len(matched) < 2:  # no direction to fit
         return list(steps)
     true, estimated = (
         np.array(places) for places in ([s.place for s in matched], [s.estimated_place for s in matched])
@@ -250,6 +260,7 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
     """
     figures = step_figures(steps, displacement_errors(steps, ""))
     matched = [s for s in steps if s.is_matched]
+    # (N, 3) true and estimated positions, m
     places, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
     end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
@@ -295,7 +306,14 @@ def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, floa
 
 
 def _inside_95(matched: Sequence[ScoredStep]) -> dict[str, float]:
-    """Share of errors inside the 95 % interval; empty if the method reports none."""
+    """Shares of slope and elevation errors inside the 95 % interval (1.96 standard deviations), %.
+
+    Args:
+        matched: Steps with an estimate.
+
+    Returns:
+        The two scores by their names; empty if the method reports no standard deviations.
+    """
     slope = [abs(s.slope_error) < 1.96 * s.slope_sd for s in matched if s.slope_sd is not None]
     elevation = [abs(s.elevation_error) < 1.96 * s.elevation_sd for s in matched if s.elevation_sd is not None]
     if not slope or not elevation:

@@ -26,8 +26,8 @@ _PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)  #
 _HEX, _PALE_HEX = (
     {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, colors)} for colors in (CLASS_COLORS, _PALE)
 )
-_LINE_M = 0.2
-_CLEAR_M = 0.06
+_LINE_M = 0.2  # half width of the strip whose median height is shown
+_CLEAR_M = 0.06  # nearer to a true edge no error of the height is shown
 _LEAST_CLEAR = 0.3  # of the cells across the route
 _MAX_EDGE_ERROR_MM = 140.0  # an estimated edge farther than this from every true one matches none
 _LEAD = (
@@ -48,14 +48,21 @@ def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float, float]], number: int) -> Markup:
-    """One row of the figure: mapped ground by class, mapped edges, the true path and footprints."""
+    """One row of the figure: mapped ground by class, mapped edges, the true path and footprints.
+
+    Args:
+        route: The mapped ground.
+        straight: The straightened route.
+        rows: Begin and end of each row along the route, m.
+        number: Number of this row; the first one has the keys of the classes.
+    """
     span = rows[number]
     plot = straight.plot_row("The ground from above", number, rows)
     for ground_class in np.unique(route.classes[np.isfinite(route.height)]).tolist() if number == 0 else ():
         name = GROUND_CLASSES[ground_class]
         plot.key(f"mapped: {CLASS_NAMES.get(name, 'unknown class')}", _PALE_HEX[name])
     is_inside = (route.s > span[0]) & (route.s < span[1])
-    if is_inside.any():
+    if is_inside.any():  # the image reaches half a cell beyond the centres of its outermost cells
         a, b = float(route.s[is_inside][0]) - CELL_M / 2, float(route.s[is_inside][-1]) + CELL_M / 2
         uri = _class_image(route.classes[is_inside], np.isfinite(route.height[is_inside]))
         plot.image((a, b), (-HALF_WIDTH_M, HALF_WIDTH_M), uri)
@@ -67,7 +74,13 @@ def _row(route: MappedRoute, straight: StraightenedRoute, rows: list[tuple[float
 
 
 def _class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) -> str:
-    """A PNG of (S, L) classes, the left of the route on top, as a data URI."""
+    """A PNG as a data URI: along the route from left to right, the left of the route on top.
+
+    Args:
+        classes: (S, L) numbers of `GROUND_CLASSES`, along the route and from right to left of it.
+        known: (S, L) whether each cell is mapped; others are transparent.
+    """
+    # OpenCV's order of colours, with opacity
     bgra = np.zeros((*classes.shape, 4), np.uint8)
     bgra[..., :3] = _PALE[classes][..., ::-1]
     bgra[..., 3] = 255
@@ -94,6 +107,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
     draw_profile(plot, profile, span, span_z[0])
     edges_here = []
     for at in route.edges[:, 0]:
+        # from just below the lower to just above the upper true ground beside the edge
         ends = true_heights(profile, np.array([at - 0.1, at + 0.1]))
         edges_here.append([(at, ends.min() - 0.05), (at, ends.max() + 0.05)])
     plot.curves(edges_here, INK, width=1.2, label="mapped edge")
@@ -108,8 +122,10 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
     s, height, _ = _profile_of_map(route)
     span = StraightenedRoute(walk).span_m
-    jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])
+    jumps = np.array([at for at, _, _ in edges(walk.layout.profile)])  # true edges, m along the route
+    # distance of each place from the nearest true edge
     away = np.abs(s[:, None] - jumps).min(axis=1) if len(jumps) else np.full(len(s), math.inf)
+    # errors of the heights, mm; NaN near an edge, where a small error of place would look like one of height
     off = np.where(
         (away > _CLEAR_M) & (s > span[0]) & (s < span[1]), 1e3 * (height - true_heights(walk.layout.profile, s)), np.nan
     )
@@ -117,6 +133,7 @@ def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
     mapped = mapped[(mapped > span[0]) & (mapped < span[1])]
     nearest = np.abs(mapped[:, None] - jumps).argmin(axis=1) if len(jumps) else np.zeros(0, int)
     place = 1e3 * (mapped - jumps[nearest]) if len(jumps) else np.zeros(0)
+    # errors of the mapped edges' places, mm, of those that match a true one
     known = np.abs(place) < _MAX_EDGE_ERROR_MM
     top = max(10.0, float(np.nanmax(np.abs(np.r_[off, place[known]]), initial=0.0))) * 1.1
     plot = Plot(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 COLORS = {"none": (150, 150, 150), "level": (70, 170, 90), "ramp": (230, 140, 30), "stairs": (50, 110, 220)}
 """RGB of a point of the `.ply` by its class."""
+# pose of the map in a glTF scene, whose y axis is up
 _Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -75,7 +76,12 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
 
 
 def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
-    """Contents of the mesh files, by path.
+    """Contents of the mesh files, by path: the ground as `.glb`, and every surface as `_mesh.ply` if the map has one.
+
+    Args:
+        terrain_map: The map.
+        estimate: Its planes and terrains, which colour the ground.
+        file: The JSON file, whose name the others take over.
 
     Raises:
         StrideTwinError: trimesh is not installed.
@@ -103,6 +109,7 @@ def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.
     grid = GroundGrid.of(terrain_map)
     points, plane = grid.points()
     is_known = np.isfinite(grid.height)
+    # number of the vertex in each cell; -1 without one. Four neighbours with vertices make two triangles.
     number = np.full(is_known.shape, -1, np.int64)
     number[is_known] = np.arange(len(points))
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
@@ -131,7 +138,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
         "area_m2": plane.area_m2,
         "slope_deg": math.degrees(plane.slope),
         "slope_sd_deg": math.degrees(plane.slope_sd),
-        "height_sd_m": math.sqrt(plane.covariance[0, 0]),
+        "height_sd_m": math.sqrt(plane.covariance[0, 0]),  # 0 is the height
         "votes": plane.votes,
     }
 
@@ -139,7 +146,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
 def _terrain(terrain: Terrain) -> dict[str, object]:
     """Stairs, a ramp or level ground as plain values for the JSON file."""
     if isinstance(terrain, Stairs):
-        sd = np.sqrt(np.diag(terrain.covariance))
+        sd = np.sqrt(np.diag(terrain.covariance))  # 0 riser, 1 tread, 3 start; the rest is not written
         return {
             "type": "stairs",
             "id": terrain.id,
@@ -178,7 +185,14 @@ def _to_list(values: Iterable[float]) -> list[float | None]:
 
 
 def _write_ply(points: Array, kinds: list[str], plane: NDArray[np.int64], file: Path) -> None:
-    """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id."""
+    """Writes points as binary PLY: x, y, z in m, the class's colour, and the plane's id.
+
+    Args:
+        points: (N, 3) m.
+        kinds: Class of each point, a key of `COLORS`.
+        plane: (N,) id of the plane of each point.
+        file: The file.
+    """
     columns = [
         ("x", "<f4"),
         ("y", "<f4"),

@@ -46,6 +46,7 @@ class GroundGrid:
         c, s = math.cos(GRID_ROTATION_RAD), math.sin(GRID_ROTATION_RAD)
         rotation = np.array([[c, -s], [s, c]])
         points, plane = terrain_map.surface_points()
+        # (N, 2) numbers of the columns; `points @ rotation` are the coordinates in the rotated grid
         columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
         first = columns.min(axis=0) if len(columns) else np.zeros(2, np.int64)
         shape = columns.max(axis=0) - first + 1 if len(columns) else np.zeros(2, np.int64)
@@ -60,6 +61,7 @@ class GroundGrid:
         inside = np.asarray(((cell >= 0) & (cell < self.height.shape)).all(axis=-1), bool)
         if not self.height.size:
             return np.full(inside.shape, np.nan), np.full(inside.shape, -1, np.int64)
+        # places outside read the first cell, and are replaced below
         i, j = np.moveaxis(np.where(inside[..., None], cell, 0), -1, 0)
         return np.where(inside, self.height[i, j], np.nan), np.where(inside, self.plane[i, j], -1)
 
@@ -71,12 +73,19 @@ class GroundGrid:
 
 
 def ground_class_of(estimate: TerrainEstimate, plane: int, heading: float) -> str:
-    """The class of a plane, one of `GROUND_CLASSES`, for a walker who heads `heading` rad from x in the map's world."""
+    """The class of a plane for a walker, one of `GROUND_CLASSES`.
+
+    Args:
+        estimate: Planes and terrains of the map.
+        plane: Id of the plane.
+        heading: Direction of the walker, rad from x in the map's world; it decides between up and down.
+    """
     terrain = estimate.terrain_of(plane)
     if terrain is None:
         return "none"
     if not isinstance(terrain, Ramp | Stairs):
         return "LG"
+    # `terrain.heading` is the direction in which it rises
     up = math.cos(terrain.heading - heading) >= 0.0
     if isinstance(terrain, Stairs):
         return "SA" if up else "SD"

@@ -52,7 +52,13 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     def evaluate(
         self, outputs: Sequence[Output[MapRun]], recording: Recording, alignment: str = "start"
     ) -> list[EvaluatedMap]:
-        """The scores of the maps that were sampled beside the truth."""
+        """The scores of the maps that were sampled beside the truth while they grew; others are left out.
+
+        Args:
+            outputs: Maps of each estimator.
+            recording: Unused: the samples already have the truth.
+            alignment: Unused, for the same reason.
+        """
         return [
             Evaluated(name=output.name, estimates=sampled, scores=map_figures(sampled.scores))
             for output in outputs
@@ -86,7 +92,7 @@ class TerrainMaps(OutputKind[MapRun, EvaluatedMap]):
     def log_rerun(
         self, rerun: ModuleType, stream: RecordingStream, evaluations: Sequence[EvaluatedMap], recording: Recording
     ) -> None:
-        """Logs the ground of the first map, its planes and edges, over time."""
+        """Logs the ground of the first map, its planes and edges, over time; its snapshots need no recording."""
         from stridetwin.outputs.terrain.rerun import log_ground
 
         log_ground(rerun, stream, evaluations[0].estimates.snapshots)

@@ -16,10 +16,10 @@ from stridetwin.streams.terrain_truth import Layout
 
 HALF_WIDTH_M, CELL_M = 1.0, 0.04
 """Half width of the stored ground along the route, and its cell size."""
-_BEHIND_M, _AHEAD_M = 0.2, 2.5
+_BEHIND_M, _AHEAD_M = 0.2, 2.5  # the part of the route around the walker that is stored again at each update
 _MAX_EDGE_AHEAD_M = 1.2
 """An edge is stored when it is at most this far ahead."""
-_SAME_EDGE_M = 0.1
+_SAME_EDGE_M = 0.1  # nearer edges along the route are one
 _BESIDE_M, _ACROSS = 0.3, 0.7
 """An edge that begins farther beside the route, or lies more along than across it, does not belong to the route."""
 
@@ -54,11 +54,12 @@ class RouteMapper:
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
+        # centres of the cells; the arrays are those of `MappedRoute`
         self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
         self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
         self._height = np.full((len(self._s), len(self._left)), np.nan)
         self._classes = np.full(self._height.shape, GROUND_CLASSES.index("none"), np.uint8)
-        self._edges: list[tuple[float, float, float]] = []
+        self._edges: list[tuple[float, float, float]] = []  # rows of `MappedRoute.edges`
 
     def add(self, grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, place_m: float) -> None:
         """Replaces the stored ground and edges near the walker by the current estimate.
@@ -70,8 +71,10 @@ class RouteMapper:
             place_m: Place of the walker along the route, m.
         """
         nearby = np.flatnonzero((self._s > place_m - _BEHIND_M) & (self._s < place_m + _AHEAD_M))
+        # the cells (S', L) of this part, and the map's height there; a cell that the map does not know keeps its value
         s, left = np.meshgrid(self._s[nearby], self._left, indexing="ij")
         height, plane = grid.at(alignment.to_estimated(self._way.point(s, left)))
+        # one direction for the whole part, that of the route in its middle, in the map's world
         heading = float(self._way.heading(place_m + 0.5 * _AHEAD_M)) - alignment.yaw
         classes = ground_classes_at(estimate, plane, heading)
         is_known = np.isfinite(height)
@@ -97,14 +100,16 @@ class RouteMapper:
         way, heading = self._way.point(places), self._way.heading(places)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
         distance = np.abs(_distance_from_line(way, a, b))
-        k = int(distance.argmin())
-        if distance[k] > 0.02:
+        k = int(distance.argmin())  # the sample of the route nearest to the edge's line
+        if distance[k] > 0.02:  # the line crosses the route nowhere near
             return
+        # left coordinates of both ends, and cosine of the angle between edge and the direction across the route
         low, high = sorted(float((end[:2] - way[k]) @ left[k]) for end in (a, b))
         across = float(abs((b - a)[:2] @ left[k])) / max(float(np.linalg.norm((b - a)[:2])), 1e-9)
         if across < _ACROSS or low > _BESIDE_M or high < -_BESIDE_M:
             return
         forward = np.array([math.cos(heading[k]), math.sin(heading[k])])
+        # the edge's point nearest to that sample gives the place between two samples
         middle = a[:2] + (b - a)[:2] * float(
             np.clip((way[k] - a[:2]) @ (b - a)[:2] / ((b - a)[:2] @ (b - a)[:2]), 0, 1)
         )
@@ -119,7 +124,13 @@ class RouteMapper:
 
 
 def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
-    """(N,) signed distances of (N, 2) points from the line through a and b, in the horizontal plane, m."""
+    """(N,) signed distances of points from the line through a and b in the horizontal plane, m; positive to its right.
+
+    Args:
+        points: (N, 2) m.
+        a: (2,) or (3,) m, a point of the line.
+        b: Another point of it.
+    """
     along = (b - a)[:2] / np.linalg.norm((b - a)[:2])
     offset = points - a[:2]
     return np.asarray(offset[:, 0] * along[1] - offset[:, 1] * along[0])
@@ -127,6 +138,8 @@ def _distance_from_line(points: Array, a: Array, b: Array) -> Array:
 
 def edge_lines(flight: Stairs) -> list[Array]:
     """Ends of each detected edge, (2, 3) m in the map's world, at the height of the tread above it."""
+    # the horizontal direction of ascent, and that to its left; an edge k lies at `s` along the first, and its ends at
+    # `flight.across` along the second, both from the world's origin
     up = flight.up
     aside = np.array([-up[1], up[0]])
     lines = []

@@ -75,9 +75,11 @@ class _MapSampler:
 
     def __init__(self, terrain_map: TerrainMap, walk: AlignedWalk) -> None:
         self._map, self._walk = terrain_map, walk
+        # (F, 2) time, ns, and place, m, of each footprint
         path = np.column_stack([[f.t_ns for f in walk.footprints], walk.foot_places_m])
         self._scorer = MapScorer(walk.layout, path)
         last_m = float(max(walk.place_m.max(), walk.foot_places_m.max()))
+        # the stored ground reaches a little beyond the walk at both ends
         self._route = RouteMapper(walk.layout, float(walk.place_m.min()) - 0.5, last_m + 1.0)
         self._snapshots: list[Snapshot] = []
 
@@ -87,7 +89,7 @@ class _MapSampler:
         if estimate is None or estimate.t_ns != t_ns or place_m is None:
             return
         alignment = self._walk.alignment.at(t_ns)
-        if not self._scorer.sample(t_ns, self._map, alignment, place_m):
+        if not self._scorer.sample(t_ns, self._map, alignment, place_m):  # the whole ground only each half second
             return
         grid = GroundGrid.of(self._map)
         heading = float(self._walk.layout.way.heading(place_m)) - alignment.yaw

@@ -16,20 +16,20 @@ from stridetwin.outputs.truth import edges, flights, scoring_time_ns
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
-_HALF_WIDTH_M = 0.5
+_HALF_WIDTH_M = 0.5  # of the scored ground
 NEAR_M, FAR_M = 0.5, 2.5
 """The range of the ground ahead that is scored."""
-_COMPLETE_M = 0.03
-_CELL_M = 0.05
-_MATCH_M = 0.35
+_COMPLETE_M = 0.03  # largest error of the height of ground that counts as mapped
+_CELL_M = 0.05  # distance of the samples of the ground
+_MATCH_M = 0.35  # largest distance between a true flight's begin and its estimate
 _MAX_EDGE_SD_M = 0.03
 """An edge with a larger standard deviation counts as not seen."""
 _SAME_EDGE_M = 0.14
 """Half of the shortest tread in the scenarios; an edge farther away does not match."""
-_TICK_S = 0.5
-_LATE_NS = 200_000_000
-_FLOOR_BELOW_M = 0.1
-_STRAIGHT_M = 0.05
+_TICK_S = 0.5  # time between two samples of the whole ground
+_LATE_NS = 200_000_000  # a change that is due for so long has missed its depth image
+_FLOOR_BELOW_M = 0.1  # how far the sides of the true ground reach below its lowest point
+_STRAIGHT_M = 0.05  # the route is straight up to where it deviates by more from the line ahead
 _REACH_M = 6.0
 """Edges farther away are not ahead."""
 _FACING = 0.5
@@ -110,6 +110,7 @@ def distance_to(triangles: Array, points: Array) -> Array:
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
     for i in flat.tolist():
+        # per axis, the distance from the bounding box
         apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
         near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
         if len(near):
@@ -125,10 +126,11 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
     a, b, c = triangle
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
-    over = np.ones(len(points), bool)
+    over = np.ones(len(points), bool)  # whether each point projects into the triangle
     sides = []
     for start, end in ((a, b), (b, c), (c, a)):
         along, offset = end - start, points - start
+        # on the inner side of this side; the nearest point of the side is at `share` of it
         over &= offset @ np.cross(normal, along) >= 0.0
         share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
         sides.append(np.linalg.norm(offset - share[:, None] * along, axis=1))
@@ -137,7 +139,7 @@ def _from_triangle(triangle: Array, points: Array) -> Array:
 
 def true_changes(profile: Sequence[Strip]) -> list[TerrainChange]:
     """Stairs and ramps of a route as terrain changes, in order along it."""
-    changes = [
+    changes = [  # a flight is one change, at its first edge
         TerrainChange(
             s=flight.s,
             mode="SA" if flight.riser > 0 else "SD",
@@ -165,15 +167,22 @@ class MapScorer:
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
+        # true changes with the time at which each is due, ns (infinite: never); `sample` moves them to `_changes`
         self._pending = [(change, scoring_time_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
-        self._points: list[Array] = []
-        self._complete: list[float] = []
-        self._edges: list[Array] = []
-        self._tick_ns = 0
+        self._points: list[Array] = []  # per sample, (K, 3) m, points of the map's ground ahead in the true world
+        self._complete: list[float] = []  # per sample, the share of the ground ahead that is mapped
+        self._edges: list[Array] = []  # per sample, errors of the edges ahead, m
+        self._tick_ns = 0  # when the next sample is due
 
     def sample(self, t_ns: int, mapper: TerrainMap, alignment: YawAlignment, place_m: float) -> bool:
-        """Samples a map after a depth image, where the camera is at `place_m` along the route.
+        """Samples a map after a depth image: scores the changes that are due, and each half second the whole ground.
+
+        Args:
+            t_ns: Time of the depth image, ns.
+            mapper: The map.
+            alignment: From the map's world to the true one, now.
+            place_m: Place of the camera along the route, m.
 
         Returns:
             Whether its whole ground was sampled, which happens each half second.
@@ -269,6 +278,7 @@ def _score_change(
     if estimate is None:
         return ScoredChange(mode=change.mode, is_detected=False)
     if change.slope:
+        # a ramp: the slope break nearest to the true edge gives the begin, even where the slope is not found
         near = [c for c in _profile_ahead(mapper, place_m, alignment, layout).changes if c.kind == "slope_break"]
         edge = min((place_m + c.s - change.s for c in near), key=abs, default=math.nan)
         at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
@@ -284,8 +294,9 @@ def _score_change(
         )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
         sign = math.copysign(1.0, change.riser)
-        if float(flight.up @ forward) * sign < 0.9:
+        if float(flight.up @ forward) * sign < 0.9:  # it rises, or falls, in another direction than the true one
             continue
+        # from the true begin to each edge of the flight, m forward; the first one that the walker meets is the begin
         edge_offsets = (flight.edges - float(flight.up @ place)) * sign
         first = min(edge_offsets[np.isfinite(edge_offsets)], default=math.nan)
         if abs(first) < _MATCH_M and flight.steps >= 2:
@@ -293,7 +304,7 @@ def _score_change(
                 mode=change.mode,
                 is_detected=True,
                 distance_m=float(first),
-                riser_m=flight.riser - abs(change.riser),
+                riser_m=flight.riser - abs(change.riser),  # a flight's riser is positive
                 tread_m=flight.tread - change.tread,
                 riser_sd_m=math.sqrt(flight.covariance[0, 0]),
                 tread_sd_m=math.sqrt(flight.covariance[1, 1]),
@@ -308,12 +319,19 @@ def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, l
 
 
 def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
-    """(K, 3) m, those of (N, 3) points that lie 0.5 to 2.5 m ahead of a place on the route, and within 0.5 m of it."""
+    """(K, 3) m, the points that lie 0.5 to 2.5 m ahead of a place on the route, and within 0.5 m beside it.
+
+    Args:
+        points: (N, 3) m in the true world.
+        place_m: The place along the route, m.
+        layout: The true terrain.
+    """
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(place_m), axis=1) < FAR_M]
     s = _places_ahead(place_m, layout)
     if not len(s) or not len(near):
         return np.zeros((0, 3))
     way, heading = layout.way.point(s), layout.way.heading(s)
+    # from the nearest sample of the route: along it and to the left
     offset = near[:, None, :2] - way
     k = np.argmin((offset**2).sum(axis=-1), axis=1)
     offset = offset[np.arange(len(near)), k]
@@ -335,7 +353,14 @@ def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
 
 
 def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> float:
-    """Share of the ground ahead whose mapped height is within `_COMPLETE_M` of the true one; NaN at the route's end."""
+    """Share of the ground ahead whose mapped height is within `_COMPLETE_M` of the true one; NaN at the route's end.
+
+    Args:
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
     s, aside = cells_ahead(place_m, layout)
     if not len(s):
         return math.nan
@@ -353,14 +378,28 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
         left: Distances to the left of it, m.
     """
     starts = np.array([strip.s0 for strip in profile])
+    # (strips, 4): begin along the route, height there, rise per m along the route and per m to the left
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
     s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
 
 def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
-    """Errors of the edges in the profile ahead, m, each relative to the nearest true edge; inf without one."""
+    """(E,) errors of the edges in the profile straight ahead, m, each relative to the nearest true edge.
+
+    Edges with a standard deviation of `_MAX_EDGE_SD_M` or more do not count, nor those where the route has turned away.
+
+    Args:
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+
+    Returns:
+        Estimated minus true distance; inf where no true edge is near.
+    """
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
+    # m straight ahead
     known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _MAX_EDGE_SD_M])
     heading = float(layout.way.heading(place_m))
     forward = np.array([math.cos(heading), math.sin(heading)])
@@ -373,11 +412,21 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
 
 
 def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
-    """(E,) m, from a place on the route to the true edges near it, along a line in the direction `forward` (2,)."""
+    """(E,) m, from a place on the route to the true edges near it, along a straight line.
+
+    Args:
+        place_m: The place along the route, m.
+        forward: (2,) unit vector of the line's direction in the world.
+        layout: The true terrain.
+
+    Returns:
+        Distances, negative for edges behind; edges that the line does not meet from in front are left out.
+    """
     jumps = np.array([s for s, _, _ in edges(layout.profile)])
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
     across = np.stack([np.cos(heading), np.sin(heading)], -1)
-    facing = across @ forward
+    facing = across @ forward  # cosine of the angle between the line and the route at each edge
+    # distance of each edge's line from the place, perpendicular to the edge
     away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)
     return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

@@ -13,8 +13,8 @@ from stridetwin.outputs.terrain.grid import GroundGrid, ground_classes_at
 from stridetwin.outputs.terrain.mapped_route import edge_lines
 from stridetwin.streams.samples import Array
 
-_MAX_DISTANCE_M, _SHOWN_M = 3.0, 0.1
-_MIN_PLANE_M2 = 0.05
+_MAX_DISTANCE_M, _SHOWN_M = 3.0, 0.1  # range of the ground that is kept, and the side of a cell with one point
+_MIN_PLANE_M2 = 0.05  # smaller planes are left out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,11 +37,19 @@ class Snapshot:
 
 
 def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAlignment, heading: float) -> Snapshot:
-    """The ground of a map within 3 m of the camera, in the true world, with classes for a heading in rad."""
+    """The ground of a map within 3 m of the camera, in the true world.
+
+    Args:
+        grid: Ground of the map.
+        estimate: Planes and terrains of the map.
+        alignment: From the map's world to the true one, now.
+        heading: Direction of the walker, rad from x in the map's world, for the classes.
+    """
     points, plane = grid.points()
     eye = estimate.p_camera_in_world
     nearby = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _MAX_DISTANCE_M)
     i, j = np.floor((points[nearby, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
+    # one point per cell; i and j are far smaller than 4096, so that each pair has a number of its own
     nearby = nearby[np.unique(i * 4096 + j, return_index=True)[1]]
     near = [
         p
@@ -61,6 +69,7 @@ def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAli
 def _outline(plane: Plane) -> Array:
     """(5, 3) m, the rectangle in the plane that its points would fill if evenly distributed."""
     variances, axes = np.linalg.eigh(plane.spread)
+    # half sides: a uniform density of half width h has the variance h² / 3
     half = np.sqrt(3.0 * np.maximum(variances, 0.0))
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * half
     xy = plane.centre[:2] + corners @ axes.T

@@ -32,7 +32,7 @@ _CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}
 _MOST_PEOPLE = 10_000
 _NOWHERE = FieldLocation(source="")
 _BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
-_MASS_KG = (45.0, 110.0)
+_MASS_KG = (45.0, 110.0)  # valid masses; that of a body mass index is limited to them
 _MM = 1e-3
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
@@ -110,6 +110,7 @@ class Group:
         """
         body = {key: distribution.at(quantiles.get(key, 0.0)) for key, distribution in self.body.items()}
         if "bmi" in body:
+            # a scenario's person has a mass, not an index: mass = index × height²
             bmi, height_m = body.pop("bmi"), body.get("height_m", Person.height_m)
             assert isinstance(bmi, (int, float))
             assert isinstance(height_m, (int, float))
@@ -156,7 +157,8 @@ class _Drawn(FileModel):
     def build(self) -> Group:
         """The group with the distributions that the file sets.
 
-        Refuses `bmi` beside `mass_kg` and values out of range.
+        It refuses `bmi` beside `mass_kg`, and a `bmi` out of range. The ranges of the other keys are those of a
+        scenario's person and are checked by `extremes.check_extremes`.
         """
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():

@@ -17,8 +17,8 @@ from pydantic import AfterValidator, Discriminator, Field, StrictInt, Tag, WithJ
 
 from stridetwin.streams.fields import TAG, FileModel, Number, field_error
 
-_MAX_SIZE = 1e9
-_TAIL_SD = 6.0
+_MAX_SIZE = 1e9  # largest size of a number
+_TAIL_SD = 6.0  # a truncated normal density must have a limit within so many standard deviations
 _Number = Annotated[Number, Field(ge=-_MAX_SIZE, le=_MAX_SIZE)]
 _Above0 = Annotated[Number, Field(ge=1e-9, le=_MAX_SIZE)]
 _Whole = Annotated[StrictInt, Field(ge=-int(_MAX_SIZE), le=int(_MAX_SIZE))]
@@ -90,6 +90,7 @@ class Uniform(Distribution):
         low, high = self.uniform
         if self.step is None:
             return _round_and_clamp(low + u * (high - low), self.uniform)
+        # number of steps that fit, with a tolerance for rounding; steps + 1 values are equally likely
         steps = math.floor((high - low) / self.step + 1e-9)
         return _round_and_clamp(low + math.floor(u * (steps + 1)) * self.step, self.uniform)
 

@@ -25,7 +25,7 @@ from stridetwin.scenarios.campaign.plan import Extra, PlannedWalk, Walker, draw_
 from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
-_MIDDLE = 0.5
+_MIDDLE = 0.5  # probability of the median
 _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 
@@ -68,6 +68,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
     with _temporary_folder(campaign) as folder:
         for group in campaign.people:
             _try_people(folder, group)
+        # one person is enough: the bodies have been checked by themselves
         first_person = next(iter(draw_people(campaign)), None)
         for base in campaign.bases:
             varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
@@ -76,7 +77,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
             for variable in varied:
                 for end in variable.distribution.ends:
                     try:
-                        values = middle | {variable.name: end}
+                        values = middle | {variable.name: end}  # one value at an end, the others at their median
                         parse_scenario(folder, scenario_of(campaign, base, first_person, values, extra))
                     except StrideTwinError as error:
                         if (user_error := errors_in_user_files(error, campaign.user_files)) is not None:
@@ -86,6 +87,11 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
 
 def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
     """Parses a scenario as its file has it, without any value of the campaign.
+
+    Args:
+        folder: Temporary folder in which the scenario is tried.
+        campaign: The campaign, which names the user's files.
+        base: The scenario.
 
     Raises:
         StrideTwinError: The scenario is invalid; the error is in the campaign's file, or in a file of the user.
@@ -100,7 +106,20 @@ def _parse_unchanged(folder: Path, campaign: Campaign, base: Base) -> Scenario:
 def _try_base(
     folder: Path, campaign: Campaign, base: Base, person: Walker | None, middle: Mapping[str, object], extra: Extra
 ) -> None:
-    """Checks a scenario as it is, then with the values that are set in all of its walks."""
+    """Checks a scenario as its file has it, then with the values that the campaign sets in all of its walks.
+
+    Args:
+        folder: Temporary folder in which the scenario is tried.
+        campaign: The campaign.
+        base: The scenario.
+        person: A person of the campaign; None if it draws no people.
+        middle: Median of each variable that varies, by its name.
+        extra: What the command line adds to the campaign.
+
+    Raises:
+        StrideTwinError: The scenario is invalid. The error is in a user's file or in the campaign's file: at the
+            variable that sets the refused field, else at the name of the scenario.
+    """
     _parse_unchanged(folder, campaign, base)
     scenario = scenario_of(campaign, base, person, middle, extra)
     try:
@@ -119,7 +138,18 @@ def _try_base(
 
 
 def _try_people(folder: Path, group: Group) -> None:
-    """Checks the ends of each distribution of a group on a walk of a few steps."""
+    """Checks the ends of each distribution of a group's people on a walk of a few steps.
+
+    `bmi` is exempt: a scenario's person has no such field (it only gives the mass), and its range was already checked
+    when the campaign's file was read.
+
+    Args:
+        folder: Temporary folder in which the walk's scenario is tried.
+        group: A group of the campaign's people.
+
+    Raises:
+        ConfigError: A person is invalid at an end; the error is in the campaign's file, at the key of the distribution.
+    """
     for key, distribution in group.body.items():
         for end in distribution.ends if key != "bmi" else ():
             try:
@@ -129,7 +159,15 @@ def _try_people(folder: Path, group: Group) -> None:
 
 
 def _campaign_error(variable: Variable, base: Base, value: object, error: StrideTwinError) -> ConfigError:
-    """A scenario's error as an error of the campaign's file."""
+    """A scenario's error as an error of the campaign's file.
+
+    Args:
+        variable: The variable that was set to an end of its range.
+        base: The scenario.
+        value: That end.
+        error: Error of the scenario. One in the variable's field keeps its value and what is valid; another one
+            becomes an error of the end.
+    """
     if isinstance(error, ConfigError) and _is_about(error, variable):
         return variable.at.error(error.value, error.valid)
     return variable.at.error(value, f"a value that {base.name} allows ({_error_text(error)})")

@@ -57,6 +57,7 @@ def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: Fi
         _check_place(node, path, depth, where)
         if isinstance(key, str) and key not in node:
             node[key] = _standard_mount(scenario, path.keys[: depth + 1])
+        # depth 0 is the list of groups, depth 1 one group
         if path.keys[0] == "sensors" and depth < 2:
             node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
@@ -121,7 +122,17 @@ def set_values(scenario: PlainScenario, paths: Iterable[FieldPath], value: objec
 
 
 def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation) -> None:
-    """Raises ConfigError if a node has no place for the key of a path at this depth."""
+    """Checks that a node of plain data has a place for the key of a path at some depth.
+
+    Args:
+        node: The node, reached by the keys before this depth.
+        path: The path.
+        depth: Number of the key.
+        where: Position of the value in the user's file, for the error.
+
+    Raises:
+        ConfigError: A text key needs a mapping; a number needs a list with so many items.
+    """
     key, node_text = path.keys[depth], _text(path.keys[:depth])
     if isinstance(key, str) and isinstance(node, dict):
         return
@@ -136,6 +147,7 @@ def _expand_short_form(node: object, *, of_group: bool) -> object:
     if of_group:
         return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
     if isinstance(node, list):
+        # only the groups that differ from the groups that are on by default
         return {group: group in node for group in KIND if (group in node) != (group in TwinConfig.sensors)}
     return node
 

@@ -111,6 +111,7 @@ def generate(
     if options.seed is not None:
         campaign = replace(campaign, seed=options.seed)
     check_extremes(campaign, options.extra)
+    # the key of a walk changes with its scenario, the user's files or the code, and then it is generated again
     folder, versions = options.folder, walk_versions()
     file_digests = {name: sha256(path) for name, path in sorted(campaign.user_files.items())}
     jobs = [
@@ -156,9 +157,16 @@ def generate(
 def _current_row(job: Job[WalkTask], row: WalkRow, store: RowFiles[WalkRow]) -> WalkRow | None:
     """A stored row with its verdict by the current quality limits.
 
-    The recording is moved to the folder of that verdict.
+    The limits may differ from those of the earlier run: then the recording is moved to the folder of the new verdict,
+    and the changed row is stored.
 
-    None if the recording is missing or incomplete, so that the walk is generated again.
+    Args:
+        job: The walk's job.
+        row: Its stored row; one without a recording, of an infeasible walk, comes back as it is.
+        store: The rows of the campaign.
+
+    Returns:
+        The row; None if the recording is missing or incomplete, so that the walk is generated again.
     """
     if "recording" not in row:
         return row
@@ -194,7 +202,7 @@ def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str
         [(group.count, repr(group.body), group.names) for group in campaign.people],
         plain(campaign.variables),
         campaign.sampling,
-        0 if campaign.sampling == "sobol" else campaign.walks,
+        0 if campaign.sampling == "sobol" else campaign.walks,  # further Sobol points leave the earlier ones
         dict(file_digests),
     ]
     digest = hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:16]
@@ -218,7 +226,7 @@ def bind_folder(folder: Path, request: Mapping[str, object], walk_names: Iterabl
         raise StrideTwinError(f"{folder}: has walks without their request (earlier version): expected another folder")
     if existing and isinstance(previous, dict) and (differing := _differences(request, previous)):
         raise StrideTwinError(f"{folder}: has walks of another request ({differing}): {_ANOTHER}")
-    if extra := existing - set(walk_names):
+    if extra := existing - set(walk_names):  # of an equal request for more walks
         raise StrideTwinError(
             f"{folder}: has {len(extra)} walks beyond those asked for, from {min(extra)} on: {_ANOTHER}"
         )

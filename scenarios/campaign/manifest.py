@@ -19,7 +19,7 @@ from stridetwin.scenarios.campaign.campaign_file import Campaign, Splits
 from stridetwin.scenarios.campaign.walk import ACCEPTED, WalkRow
 
 _GOLDEN = (5**0.5 - 1) / 2
-_KEYS = {"person": 2, "terrain": 3}
+_KEYS = {"person": 2, "terrain": 3}  # keys of the random numbers of each split
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 16
 _FILES = {
@@ -107,7 +107,16 @@ def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[st
 
 
 def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
-    """Name of the person or the terrain (`by`) of a walk; None where its scenario is invalid."""
+    """Name of the person or the terrain of a walk, whichever the split is by.
+
+    Args:
+        row: Row of the walk.
+        by: `person` or `terrain`.
+        splits: Tells whether a terrain is a geometry or a scenario.
+
+    Returns:
+        None where the walk's scenario is invalid, so that it has neither.
+    """
     if "person" not in row:
         return None
     if by == "person":
@@ -116,7 +125,14 @@ def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
 
 
 def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, by: str) -> dict[str, str]:
-    """Part of each name: of the i-th one by the fractional part of start + i (√5 - 1) / 2; a seed gives the start."""
+    """Part of each name: of the i-th one by the fractional part of start + i (√5 - 1) / 2; a seed gives the start.
+
+    Args:
+        names: Persons or terrains, in the order of their first walk.
+        shares: Share of each part; they add up to 1.
+        seed: Seed of the campaign.
+        by: `person` or `terrain`, which have starts of their own.
+    """
     start = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEYS[by],))).random()
     parts, ends = list(shares), np.cumsum(list(shares.values()))
     start *= ends[0]  # the first one is in the first part
@@ -144,7 +160,7 @@ def manifest(
     parts = assign_splits(rows, campaign.splits, campaign.seed)
     walks, bodies = list[WalkRow](), dict[str, dict[str, object]]()
     for row in rows:
-        entry = row.copy()
+        entry = row.copy()  # without the body, which `people` has once per person
         entry.pop("body", None)
         if "person" in row:
             bodies[row["person"]] = row["body"]
@@ -246,9 +262,11 @@ def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
             w["values"][value_name or base]
             for w in accepted
             if (value_name or base) in w["values"]
+            # a value named `BASE: NAME` is that of one scenario, and replaces the campaign's value there
             and (w["scenario"] == base if colon else f"{w['scenario']}: {name}" not in manifest["ranges"])
         ]
         yield _row(name, text, values)
+    # the measures that the people actually have, instead of drawn quantities such as `bmi`
     bodies = [manifest["people"][w["person"]] for w in accepted]
     for key in ("sex", "height_m", "mass_kg", "shoe_mm"):
         values = [body[key] for body in bodies if key in body]

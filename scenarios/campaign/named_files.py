@@ -162,6 +162,7 @@ class NamedFiles:
         if not isinstance(scenario, dict):
             raise at.error(name, "a scenario file")
         for key in _NAMING & scenario.keys():
+            # names in a scenario file are relative to that file
             scenario[key] = self.with_output_names(scenario[key], at, path.resolve().parent)
         return Base(
             name=self._make_unique(path.stem),
@@ -234,7 +235,13 @@ class NamedFiles:
         return f"../{FILES}/{self._add_file(home, node, where)}"
 
     def _add_file(self, home: Path, name: str, where: FieldLocation) -> str:
-        """Adds a file and the files that it names to `user_files`; returns its name in the output folder."""
+        """Adds a file and the files that it names to `user_files`; returns its name in the output folder.
+
+        Args:
+            home: Folder that the name is relative to.
+            name: The file, as written.
+            where: Position of the name, for errors.
+        """
         path = self._find_file(home, name, where)
         output_name = path.relative_to(self._home).as_posix()
         if output_name not in self.user_files:

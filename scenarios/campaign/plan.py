@@ -41,6 +41,7 @@ def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, k
 
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
     if sampling == "sobol":
+        # a power of two of points, as a Sobol sequence needs for its balance; the first `count` are taken
         points = qmc.Sobol(dimensions, rng=rng).random_base2(math.ceil(math.log2(count)))[:count]
     else:
         points = qmc.LatinHypercube(dimensions, rng=rng).random(count)
@@ -48,7 +49,7 @@ def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, k
 
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i
-_WALKS, _PEOPLE = 0, 1
+_WALKS, _PEOPLE = 0, 1  # first part of the key of a cube of random numbers
 Walker = str | dict[str, object]
 """A walker in a scenario file: the name of a predefined person, or body measures."""
 
@@ -119,6 +120,7 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
         index_at_quantile([base.weight for base in campaign.bases], row[0])
         for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
     ]
+    # without the overrides of the command line, so that these do not change the values drawn for the other variables
     varied = [[v for v in effective_variables(campaign, base, Extra()) if v.varies] for base in campaign.bases]
     points = [
         iter(
@@ -131,6 +133,7 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     effective = [{v.name for v in effective_variables(campaign, base, extra)} for base in campaign.bases]
     walks = []
     for i, k in enumerate(base_numbers):
+        # the first coordinate of the point gives the person, the others the values
         base, (who, *row) = campaign.bases[k], next(points[k])
         drawn = {v.name: v.distribution.at(u) for v, u in zip(varied[k], row) if v.name in effective[k]}
         person = members[int(who * len(members))] if members else None
@@ -147,9 +150,15 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
 
 
 def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Variable]:
-    """The variables that are set in a scenario's walks, in order, without those that later ones replace entirely."""
+    """The variables that are set in a scenario's walks, in order, without those that later ones replace entirely.
+
+    Args:
+        campaign: Its variables are set first.
+        base: The scenario, whose own variables follow.
+        extra: Overrides of the command line, which come last.
+    """
     variables: list[Variable] = []
-    later = list(extra.places)
+    later = list(extra.places)  # fields that are set later on, as keys; a field inside one of them is replaced, too
     for variable in reversed((*campaign.variables, *base.variables)):
         if not all(any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths):
             variables.insert(0, variable)

@@ -157,7 +157,17 @@ def row_of_failure(task: WalkTask, reason: str) -> WalkRow:
 
 
 def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
-    """The row of a walk, whose scenario and recording are written to `unfinished` and then moved to their places."""
+    """Simulates, records and checks a walk. Files are written to `unfinished` and then moved to their places.
+
+    Recordings of the same walk by another version of the code are removed.
+
+    Args:
+        task: The walk.
+        unfinished: Temporary folder of this walk.
+
+    Returns:
+        The walk's row: accepted, rejected by its quality figures, or rejected as infeasible, without a recording.
+    """
     make_twin = twin_class()
     scenario: Scenario | None = None
     path, recorded = task.path(SCENARIOS, ".yaml"), unfinished / f"{task.walk.name}.mcap"
@@ -194,7 +204,14 @@ def with_verdict(row: WalkRow, quality: Quality) -> WalkRow:
 
 
 def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scenario: Scenario | None) -> WalkRow:
-    """Removes recordings of other versions and returns the row of a walk that cannot be simulated."""
+    """Removes recordings of other versions and returns the row of a walk that cannot be simulated.
+
+    Args:
+        task: The walk.
+        error: Why it is infeasible.
+        path: Its scenario file, whose path is shortened in the text.
+        scenario: The scenario; None where it is invalid, so that the row has no person and terrain.
+    """
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
     text = _one_line(task, str(error).replace(str(path), path.stem))
@@ -209,7 +226,14 @@ def _one_line(task: WalkTask, text: str) -> str:
 
 
 def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> WalkRow:
-    """Entry of a walk in the manifest, without figures of its recording."""
+    """Entry of a walk in the manifest, without figures of its recording.
+
+    Args:
+        task: The walk.
+        status: `accepted`, `rejected` or `failed`.
+        why: Reasons if it was not accepted.
+        scenario: Gives person and terrain; None leaves them out.
+    """
     row: WalkRow = {
         "walk": task.walk.name,
         "seed": task.walk.seed,
@@ -245,6 +269,7 @@ def quality_figures(recording: Recording, person: Person, fell_at_s: float | Non
         `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and
         `expected_findings` about streams with an injected fault.
     """
+    # topics with an injected fault, whose errors are expected
     broken = {i.topic for i in read_injected_faults(recording.metadata)}
     errors = [f for f in check_recording(recording).findings if f.is_error]
     return {

@@ -89,6 +89,7 @@ class AssistanceObserver(Streams):
         for sample in sample_list:
             self._recognition.update(sample)
             if isinstance(sample, Insole):
+                # topics are `/foot_l/insole` and `/foot_r/insole`
                 self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
 
     def observation(self) -> dict[str, Array]:
@@ -112,18 +113,19 @@ class AssistanceController:
 
     def __init__(self, joints: Sequence[str], max_torque_nm: Array) -> None:
         self._joints, self._max_torque_nm = joints, max_torque_nm
-        self._torque = np.zeros(len(joints))
+        self._torque = np.zeros(len(joints))  # the last command, N m
 
     def torques(self, observation: Mapping[str, Array]) -> Array:
         """Torque commands from an observation; call it once per `PERIOD_S`.
 
         Each command follows its target, the share of the torque limit by mode and load, with the time constant
-        `SMOOTHING_S`.
+        `SMOOTHING_S`; the controller keeps the last commands for that.
 
         Returns:
             (n,) N m, flexion positive, in the order of the joints.
         """
         target = np.array([_torque_share(joint, observation) for joint in self._joints]) * self._max_torque_nm
+        # backward Euler step of a first-order lag
         self._torque += (target - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
         return self._torque.copy()
 
@@ -131,16 +133,17 @@ class AssistanceController:
 def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
     """Share of the torque limit for one joint, -1 to 1.
 
-    It is the share of mode, leg and direction times min(|speed| / full speed, 1).
+    It is the share of mode, leg and direction times min(|speed| / full speed, 1). Speed and torque are positive in
+    flexion, so that the torque has the sign of the speed.
 
     A leg in swing takes the mode with the larger share of both legs, because a leg that swings up from the last tread
     has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.
     """
     name, side = joint.split("_")
+    # an actuator's observation: torque command, torque, speed
     foot, speed = SIDES.index(side), float(observation[f"exo/{joint}/actuator"][2])
     loaded = observation["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in observation["mode"]]
-    # a leg that swings up from the last tread has to be lifted, though it comes down on the level
     assistance = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
     shares = (assistance.stance if loaded else assistance.swing).get(name, TorqueShares())  # ankles get no torque
     if not abs(speed) > 0.0:

@@ -30,7 +30,7 @@ from stridetwin.studies.closed_loop.recognition import Recognition, TrueModes
 
 Recogniser = Callable[[Rig, Twin], Recognition]
 """Makes the mode recognition of a walk; from the twin it takes measured geometry, or the truth for comparison."""
-_EXO = Exo(mode=1)
+_EXO = Exo(mode=1)  # both hips and knees are driven
 _SENSED = ("insole", "encoder", "actuator")
 
 
@@ -62,6 +62,7 @@ def simulate_assisted_walk(
     """
 
     def observer(rig: Rig) -> Observer:
+        """The controller's observer, which makes a new recognition for each walk; the plain streams without one."""
         if recogniser is None:
             return Streams(rig)
         return AssistanceObserver(rig, lambda: recogniser(rig, env.physics.twin))
@@ -102,7 +103,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
     torque, speed = wearer_joints(walk)
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
     rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
-    cuffs = _cuff_force_squared(result)
+    cuffs = _cuff_force_squared(result)  # (N,) like power and rest
     steps = sorted((s for side in SIDES for s in _select_landed(walk.steps[side])), key=lambda s: s.t_touch)
     cost_of_mode = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
     last = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
@@ -114,7 +115,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
         cost["steps"] += 1.0
         cost["work_j"] += float(power[during_step].sum()) * STEP_S
         cost["rest_j"] += float(rest[during_step].sum()) * STEP_S
-        cost["cuff_n"] += float(cuffs[during_step].mean())
+        cost["cuff_n"] += float(cuffs[during_step].mean())  # a mean square here, the RMS below
     for cost in cost_of_mode.values():
         cost["cuff_n"] = float(np.sqrt(cost["cuff_n"] / cost["steps"])) if cost["steps"] else 0.0
     return {mode: cost for mode, cost in cost_of_mode.items() if cost["steps"]}

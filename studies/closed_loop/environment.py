@@ -75,10 +75,10 @@ class WalkPhysics(control.Physics):
         self._config, self._seeds = config, chain((first,), seeds)
         self.rig: Rig = sensor_rig(config).nominal(first)
         self._plan, self._plan_control = cache_plans()
-        self._twin: Twin | None = None
+        self._twin: Twin | None = None  # of the current walk; used again for the same seed
         self._live: LiveTwin | None = None
-        self._walking = ExitStack()
-        self._torque = np.zeros(len(self.joints))
+        self._walking = ExitStack()  # closes the current walk
+        self._torque = np.zeros(len(self.joints))  # last action, N m, in the order of `joints`
         self.samples: list[Sample] = []
 
     @property
@@ -105,6 +105,7 @@ class WalkPhysics(control.Physics):
         if self._twin is None or seed != self._twin.seed:
             self._twin = Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
         self._torque = np.zeros(len(self.joints))
+        # the motors read the last action at each of their steps, in their own order
         self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []
@@ -150,7 +151,7 @@ def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
         (N, 4) N m and (N, 4) rad/s, in the order of `WEARER_JOINTS`.
     """
     _, speed = walk.position_velocity(walk.t)
-    names = walk.coordinates.names[6:]
+    names = walk.coordinates.names[6:]  # the hinges, without the six coordinates of the root
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
 
@@ -182,6 +183,7 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
         seeds = iter(seed)
     except TypeError:
         seeds = repeat(seed)
+    # after the last seed of an iterable comes a text, which `_check_seed` refuses
     return map(_check_seed, chain(seeds, repeat("used up")))
 
 

@@ -55,6 +55,7 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT]
     """
 
     def plan(key: Arguments, version: str, arguments: Arguments) -> PlanT:
+        """Plans with the arguments; `key` and `version` only identify the result in the cache."""
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 

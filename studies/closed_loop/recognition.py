@@ -49,7 +49,7 @@ class CameraRecognition(Recognition):
     def __init__(self, rig: Rig) -> None:
         super().__init__()
         self._predictor = OdometryDriven(rig, LocomotionMode)
-        self._next: tuple[int, str, str] | None = None
+        self._next: tuple[int, str, str] | None = None  # next step as predicted last: its number, foot and mode
 
     def update(self, sample: Sample) -> None:
         """Passes a sample to odometry and predictor; a new prediction sets the modes."""
@@ -69,7 +69,7 @@ class CameraRecognition(Recognition):
         for step in reversed(estimate.steps):  # of a foot's steps the first one counts
             if step.foot:
                 self.upcoming[step.foot] = step.mode
-        first = estimate.steps[0]
+        first = estimate.steps[0]  # the next estimate tells whether it has landed
         self._next = (first.step, first.foot, first.mode) if first.foot else None
 
 
@@ -107,6 +107,7 @@ class TrueModes(Recognition):
     ) -> None:
         super().__init__()
         rng = rng or np.random.default_rng(0)
+        # per foot, touch-downs, ns; modes of standing at the start, of each step, and of standing at the end
         self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
         self._modes = {
             foot: [LEVEL_MODE, *(_corrupt_mode(mode, wrong, rng) for _, mode in steps[foot]), LEVEL_MODE]
@@ -115,7 +116,7 @@ class TrueModes(Recognition):
 
     def update(self, sample: Sample) -> None:
         """Sets the modes at the time of a sample; a step up to 0.1 s late is still upcoming."""
-        for foot, times in self._times.items():
+        for foot, times in self._times.items():  # the number of landed steps is the index of the current mode
             self.current[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
             self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
 

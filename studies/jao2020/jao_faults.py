@@ -53,6 +53,7 @@ class _UncertaintyLog(FootToFoot):
         """
         estimate = super().update(sample)
         if estimate is not None and isinstance(sample, Imu):
+            # (foot, axis, foot, axis): the states of both feet follow each other, each with its position first
             P = estimate.covariance.reshape(2, len(estimate.covariance) // 2, 2, -1)[:, :2, :, :2]
             apart = P[0, :, 0] + P[1, :, 1] - P[0, :, 1] - P[1, :, 0]
             self.apart_sd.append(math.sqrt(max(np.trace(apart), 0.0)))
@@ -73,6 +74,11 @@ def run_case(case: ExperimentCase) -> Row:
 def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, TruePath]) -> Figures:
     """Runs the filter on one walk with one fault.
 
+    Args:
+        plan: The fault, with the rig that the filter gets.
+        walk: Recordings of the walk.
+        truth: True path of each foot's IMU, by `l` and `r`.
+
     Returns:
         `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot) and `apart_sd_{mean,max}_m` (of the feet to each
         other); or only `error`, the message with which the filter refuses.
@@ -82,6 +88,7 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
         paths = follow(estimator, plan.samples(walk.samples()))
     except StrideTwinError as error:
         return {"error": str(error)}
+    # (N, 6, 6) of each foot; the first two entries are the horizontal position
     ground = [paths[f].trajectory.covariance for f in FEET]
     return {
         **score_paths(paths, truth),
@@ -104,6 +111,7 @@ def _mean_figures(rows: list[FaultFigures]) -> Figures:
     errors = [f["error"] for f in rows if "error" in f]
     if errors:
         return {"error": errors[0], "refused": len(errors), "of": len(rows)}
+    # (walks, feet, axes) m
     ends: Array = np.array([f["end_error_m"] for f in rows])
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),

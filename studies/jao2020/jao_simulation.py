@@ -94,9 +94,11 @@ class SteadyWalk:
             t_ns: (N,) times, ns.
         """
         half = 0.5 * (foot == "r")
+        # strides done at each instant; k is the number of the present stride, u the share of its swing that has passed
         strides = (t_ns * 1e-9 - _STAND_S) / STRIDE_S - half
         k = np.clip(np.floor(strides), 0, self.strides - 1)
         u = np.clip((strides - k) / _SWING_SHARE, 0.0, 1.0)
+        # the derivatives by u times this are those by time
         per_s = 1.0 / (_SWING_SHARE * STRIDE_S)
         lift, lift_rate = _bump(u, 0.0, 1.0)
         heel_off, heel_off_rate = _bump(u, 0.0, 0.6)
@@ -121,7 +123,9 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
     Returns:
         (N - 1, 3) mean rates, rad/s, and (N - 1, 3) mean specific forces, m/s², in the sensor's axes.
     """
+    # intervals (N - 1,), s, with mean rates and specific forces, as on an Earth that does not rotate
     dt, rate, force = compute_increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
+    # attitude in the middle of each interval, from the world to the sensor
     to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
     velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
     coriolis = 2.0 * np.cross(EARTH_RATE_IN_WORLD, velocity)
@@ -130,6 +134,11 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
 
 def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
     """A bump from 0 to 1 and back between `start` and `end`, smooth to the second derivative: (4 x (1 - x))³.
+
+    Args:
+        u: (N,) shares of the swing, 0-1.
+        start: Where the bump begins; x is 0 there.
+        end: Where it ends; x is 1 there.
 
     Returns:
         (N,) values at u (N,), and (N,) derivatives by u.
@@ -142,6 +151,7 @@ def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
 def _paper_rig() -> Rig:
     """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
+    # 400 pixels are half of an image's width
     focal = 400.0 / math.tan(_CAMERA_FOV_RAD / 2)
     return replace(
         rig,
@@ -170,13 +180,16 @@ class JaoSimulation:
     """
 
     def __init__(self, walk: SteadyWalk) -> None:
+        """Computes the noise-free samples of the walk: IMUs, views of the boards, and ranges."""
         self.walk, self.rig = walk, _paper_rig()
         rate_hz = self.rig.imu("/foot_l/imu").rate_hz
         n = math.floor(walk.duration_s * rate_hz)
+        # n + 1 stamps of the motion; the n samples of an IMU are means between them
         self.t_ns = np.round(np.arange(n + 1) * 1e9 / rate_hz).astype(np.int64)
         self.imus = {f: self._imu(f, self.t_ns) for f in FEET}
         self.ideal = {f: ideal_imu(self.imus[f]) for f in FEET}
-        self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}
+        self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}  # an image at every second sample
+        # ranges at 25 Hz: stamps (S,), ns, and true distances (S,), m, between both sonars
         t_sonar = np.arange(1, math.floor(walk.duration_s * 25.0)) * 40_000_000
         mounts = {f: self.rig.others[f"/foot_{f}/sonar"].mount.T_body_sensor for f in FEET}
         left, right = (walk.foot(f, t_sonar).to_sensor(mounts[f]).p_body_in_world for f in FEET)
@@ -213,12 +226,22 @@ class JaoSimulation:
         return blocks, noises
 
     def aiding_measurements(self, rng: np.random.Generator) -> list[BoardObservation | RelativePosition | Range]:
-        """Measurements of cameras and sonars in one run: relative positions, points of the boards, and ranges."""
+        """Measurements of cameras and sonars in one run: relative positions, points of the boards, and ranges.
+
+        Every image gives both a relative position, for the published methods, and the points of the board, for ours.
+
+        Args:
+            rng: Draws the noise.
+
+        Returns:
+            Those of the left foot's camera, of the right one's, and then the ranges of both sonars.
+        """
         sd = _RELATIVE_POSITION_SD_M
         aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
             t_ns, relative, points, rays, depth = self._views[foot]
             relative = relative + rng.normal(0.0, sd, relative.shape)
+            # noise of 1 mm · √points across the ray, as an angle at the point's depth
             ray_sd = math.sqrt(len(points)) * sd / depth
             rays = rays + rng.standard_normal(rays.shape) * ray_sd[:, :, None]
             topic = f"/foot_{foot}/camera"
@@ -274,12 +297,14 @@ class JaoSimulation:
         """
         other_foot = "r" if foot == "l" else "l"
         camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other_foot}"]
+        # the outermost corners between squares lie one square inside the board's edge
         half = board.square_m * (np.array(board.squares) / 2 - 1)
         points = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
         T_world_camera = self.walk.foot(foot, t_ns).to_sensor(camera.mount.T_body_sensor).poses()
         T_world_board = self.walk.foot(other_foot, t_ns).to_sensor(board.mount.T_body_sensor).poses()
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
+        # the board's normal points towards the camera
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
         is_visible = facing & np.all(is_in_image(camera, in_camera), axis=1)
         imu, other_imu = self._imu(foot, t_ns), self._imu(other_foot, t_ns)
@@ -332,6 +357,11 @@ def run_seed(
 ) -> SeedRow:
     """One run with noise of this seed, estimated by some methods of the filter.
 
+    Args:
+        seed: Seed of the noise.
+        g_sensitivity: Of the left and the right gyro, rad/s per m/s².
+        methods: Methods of `FootToFoot`.
+
     Returns:
         `seed`, `floor_m` (west: left alone, right alone, both coupled) and `methods`: method to `end_error_m`
         (left and right, (3,) north, west, up) and `end_nees` (left, right); ready for JSON.
@@ -364,6 +394,7 @@ def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     """Summary of all runs, with the paper's figures; errors in m, left and right."""
     methods = results[0]["methods"]
     one, two = _simulation(SteadyWalk()).analytic_floor()
+    # (runs, 3): left alone, right alone, both coupled
     drawn = np.abs([r["floor_m"] for r in results])
     unequal = _summary([r["unequal"] for r in results])
     summary: Summary = {
@@ -390,7 +421,7 @@ def _summary(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
     """
     summary: Summary = {}
     for method in runs[0]:
-        errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes)
+        errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes north, west, up)
         ddof = min(1, len(errors) - 1)
         figures = {
             "mean_end_error_m": np.linalg.norm(errors[:, :, :2], axis=2).mean(axis=0),

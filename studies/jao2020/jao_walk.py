@@ -74,7 +74,7 @@ def run_case(case: ExperimentCase) -> Row:
         start = true_start(truth)
         figures_of_case: dict[str, Figures] = {}
         for name in CASES:
-            wide = name != "clipped"
+            wide = name != "clipped"  # gyros without saturation
             samples = walk.samples(wide=wide)
             if name == "half_blind":
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
@@ -92,7 +92,12 @@ def touch_down_times_ns(walk: RecordedWalk) -> Array:
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs."""
+    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs.
+
+    Args:
+        samples: In time order.
+        touches: (T,) touch-downs of both feet, ns, in order; images after an odd number of them are left out.
+    """
     for sample in samples:
         if not (isinstance(sample, Image) and np.searchsorted(touches, sample.t_ns) % 2 == 1):
             yield sample
@@ -108,6 +113,7 @@ def collect(results: list[WalkRow]) -> Collected[Summary, EndErrors]:
         suffix = "" if case == "unclipped" else f"_{case}"
         of = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
         for name, values in _summary(of).items():
+            # the suffix comes before the unit, such as `mean_end_error_clipped_m`
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
@@ -124,6 +130,7 @@ def _read_paper_errors(scenario: str) -> EndErrors:
 
 def _summary(of: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]:
     """Means and standard deviations over walks, by figure and method, of the walks' rows by method."""
+    # end errors by method, (walks, feet, axes) m
     ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
 
     def mean(

@@ -60,6 +60,7 @@ class MeasurementRecorder(FootToFoot):
             other_foot = FEET[1 - FEET.index(foot)]
             T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[observation.topic].mount)
             T_other_board = _in_imu(self._rig, other_foot, self._rig.boards[f"foot_{other_foot}"].mount)
+            # prior of the board's orientation: the rotation between the feet by the filter's attitudes
             R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
             R_imu_other = (R_world[foot].inv() * R_world[other_foot]).as_matrix()
             relative = RelativePosition.of_observation(
@@ -154,6 +155,7 @@ def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
     }
     for foot, compared in in_world.items():
         nees, end_m = nees_position(compared), compared.error_m[-1]
+        # horizontal distance that the foot has walked
         ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
         t_ns, last = truth[foot].t_ns, compared.truth.t_ns[-1]
         scores["end_error_m"].append(end_m.tolist())
@@ -178,5 +180,6 @@ def feet_disagreement_m(in_world: Mapping[str, PathComparison]) -> Array:
     q_est, q_true = (
         Rotation.from_quat(path.q_world_frame[i], scalar_first=True) for path in (left.estimate, left.truth)
     )
+    # (K, 3, 3) from the estimated heading of the left foot to the true one
     turn = vertical_rotation((q_true * q_est.inv()).as_matrix())
     return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", turn, estimated) - true, axis=1))

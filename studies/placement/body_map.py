@@ -26,12 +26,12 @@ from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.measure import MeasuredPlaces
 from stridetwin.studies.placement.problem_file import Place, PlacementProblem, scenario_at
 
-_SIZE = 620
+_SIZE = 620  # pixels, width and height of a panel
 _BAR = 110  # pixels for the legend
 _MARGIN = 1.7  # shown extent over the extent of the dots
-_LEAST_M = 0.13
-_BEST_PX = 9
-_FAINT = 0.1
+_LEAST_M = 0.13  # least extent that a panel shows around its middle
+_BEST_PX = 9  # half width of the mark of the best place
+_FAINT = 0.1  # opacity of the bodies without dots
 _MANY = 150  # more dots than this are drawn smaller
 _RAY_M = 0.05  # from a sensor to the dot of a viewing direction
 _INK = (46, 28, 15)  # BGR
@@ -70,10 +70,18 @@ class _Dot:
 
 
 def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place) -> BodyImage | None:
-    """The map of all places, with the sensors of the best one; None if no place moves a sensor."""
+    """The map of all places, with the sensors of the best one; None if no place moves a sensor.
+
+    Args:
+        problem: The placement.
+        folder: Its output folder, which contains the user's parts.
+        searched: All measured places.
+        best: The best one.
+    """
     dots = _dots(problem, folder, searched)
     if not dots:
         return None
+    # with one weighing score the colours show its values: a loss times `sign` is the value
     name, sign = "weighted sum", 1.0
     weighing = [score for score in problem.scores if score.weight]
     if len(weighing) == 1 and weighing[0].weight == 1:
@@ -101,6 +109,11 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
     """One dot per sensor and position, or viewing direction if there is one position; worst first.
 
     Sensors with one of each have none.
+
+    Args:
+        problem: The placement.
+        folder: Its output folder, which contains the user's parts.
+        searched: All measured places.
     """
     moving = [
         knob.name
@@ -113,6 +126,7 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
     directions: dict[tuple[str, ...], _Dot] = {}
     for i in np.flatnonzero(np.isfinite(searched.losses)).tolist() if moving else ():
         place, loss = searched.places[i], float(searched.losses[i])
+        # places that differ in other values alone have the same mounts, which are then computed once
         key = json.dumps([place.values.get(name) for name in moving])
         if key not in mounts_by_values:
             mounts_by_values[key] = list(_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
@@ -127,6 +141,7 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
                 if at not in best or loss < best[at].loss:
                     best[at] = dot
     moved, turned = (Counter(name for name, *_ in dots) for dots in (positions, directions))
+    # a sensor with several positions has a dot at each; one with a single position a dot per viewing direction
     dots = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
     dots += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
     return sorted(dots, key=lambda dot: -dot.loss)
@@ -138,6 +153,7 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     The right side mirrors the left one, so its sensors are left out.
     """
     rig = sensor_rig(config).rig
+    # an IMU inside a depth camera has no mark of its own
     inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
     mounts = {topic: sensor.mount for kind in (rig.imus, rig.cameras, rig.others) for topic, sensor in kind.items()}
     for topic, mount in mounts.items():
@@ -166,6 +182,7 @@ def _draw_panel(
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
     axis = T.xpos + rotation @ np.mean([shape.p for shape in find_shapes(model, {model.body(body).id})], axis=0)
+    # the horizontal direction from the body's middle to the dots: the camera looks against it
     out = (points - axis).mean(axis=0)[:2]
     azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
     lookat = (middle + np.array([*axis[:2], middle[2]])) / 2
@@ -207,6 +224,7 @@ def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoc
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_camlight(model, data)
+    # the body, its shoe's upper, and its toes; the parts worn on them are opaque, too
     shown = {model.body(name).id for name in (body, UPPERS.get(body, body), body.replace("foot", "toe"))}
     for geom in range(model.ngeom):
         carrier = model.geom_bodyid[geom]
@@ -222,7 +240,16 @@ def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoc
 
 
 def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, distance: float, focal: float) -> Array:
-    """(N, 2) pixels of (N, 3) points in MuJoCo's free camera."""
+    """(N, 2) pixels of points in MuJoCo's free camera, with u to the right and v down.
+
+    Args:
+        points: (N, 3) m in the world.
+        lookat: (3,) m, the point that the camera looks at.
+        azimuth: Of the viewing direction, deg.
+        elevation: Of the viewing direction, deg.
+        distance: From the camera to `lookat`, m.
+        focal: Focal length, pixels.
+    """
     a, e = math.radians(azimuth), math.radians(elevation)
     ahead = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([math.sin(a), -math.cos(a), 0.0])
@@ -249,6 +276,7 @@ def _draw_mark(image: Rgb, at: Array, size: int, colour: Sequence[int], board: b
         board: Whether the place is that of a board.
     """
     line = 2 if size == _BEST_PX else 1
+    # OpenCV's fixed-point coordinates with 4 binary digits, so that marks lie between pixels
     u, v = np.rint(16 * at).astype(int).tolist()
     if board:
         shape = np.round(16 * (at + size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))).astype(np.int32)
@@ -260,7 +288,13 @@ def _draw_mark(image: Rgb, at: Array, size: int, colour: Sequence[int], board: b
 
 
 def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
-    """(H, W, 3) the colour bar with its values, best on top, and the score's name."""
+    """(H, W, 3) the colour bar with its values, best on top, and the score's name.
+
+    Args:
+        best: Value at the top.
+        worst: Value at the bottom.
+        name: The score's name, shown on two lines of 18 characters.
+    """
     image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
     top, bottom, left = 70, _SIZE - 40, 18
     image[top:bottom, left : left + 24] = np.array(_viridis(np.linspace(1.0, 0.0, bottom - top)))[:, None]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from stridetwin.sim.wearer.limbs import LimbShape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
-_OUTSIDE_M = 0.6
+_OUTSIDE_M = 0.6  # distance from the body's axis that lies outside of every surface
 
 
 def point_on_surface(surface: str, person: Person, around_rad: float, up_m: float, off_m: float) -> Array:
@@ -44,6 +44,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
         StrideTwinError: There is no surface at that height.
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
+    # a ray from outside towards the axis meets the surface first
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
     away = min(shape.ray_distance(origin, -out) for shape in _shapes(surface, person))
     if not math.isfinite(away) or away > _OUTSIDE_M:
@@ -54,7 +55,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
 @cache
 def _shapes(surface: str, person: Person) -> list[LimbShape]:
     """Shapes of the body of a surface, for one wearer."""
-    import mujoco  # a placement's file is read without, to be listed
+    import mujoco  # imported late, because placements are listed and read without the simulator
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
     from stridetwin.sim.wearer.limbs import find_shapes

@@ -86,6 +86,11 @@ class Visit:
 def score_recording(folder: Path, estimators: frozenset[str], visit: Visit) -> PlaceRow:
     """Simulates a visit's walk with the needed sensors, and scores the recording, which is deleted then.
 
+    Args:
+        folder: The placement's folder, in which the recording lies meanwhile.
+        estimators: Names of the estimators to run.
+        visit: Place and walk.
+
     Returns:
         `walk`, `estimators` (scores by output), and `failed` with a reason if the walk or an estimator failed.
 
@@ -129,6 +134,7 @@ def score_posed(names: Sequence[str], seeing: Seeing, run: str, visit: Visit) ->
     """
     row: PlaceRow = {"walk": visit.label, "scores": {}}
     try:
+        # only scores that ask for a sensor need the walk; weights do not
         walk = _plan_walk_once(run, visit) if any(GEOMETRIC_SCORES[name][0] for name in names) else None
         row["scores"] = geometric_scores(sensor_rig(visit.scenario.config), walk, names, seeing)
     except StrideTwinError as error:
@@ -148,12 +154,13 @@ def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
     """
     key = run, visit.walk
     if key not in _posed_walks:
+        # full, or with walks of another run, which may be planned otherwise
         if len(_posed_walks) == _MAX_POSED_WALKS or any(cached_run != run for cached_run, _ in _posed_walks):
             _posed_walks.clear()
         try:
             _posed_walks[key] = pose_walk(visit.scenario, visit.seed)
         except StrideTwinError as error:
-            _posed_walks[key] = " ".join(str(error).split())
+            _posed_walks[key] = " ".join(str(error).split())  # raised again for every place
     walk = _posed_walks[key]
     if isinstance(walk, str):
         raise StrideTwinError(walk)
@@ -235,6 +242,7 @@ class Measure:
         names = [s.name for s in problem.scores if not s.geometric]
         self._estimators = estimators_of(names, f"{problem.path}: scores")
         self._forecast = placement_forecast(problem, len(rows))
+        # names this run for the workers' memory of walks; whether the scores' names have been checked on first rows
         self._run_name, self._is_checked = uuid4().hex, False
         self.keys: list[str] = []
 
@@ -258,10 +266,12 @@ class Measure:
             part = range(first, min(first + _MAX_PLACES, len(places)))
 
             def progress(share: float, part: range = part) -> None:
+                """Reports the share of this part as the share of all places."""
                 self._progress(stage, (part.start + share * len(part)) / len(places))
 
             visits = list(self._visits([(i, places[i]) for i in part], seeds, failed))
             for visit, row in zip(visits, self._rows_of(visits, len(walks), progress)):
+                # a reason counts only where a score is missing
                 values[visit.at] = [score.of(row) for score in scores]
                 if row.get("failed") and np.isnan(values[visit.at]).any():
                     why = "; ".join(f"{name}: {reason}" for name, reason in row["failed"].items())
@@ -285,8 +295,10 @@ class Measure:
             except StrideTwinError as error:
                 failed.setdefault(i, f"walk: {_one_line(error, self._folder)}")
                 continue
+            # an estimator that the place cannot feed has no score there
             feeding = [name for name in self._estimators if _feeds(scenario, name)]
             needed = with_sensors_for(scenario, feeding) if feeding else scenario
+            # what determines the walk itself, for its digest
             body = {key: value for key, value in plain.items() if key not in _SENSORS_ALONE}
             for k, seed in enumerate(seeds, b * len(seeds)):
                 yield Visit(at=(i, k), seed=seed, scenario=scenario, needed=needed, walk=content_key(body, seed))
@@ -299,7 +311,7 @@ class Measure:
             walks: Number of walks of each place.
             progress: Receives the share of the work that is done (0-1).
         """
-        none: list[PlaceRow] = [{}] * len(visits)
+        none: list[PlaceRow] = [{}] * len(visits)  # where scores of one of the two sorts are not asked for
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
         return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
@@ -312,6 +324,7 @@ class Measure:
         for visit in visits:
             config = repr(visit.scenario.config)
             key = content_key("geometric", config, visit.seed, self._names, vars(seeing), sources)
+            # visits of one walk run together, so that its plan is made once, at most `_MAX_GROUP` in a group
             group = f"{visit.walk} {walks[visit.walk] // _MAX_GROUP}"
             walks[visit.walk] += 1
             jobs.append(Job(name=visit.label, key=key, task=visit, group=group))
@@ -319,7 +332,13 @@ class Measure:
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
 
     def _score_recordings(self, visits: list[Visit], walks: int, progress: Callable[[float], None]) -> list[PlaceRow]:
-        """Rows with the estimators' scores; those of the first place are checked before the others are measured."""
+        """Rows with the estimators' scores; those of the first place are checked before the others are measured.
+
+        Args:
+            visits: The visits, place by place.
+            walks: Number of walks of each place, so that the first ones are those of the first place.
+            progress: Receives the share of the work that is done (0-1).
+        """
         versions = partial(scoring_versions, __name__, tuple(sorted(self._estimators)))
         jobs = []
         for visit in visits:
@@ -335,7 +354,15 @@ class Measure:
     def _run(
         self, jobs: Sequence[Job[Visit]], work: Work[Visit, PlaceRow], progress: Callable[[float], None]
     ) -> list[PlaceRow]:
-        """Runs jobs, reusing stored rows; a walk that failed has a row with the reason."""
+        """Runs jobs, reusing stored rows; a walk that failed has a row with the reason.
+
+        The keys of all jobs are added to `keys`, which later fixes the order of the rows in the file.
+
+        Args:
+            jobs: The jobs.
+            work: How their rows are made.
+            progress: Receives the share of the jobs that are done (0-1).
+        """
         self.keys += [job.key for job in jobs]
         results = Batch(jobs, self._rows).run(work, self._executor, progress, self._forecast)
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
@@ -343,6 +370,7 @@ class Measure:
     def _check_scores(self, rows: Sequence[PlaceRow]) -> None:
         """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
         for score in self._problem.scores:
+            # an estimator that reports nothing at all may just not be fed by these walks
             reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"

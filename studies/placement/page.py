@@ -23,7 +23,14 @@ _MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
 def placement_page(
     problem: PlacementProblem, searched: MeasuredPlaces, result: PlacementResult, image: BodyImage | None
 ) -> str:
-    """The page of a placement: all places, the result of `run_placement`, and the body map."""
+    """The page of a placement.
+
+    Args:
+        problem: The placement.
+        searched: All measured places, for the figures.
+        result: Result of `run_placement`, for table and sentences.
+        image: The body map; None without one.
+    """
     chips = [f"{result['tried']} places and as it is", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
     if len(result["table"]) <= result["tried"]:
@@ -91,7 +98,7 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     (across, up), k = numbers[:2], _first_weighted(problem)
     xs, ys = across.numbers, up.numbers
     best = np.full((len(ys), len(xs)), np.nan)
-    for i in reversed(places):
+    for i in reversed(places):  # best last, so that it stays where places share both values
         values = searched.places[i].values
         best[ys.index(to_number(values[up.name])), xs.index(to_number(values[across.name]))] = searched.means[i, k]
     score, top = problem.scores[k], searched.places[places[0]].values
@@ -115,9 +122,16 @@ def _profiles(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
 
 
 def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
-    """The k-th score of the best place with each value of a choice, with intervals."""
+    """The k-th score of the best place with each value of a choice, with intervals.
+
+    Args:
+        knob: The choice.
+        searched: All measured places.
+        numbers: Numbers of the places with a loss, best first.
+        k: Number of the score.
+    """
     best: dict[int, int] = {}
-    for i in numbers:
+    for i in numbers:  # best first, so the first place with a value is the best one with it
         best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
     column_intervals = intervals(searched.values[list(best.values()), :, k].T)
     plot = Plot(
@@ -134,7 +148,14 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
 
 
 def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
-    """The k-th score over a number: one dot per place, and the score of the unchanged scenario as a line."""
+    """The k-th score over a number: one dot per place, and the score of the unchanged scenario as a line.
+
+    Args:
+        knob: The number.
+        searched: All measured places; the first one is the unchanged scenario.
+        numbers: Numbers of the places with a loss, best first.
+        k: Number of the score.
+    """
     shown = numbers[:_MOST_DOTS]
     x, means = [to_number(searched.places[i].values[knob.name]) for i in shown], searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)

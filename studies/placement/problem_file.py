@@ -211,7 +211,14 @@ def check_budget(problem: PlacementProblem, at: FieldLocation) -> None:
 
 
 def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldLocation) -> FreeField:
-    """A free field of the block `free`, with the names that files get in the output folder."""
+    """A free field of the block `free`, with the names that files get in the output folder.
+
+    Args:
+        files: Collects the files that the choices name.
+        name: Key in the block: paths into the scenario, separated by commas.
+        spec: A range, a choice, or a point on a surface.
+        at: Position in the file.
+    """
     paths = tuple(field_path(part.strip(), at) for part in name.split(","))
     if isinstance(spec, Among) and names_files(paths):
         spec = Among(choice=tuple(files.with_output_names(value, at) for value in spec.choice))
@@ -246,6 +253,11 @@ def format_value(value: object) -> str:
 def plain_of(problem: PlacementProblem, base: Base, place: Place) -> PlainScenario:
     """Plain data of a place's scenario file: the base with its values, then those of the place.
 
+    Args:
+        problem: The placement.
+        base: The scenario.
+        place: The place; one without values leaves the free fields as the scenario has them.
+
     Raises:
         ConfigError: This scenario lacks a field that is set or free.
     """
@@ -265,7 +277,15 @@ def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Pat
 
 
 def _person(plain: PlainScenario, free: Sequence[FreeField], base: Base) -> Person:
-    """The walker of a scenario's plain data; the default person where no free field is on a surface."""
+    """The walker of a scenario's plain data; the default person where no free field is on a surface.
+
+    The whole scenario may be invalid before the free fields are set. So its `person` is read alone, on a few steps.
+
+    Args:
+        plain: Plain data of the scenario.
+        free: The free fields.
+        base: The scenario, which names the file in errors.
+    """
     if all(f.surface is None for f in free):
         return Person()
     steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}

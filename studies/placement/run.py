@@ -27,7 +27,7 @@ from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.significance import compare_places, comparison_text, intervals, pareto_front
 
 _USED = "another placement uses it: expected a folder of its own"
-_SHOWN = 10
+_SHOWN = 10  # places in the table
 _LONG = 40  # characters: longer labels are replaced by the rank
 _ALIKE = 0.05  # share of every range: closer places count as one in the table of a search
 
@@ -56,6 +56,11 @@ class PlacementOptions(BatchOptions):
 
 def run_placement(problem: PlacementProblem, options: PlacementOptions, progress: Progress) -> PlacementResult:
     """Searches places and compares them.
+
+    Args:
+        problem: The placement.
+        options: Folder, workers and seeds.
+        progress: Receives the stage and its progress (0-1).
 
     Returns:
         As JSON holds it: `placement`, `scores`, `walks`, `tried`, `table` (places with `label`, `values`, `scores`,
@@ -98,7 +103,16 @@ def _request(problem: PlacementProblem) -> dict[str, object]:
 
 
 def _check_folder(folder: Path, problem: PlacementProblem, resume: bool) -> None:
-    """Refuses results of another command, a placement that is not to be continued, and another placement."""
+    """Refuses results of another command, a placement that is not to be continued, and another placement.
+
+    Args:
+        folder: The output folder.
+        problem: The placement.
+        resume: The user asked to continue.
+
+    Raises:
+        StrideTwinError: The folder cannot be used; the message says what to do.
+    """
     previous = read_request(folder)
     if previous is not None and not (isinstance(previous, dict) and "placement" in previous):
         raise StrideTwinError(f"{folder}: holds results of another command: expected another folder")
@@ -113,6 +127,7 @@ def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
     """Measures the unchanged place, then all others of the sweep or all that the search tries."""
 
     def losses(places: list[Place]) -> list[float]:
+        """Measures places on all walks and returns their losses, for the search."""
         losses_of_places: list[float] = measure(places, problem.seeds, "search").losses.tolist()
         return losses_of_places
 
@@ -120,21 +135,35 @@ def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
         places = grid(problem.knobs)
     else:
         places = optimise(problem.knobs, problem.search, problem.seeds[0], losses)
+    # what the search has measured is reused from the stored rows
     return measure([Place(), *places], problem.seeds, "places")
 
 
 def _finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Measure) -> MeasuredPlaces:
-    """The places of the table, the unchanged one among them, best first; on new walks with `confirm`."""
+    """The places of the table, the unchanged one among them, best first.
+
+    Args:
+        problem: The placement; with `confirm` the best places are measured again, on walks that the search has not
+            used.
+        searched: All measured places.
+        measure: Measures places.
+    """
     shown = _distinct_best(problem, searched, _SHOWN if problem.confirm is None else problem.confirm.places)
     final = searched.part(shown if 0 in shown else [*shown, 0])
     if problem.confirm is not None:
-        first = max(problem.seeds) + 1
+        first = max(problem.seeds) + 1  # seeds that the search has not used
         final = measure(final.places, range(first, first + problem.confirm.walks), "confirm")
     return final.part(final.best_first)
 
 
 def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: int) -> list[int]:
-    """Numbers of the best places; in a search without those close to a better one."""
+    """Numbers of the best places with a loss, best first; in a search without those close to a better one.
+
+    Args:
+        problem: The placement.
+        searched: All measured places.
+        count: Most places.
+    """
     numbers: list[int] = []
     for i in searched.best_first:
         if len(numbers) == count or not np.isfinite(searched.losses[i]):
@@ -158,8 +187,15 @@ def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
 
 
 def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:
-    """The result of `run_placement` as JSON holds it, without the files."""
+    """The result of `run_placement` as JSON holds it, without the files.
+
+    Args:
+        problem: The placement.
+        searched: All measured places, from which the Pareto front comes.
+        final: Places of the table, best first.
+    """
     names = [score.name for score in problem.scores]
+    # per score, the intervals of all places
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
     table: list[PlaceInTable] = []
     for i, place in enumerate(final.places):
@@ -170,7 +206,9 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
         table.append(row)
     pairs = compare_places(final.losses_of_walks)
     labels = [place.label for place in final.places]
+    # what the sentences call the places
     called = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
+    # (P,) losses of all measured places by each score, for the Pareto front
     losses = [mean_losses(score.losses(searched.values[..., s])) for s, score in enumerate(problem.scores)]
     best = pareto_front(np.column_stack(losses)) if len(names) > 1 else []
     return {
@@ -213,7 +251,15 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
 def _write(
     problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, best: Place, result: PlacementResult
 ) -> None:
-    """Writes all files of a placement and adds their names to its result."""
+    """Writes all files of a placement and adds their names to its result, as `files`.
+
+    Args:
+        problem: The placement.
+        folder: The output folder.
+        searched: All measured places.
+        best: The best place.
+        result: The result, which is changed.
+    """
     texts = {
         f"{SCENARIOS}/best_{base.name}.yaml": scenario_text(plain_of(problem, base, best)) for base in problem.bases
     }

@@ -14,9 +14,9 @@ from stridetwin.streams.errors import explain_import_error
 from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise, Place
 
-_SPREAD = 0.25
+_SPREAD = 0.25  # initial standard deviation of the search, as a share of every range
 _WORST = 1e12  # a place without a score; only ranks count
-_KEY = 7
+_KEY = 7  # key of the search's random numbers
 _MORE_STARTS = 8  # times the requested number, if some end early
 
 
@@ -53,12 +53,14 @@ def optimise(
     combinations = list(itertools.product(*(k.values for k in choices)))
     size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
     starts = quasi_random_points("sobol", _MORE_STARTS * options.starts, size, seed, (_KEY,))
-    starts[0] = 0.5
+    starts[0] = 0.5  # the first start is the middle of all ranges
+    # the budget of combination i is ends[i + 1] - ends[i]
     ends = [options.budget * i // len(combinations) for i in range(len(combinations) + 1)]
     tried: dict[str, Place] = {}
     for at, (combination, share) in enumerate(zip(combinations, np.diff(ends).tolist())):
         chosen = dict(zip((knob.name for knob in choices), combination))
         for k, start in enumerate(starts):  # the unused budget of a converged start goes to the next one
+            # `share`: what is left for this combination; `left`: what is left for this start
             left = share // max(options.starts - k, 1)
             share -= left
             if not left:
@@ -66,7 +68,7 @@ def optimise(
             rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEY, at * len(starts) + k)))
             cma_options = {
                 "bounds": [0.0, 1.0],
-                "seed": math.nan,
+                "seed": math.nan,  # leaves NumPy's global generator alone; `randn` below draws instead
                 "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
                 "verbose": -9,
                 "maxfevals": left,

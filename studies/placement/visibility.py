@@ -24,15 +24,15 @@ from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array
 from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, Seeing
 
-RATE_HZ = 50.0
+RATE_HZ = 50.0  # instants of a walk per second
 AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
 """The ground that determines the next steps: m ahead of the pelvis along the route, and to its left."""
-NEAR_M = 0.03
+NEAR_M = 0.03  # nearer points are not in an image
 _EVERY = 5  # every n-th instant is used where each needs hundreds of lines of sight
-_FAN = (16, 12)
-_ARM_M = 1.0
+_FAN = (16, 12)  # lines of sight across and down the image that find the walker's own body
+_ARM_M = 1.0  # their length
 _SHORT_OF_M = 0.02  # a line of sight ends this far before the ground
-_CELLS = {"insole": 4, "interaction": 2}
+_CELLS = {"insole": 4, "interaction": 2}  # number of parts of a sensor
 _WITHIN = ("head_imu", "exo_imu", "actuator")  # components of other parts, or of the exoskeleton
 
 Flags = NDArray[np.bool_]
@@ -67,6 +67,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
     twin = make_twin(bare, seed)
     steps = [step for side in SIDES for step in twin.walk.steps[side]]
+    # from the first toe-off to the last touch-down
     offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
     ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
@@ -75,6 +76,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
     s = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])
+    # (N, A, 2): at each instant, every distance ahead on each of the lines beside the route
     ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
@@ -129,6 +131,7 @@ def see_board(
     T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
     T_world_board = board_body.poses() @ board.mount.T_body_sensor
     eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
+    # points 0, the centre, and 1-4, the corners of the board: (N, 5, 3) in the world, then in the camera's frame
     half = np.array([*board.squares, 0.0]) * board.square_m / 2
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
     points = corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + middle[:, None]
@@ -137,7 +140,7 @@ def see_board(
     away = eye - middle
     distance = np.linalg.norm(away, axis=1)
     facing = np.sum(away * T_world_board[:, :3, 2], axis=1) / np.maximum(distance, 1e-9)
-    x, y, z = seen_from[:, 0].T
+    x, y, z = seen_from[:, 0].T  # of the centre
     z = np.maximum(z, 1e-6)
     focal = math.sqrt(camera.intrinsics[0] * camera.intrinsics[1])
     px = focal * board.square_m / z
@@ -145,13 +148,14 @@ def see_board(
         is_in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
     )
 
+    # velocity of the board's centre as seen in the rotating camera
     rotation_velocity = np.cross(_angular_rate(carrier), middle - eye)
     relative = _velocity(board_body, middle) - _velocity(carrier, eye) - rotation_velocity
     vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
     blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
 
     behind_limbs, behind_ground = np.zeros_like(in_view), np.zeros_like(in_view)
-    rows = np.flatnonzero(in_view)
+    rows = np.flatnonzero(in_view)  # lines of sight are costly, so only for these instants
     if len(rows):
         behind_limbs[rows] = walk.limbs.occludes(rows, eye[rows], points[rows]).any(axis=1)
         behind_ground[rows] = _is_behind_ground(walk, eye[rows], points[rows]).any(axis=1)
@@ -175,12 +179,18 @@ def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
     origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)
+    # (M, K) m from the eye to the first surface on each line of sight
     hit = walk.terrain.ray_cast(origins, sight.reshape(-1, 3)).reshape(length.shape)
     return np.asarray(hit < length - _SHORT_OF_M)
 
 
 def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
     """What a depth camera of this range sees over a walk.
+
+    Args:
+        walk: The walk.
+        camera: Calibration and mount of the camera.
+        range_m: Nearest and farthest depth that it measures.
 
     Returns:
         Share of the ground 0.5 to 2.5 m ahead on the route, and share of the image that the walker's body fills.
@@ -192,6 +202,7 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
     seen_from = (ground - eye[:, None]) @ R
     seen = is_in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
     seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_is_behind_ground(walk, eye, ground)
+    # a regular grid of pixels, and the lines of sight through them, in the camera's frame and in the world
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
     fu, fv, pu, pv = camera.intrinsics
     rays = np.stack([(u - pu) / fu, (v - pv) / fv, np.ones_like(u)], axis=-1).reshape(-1, 3) * _ARM_M
@@ -230,13 +241,24 @@ def geometric_scores(
 
 
 def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dict[str, float]:
-    """Scores of shoe cameras that see the other shoe's board, %, and the mean edge of a seen square, px."""
+    """Scores of shoe cameras that see the other shoe's board, %, and the mean edge of a seen square, px.
+
+    Args:
+        sensor_rig: Sensors at the place.
+        walk: The walk.
+        seeing: When a board counts as seen.
+
+    Returns:
+        `visibility_pct` and `sharp_pct` by at least one of the cameras; `occlusion_pct` if a board is ever in view, and
+        `square_px` if one is ever seen.
+    """
     visibilities = []
     for topic, camera in sensor_rig.rig.cameras.items():
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
         if board is not None and isinstance(part, CameraPart):
             visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
     seen = np.array([s.seen for s in visibilities])
+    # instants with a board in view, over both cameras
     in_view = sum(int(s.in_view.sum()) for s in visibilities)
     scores = {
         "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),

@@ -44,7 +44,7 @@ def run_case(case: ExperimentCase) -> Row:
         manner = walk.labels["manner"]
         plans = fault_plans(case, twin.rig, twin.duration_s)
         if manner != USUAL:
-            plans = {manner: next(iter(plans.values()))}
+            plans = {manner: next(iter(plans.values()))}  # the first one is without fault
         for label, plan in plans.items():
             exo = nominal_geometry(twin.size, plan.rig, case.seed, [fault for fault, _ in plan.planned])
             estimator = ContactTerrain(plan.rig, exoskeleton=exo, **parameter_keywords(ContactTerrain, PROPOSED))

@@ -66,7 +66,7 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
         x_label="terrain",
         x_names=tuple(CASES),
     )
-    for k, method in enumerate((METHODS[0], *METHODS)):
+    for k, method in enumerate((METHODS[0], *METHODS)):  # k = 0: the true values, which are the same for any method
         name = f"estimated_{quantity}" if k else quantity
         values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
         at = np.array([i for i, case_values in enumerate(values) if case_values])
@@ -83,6 +83,7 @@ def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     """Figure 24: the steps of a method in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
+    # relative to the largest slope and the largest elevation
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
     plot = Plot(
@@ -96,7 +97,7 @@ def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     for mode, color in _COLORS.items():
         step_numbers = np.flatnonzero(modes == mode)
         if len(step_numbers):
-            step_numbers = step_numbers[
+            step_numbers = step_numbers[  # at most `DOTS` of them, evenly
                 np.unique(np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int))
             ]
             plot.dots(points[step_numbers, 0], points[step_numbers, 1], color, size=4, label=mode)

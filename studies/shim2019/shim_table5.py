@@ -163,6 +163,7 @@ def collect(results: list[TrialRow]) -> ShimCollected:
             (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
             for r in results
         ]
+        # the published method has no classes of its own: a support vector machine gives them
         subjects = {who for who, _ in trials}
         trials, classed = _classify_steps(trials) if method == "published" else (trials, subjects)
         summary[method] = _table(trials, classed)
@@ -180,7 +181,7 @@ def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
         The trials with classified steps, and the subjects with a machine: training data from the other subjects may be
         insufficient.
     """
-    machines = {}
+    machines = {}  # by subject, trained on the others
     for who in {w for w, _ in trials}:
         steps = [
             s for w, walks in trials if w != who for walk_steps in walks.values() for s in walk_steps if s.is_matched
@@ -190,6 +191,7 @@ def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
     def classify(who: int, step: ScoredStep) -> ScoredStep:
+        """The step with the class that the subject's machine gives it; unchanged without machine or estimate."""
         machine = machines.get(who)
         if machine is None or not step.is_matched:
             return step
@@ -214,6 +216,7 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
         places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
         rows[case] = _figures(chosen, places, classed)
+        # the sideways error after the best rotation of the whole path about the vertical
         sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(align_yaw(walks[walk]), mode)]
         rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
     all_walks = [(who, walk_steps) for who, walks in trials for walk_steps in walks.values()]
@@ -230,7 +233,13 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
 def _figures(
     walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
 ) -> dict[str, float]:
-    """Figures of `step_figures`, with classes only from the subjects in `classed`."""
+    """Figures of `step_figures`, with classes only from some subjects.
+
+    Args:
+        walks: Subject and steps of each walk.
+        places: Errors of `displacement_errors`, m; empty to leave them out.
+        classed: Subjects whose classes count; without any of their steps, the classes are left out.
+    """
     figures = step_figures([s for _, walk_steps in walks for s in walk_steps], places)
     classified_steps = [s for who, walk_steps in walks if who in classed for s in walk_steps]
     del figures[_CLASSES]
@@ -294,6 +303,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
     paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]
+    # figure, name of the line, its cases, and mean and SD of both papers
     quoted = [
         ("elevation_mm", "LW", ("LW",), paper_errors["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
         ("elevation_mm", "SA", ("SA",), paper_errors["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),
@@ -316,6 +326,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
 def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, float]:
     """Mean and standard deviation of the pooled errors of several cases: sd² = rms² - mean²."""
     name, unit = figure.split("_")
+    # estimated steps of each case, which weigh its mean and its mean square
     counts = np.array([row["steps"] - row["steps_missed"] for row in rows])
     if not counts.sum():
         return 0.0, 0.0

@@ -37,7 +37,14 @@ class Method:
 
 
 def make_method(name: str, estimator: str, method: str, parameters: Mapping[str, object], at: FieldLocation) -> Method:
-    """A method from what a file says; `at` is its position there, `method` may be "" for the estimator's first one.
+    """A method from what a file says.
+
+    Args:
+        name: Name of the method in the study.
+        estimator: Name of an installed estimator.
+        method: One of its methods; "" for the first one.
+        parameters: Values in place of the estimator's own; empty leaves them all.
+        at: Position in the file, for errors.
 
     Raises:
         ConfigError: No such estimator, method or parameter, or an invalid value; the message has the valid ones.
@@ -76,6 +83,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
         raise StrideTwinError(f"cannot run: expected a walk with {declaration.needs or 'other sensors'}")
     if not kind.has_truth(recording):
         raise StrideTwinError(f"cannot be scored: expected a walk with the truth of the kind {declaration.kind!r}")
+    # the odometry's poses, only for estimators that take them
     walk = make_walk() if kind.takes_poses else None
     if kind.takes_poses and walk is None:
         raise StrideTwinError(f"cannot run: no poses of {default_odometry().declaration.name}")

@@ -11,7 +11,13 @@ _SPREAD = 0.5
 
 
 def study_page(result: StudyResult, text: str, command: str) -> str:
-    """The page of a study from the result of `run_study`, the text of its file, and the command that makes the page."""
+    """The page of a study.
+
+    Args:
+        result: Result of `run_study`.
+        text: Text of the study file, which the page shows.
+        command: The command that makes the page.
+    """
     lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
     tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
     head, combinations = table_head(result), len(result["table"]) // len(result["methods"])
@@ -35,6 +41,7 @@ def _draw_score(result: StudyResult, score: str) -> str:
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
     plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
     for m, method in enumerate(methods):
+        # the table has one line per method for each combination; methods are drawn side by side
         color, shift = PALETTE[m % len(PALETTE)], _SPREAD * ((m + 0.5) / len(methods) - 0.5)
         means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]

@@ -105,6 +105,7 @@ def score_values(study: Study, rows: Sequence[StudyRow]) -> Array:
         study: The study.
         rows: Those of the walks of the first combination, then of the next ones.
     """
+    # rows are ordered by combination, then by walk
     values = [
         [_mean_of_outputs(row["scores"].get(method.name, {}), score) for score in study.scores]
         for row in rows
@@ -129,6 +130,7 @@ def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
         {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
     ]
     for s, score in enumerate(study.scores):
+        # lines and columns are both in the order combination, method; rows of the transposed array are walks
         for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
             if np.isfinite(column.mean):
                 line["scores"][score] = column.row()
@@ -158,6 +160,7 @@ def _compare(study: Study, values: Array) -> list[MethodComparison]:
     columns, scales = list[Array](), list[Scale]()
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])
+        # method 0 is what the others are compared with; both need every walk
         if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
             first, current = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
             columns.append(np.subtract(current, first))
@@ -179,6 +182,7 @@ def _change(scale: Scale, difference: Difference) -> ScoreChange:
         "low": low,
         "high": high,
         "p": difference.p,
+        # a lower loss is better: False chooses the first word, True the second
         "verdict": directions[difference.mean < 0] if difference.significant else "",
     }
 

@@ -126,13 +126,19 @@ def _row_of_failure(failure: Failure) -> StudyRow:
 
 
 def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[str, StudyWalk]]:
-    """All walks with their names: those of the first combination, then of the next ones."""
+    """All walks with their names: those of the first combination, then of the next ones.
+
+    Args:
+        study: The study.
+        folder: The output folder, which contains the user's parts.
+        physics: Replaces that of the scenarios; None leaves it.
+    """
     walks, scenarios = [], dict[str, Scenario]()
     for combination in study.combinations:
         for seed in study.seeds:
             of_seed = combination.with_levels(study.levels(seed))
             name = ", ".join([combination.base.name, *(level.name for level in of_seed.levels)])
-            if name not in scenarios:
+            if name not in scenarios:  # seeds with the same levels share a scenario
                 scenarios[name] = make_scenario(study, of_seed, folder, physics)
             walks.append(
                 (f"{name}, seed {seed}", StudyWalk(scenario=scenarios[name], seed=seed, methods=study.methods))
@@ -156,7 +162,13 @@ def _versions(estimators: Sequence[str]) -> dict[str, str]:
 
 
 def _make_job(name: str, walk: StudyWalk, versions: dict[str, str]) -> Job[StudyWalk]:
-    """The job of a walk; the walk keeps only the sensors that its methods read."""
+    """The job of a walk; the walk keeps only the sensors that its methods read.
+
+    Args:
+        name: Name of the walk.
+        walk: The walk.
+        versions: Versions of the code, which the key of its row contains.
+    """
     task = replace(walk, scenario=keep_needed_sensors(walk.scenario, walk.methods))
     key = content_key(repr(task.scenario.config), walk.seed, repr(walk.methods), versions)
     return Job(name=name, key=key, task=task)

@@ -92,7 +92,13 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
 
 
 def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: FieldLocation) -> None:
-    """Raises ConfigError for a score that no method's kind of output has, or one that is named twice."""
+    """Raises ConfigError for a score that no method's kind of output has, or one that is named twice.
+
+    Args:
+        file: The study's file.
+        methods: Its methods.
+        at: Position of the list of scores.
+    """
     kinds = [kind_of(registry.estimator(method.estimator).declaration) for method in methods]
     valid = list(dict.fromkeys(score.name for kind in kinds for score in kind.scores))
     for i, score in enumerate(file.scores):

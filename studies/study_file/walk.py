@@ -75,6 +75,7 @@ def run_walk(folder: Path, walk: StudyWalk) -> StudyRow:
             path = Path(name) / "walk.mcap"
             record(make_twin(walk.scenario, walk.seed), path)
             recording = Recording(path, bool(walk.scenario.config.faults))
+            # the odometry runs once for all methods that take its poses, and only if there is one
             make_walk = cache(lambda: align_odometry(recording))
             for method in walk.methods:
                 try:

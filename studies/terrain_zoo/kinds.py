@@ -40,7 +40,7 @@ CALIBRATED = CalibrationSd(
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
 _SENSORS = ("insole", "head_imu", "head_camera")
-_BMI = (19.0, 30.0)
+_BMI = (19.0, 30.0)  # kg/m²
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
@@ -93,6 +93,7 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
     """Makes walks up a ramp, over a landing, and down another ramp, with slopes between two bounds."""
 
     def make(config: TwinConfig, rng: Rng) -> TwinConfig:
+        """The walk with two ramps drawn between the bounds."""
         up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
         return _with_terrain(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
 
@@ -100,7 +101,14 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
 
 
 def _stair(rng: Rng, riser_mm: tuple[float, float], tread_mm: tuple[float, float], risers: tuple[int, int]) -> Stairs:
-    """Draws a stair upward, with riser, tread and number of risers between bounds."""
+    """Draws a stair upward.
+
+    Args:
+        rng: Draws the values.
+        riser_mm: Lowest and highest riser.
+        tread_mm: Lowest and highest depth of a tread.
+        risers: Fewest and most risers.
+    """
     return Stairs(
         risers=int(rng.integers(risers[0], risers[1] + 1)),
         riser_m=1e-3 * float(rng.uniform(*riser_mm)),
@@ -268,7 +276,13 @@ def _crowd(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 
 def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
-    """Draws places for a table beside the way, and for a stripe and a shadow on it."""
+    """Draws places for a table beside the way, and for a stripe and a shadow on it.
+
+    Args:
+        rng: Draws the places.
+        from_m: Begin of the part of the route with the things.
+        to_m: Its end.
+    """
     places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
     side = float(rng.choice([-1, 1]))
     return (

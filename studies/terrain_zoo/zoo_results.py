@@ -18,7 +18,7 @@ from stridetwin.studies.terrain_zoo.kinds import WALK_KINDS
 from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion_lines, confusion_table, lead_plot
 from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
-_SURE = 0.9
+_SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 _OURS, _PUBLISHED = METHODS
 _UNTUNED = "kinds that are not in the tuning set"
 _ALL = "all"
@@ -74,6 +74,7 @@ def _figures(rows: list[ZooRow]) -> Figures:
     steps = [step for walk in walks for step in walk.steps]
     proposed, published = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
     right = sum(step.is_correct for step in steps)
+    # 95 % interval of the share of right steps
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
     slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
     slope_rms = rms([error for error, _ in slopes])

@@ -26,7 +26,7 @@ from stridetwin.studies.zhao2023.mode_walks import predict, samples_with_poses, 
 ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 """Estimators whose parameters `--set` changes here."""
 
-_SETTLED_M = 5.0
+_SETTLED_M = 5.0  # way after which the tilt is scored
 _EVERY = 20
 """Poses at the IMU's rate are scored at a twentieth of it."""
 
@@ -74,6 +74,11 @@ def kinds_of(kinds: str) -> list[str]:
 
 def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dict[str, float]:
     """Figures of an odometry whose first pose is given the true position and heading.
+
+    Args:
+        poses: Poses of the IMU, in time order.
+        recording: The walk, with the truth.
+        mount: Body of the camera and its IMU: head or chest.
 
     Returns:
         `distance_m`; `end_height_m`, signed; `tilt_rad`, the RMS error of the vertical after 5 m; `inside_pct`, the

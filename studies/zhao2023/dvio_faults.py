@@ -45,6 +45,7 @@ def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collecte
     nominal = [r["faults"][NO_FAULT] for r in results]
 
     def fault_figures(walks: list[odometry_walks.OdometryFigures]) -> Figures:
+        """Figures of one fault over the walks, which are in the order of `nominal`."""
         return {
             **{figure: odometry_walks.mean(walks, figure) for figure in _FIGURES},
             "failures": sum(bool(w["failure"]) for w in walks),

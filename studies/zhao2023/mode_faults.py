@@ -42,7 +42,7 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 FAULT_LEAD_S = 3.0
 """A temporary fault begins this long before a foot first lands beyond a terrain change, s."""
-SURE = 0.9
+SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 
 
 def run_case(case: ExperimentCase) -> Row:
@@ -55,6 +55,7 @@ def run_case(case: ExperimentCase) -> Row:
     fell = []
     for walk in case.walks():
         with record_walk(walk, case) as recording:
+            # the odometry runs once, without faults; its poses are merged with the faulty samples again
             feed = [s for s in samples_with_poses(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
             poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
             topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]

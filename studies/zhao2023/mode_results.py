@@ -135,6 +135,7 @@ def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, Pap
             "accuracy_by_condition_pct": _by_condition(walks),
             "cells_pct": cells,
         }
+    # the time of the first method, which includes that of the shared map
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
     summary["spread"] = {q: combine_spreads([r["spread"][q] for r in results]) for q in EDGES}
@@ -164,10 +165,14 @@ def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
 
     Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
     walker is unknown.
+
+    Args:
+        rows: Rows of the walks.
+        shares: Share of right steps of each walk, %.
     """
     by_group: dict[object, list[float]] = {}
     is_known = any(k in rows[0] for k in _WHO)
-    for row, share in zip(rows, shares):
+    for row, share in zip(rows, shares):  # one group per person, or per walk
         by_group.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
     means = [float(np.mean(shares_of_group)) for shares_of_group in by_group.values()]
     n = len(means)
@@ -256,8 +261,10 @@ def table(result: ModeResult) -> list[str]:
     counts = method_summary(result, methods(result)[0])["confusion"]
     blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     if len(condition_lines(result)) > 1:
+        # after the overall lines
         blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
     if cell_lines(result):
+        # before the lines about changes and spread, and the confusion matrix
         blocks[-2:-2] = [["Table II", *cell_lines(result)]]
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
@@ -313,7 +320,13 @@ def ahead_lines(result: ModeResult) -> list[str]:
 
 
 def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
-    """The figure at nested keys times a factor; None if it is undefined."""
+    """The figure at nested keys times a factor; None if it is undefined.
+
+    Args:
+        figures: Figures, some of which are mappings themselves.
+        keys: From the outermost one to that of the figure.
+        factor: To the unit of the table.
+    """
     *outer_keys, last_key = keys
     for key in outer_keys:
         figures = get_figures(figures, key)
@@ -481,6 +494,7 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
     """Steps by true and predicted mode, as HTML."""
 
     def cell(row: dict[str, int], mode: str) -> str:
+        """Number of steps with a predicted mode, and its share of the steps with the true mode; "" for none."""
         share = 100.0 * row[mode] / max(sum(row.values()), 1)
         return _two_lines(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
 
@@ -525,6 +539,7 @@ def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
         height=280,
     )
     for (method, method_steps), color in zip(steps.items(), PALETTE):
+        # longer lead times count in the last bin; each share is drawn as a step from edge to edge
         counts = np.histogram(np.clip([s.lead_s for s in method_steps], 0.0, 4.999), _LEAD_EDGES)[0]
         shares = np.repeat(100.0 * counts / max(len(method_steps), 1), 2)
         plot.line(np.repeat(_LEAD_EDGES, 2)[1:-1], shares, color, width=2.0, label=WORDS.get(method, method))

@@ -46,8 +46,8 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 EDGES = {"camera_pitch_rad": np.linspace(-1.0, 1.5, 26), "speed_mps": np.linspace(0.0, 2.4, 25)}
 """Edges of the histograms' bins; values beyond count in the outermost bins."""
-_RATE_HZ = 30.0
-_OVER_S = 1.0
+_RATE_HZ = 30.0  # instants of the truth per second
+_OVER_S = 1.0  # time over which a speed is taken
 
 
 class Spread(Moments):
@@ -154,8 +154,8 @@ def sole_length_m(config: TwinConfig) -> float:
 class SharedMap(TerrainMap):
     """A map that several predictors feed with the same samples; it processes each once."""
 
-    _last: Sample | None = None
-    _shared: TerrainEstimate | None = None
+    _last: Sample | None = None  # the last sample that was processed
+    _shared: TerrainEstimate | None = None  # what came of it
 
     def update(self, sample: Sample) -> TerrainEstimate | None:
         """Updates the map with a sample; a repeated sample returns the first result."""
@@ -211,6 +211,7 @@ def predict(
     shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
     def build(name: str) -> Estimator[Sample | StepEstimate, ModeEstimate]:
+        """The predictor of a method or estimator; those of `METHODS` share one map, which the first of them updates."""
         if name == FORGETFUL:
             ground = ForgetfulMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
             return LocomotionMode(rig, options=options, ground=ground, **parameter_keywords(LocomotionMode, PROPOSED))
@@ -239,7 +240,7 @@ def predict(
             else:
                 poses.append(sample)
         for method, predictor in predictors.items():
-            began = time.process_time()
+            began = time.process_time()  # CPU time of this method alone; a map counts for the method that updates it
             estimate = predictor.update(sample)
             elapsed_ms = 1e3 * (time.process_time() - began)
             if isinstance(sample, Depth):
@@ -266,7 +267,13 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
 
 
 def score_rows(predictions: Predictions, recording: Recording, sole_m: float) -> dict[str, TimedModeRows]:
-    """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`."""
+    """The scores of each method as rows (`ModeScores.rows`), with the time per depth image: `time_ms: {mean, p95}`.
+
+    Args:
+        predictions: Predictions on a walk.
+        recording: The walk, with the truth.
+        sole_m: Length of the walker's soles, m.
+    """
     return {
         method: {**scores.rows(), "time_ms": _time(predictions.frame_ms[method])}
         for method, scores in score_predictions(predictions, recording, sole_m).items()
@@ -288,7 +295,7 @@ def samples_with_poses(
         on_pose: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
-    if poses == "given":
+    if poses == "given":  # the true poses take the place of the odometry
         topics = [find_pose_topic(recording, camera)[0], *INSOLES, camera.depth_topic]
         yield from recording.samples(topics)
         return

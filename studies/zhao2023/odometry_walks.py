@@ -94,7 +94,7 @@ def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
     """
     poses: dict[int, Pose] = {}
     frame_ms: list[float] = []
-    spent = 0.0
+    spent = 0.0  # since the last image, ms; what comes before the first image is left out at the end
     for sample in samples:
         if isinstance(sample, Image):
             frame_ms.append(spent)
@@ -144,7 +144,14 @@ class OdometryRow(CaseRow):
 def run_every_method(
     recording: Recording, mount: str, make: Maker, further_names: Sequence[str] = ()
 ) -> dict[str, OdometryFigures]:
-    """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name."""
+    """Figures of each of `ODOMETRY_METHODS` and of other installed estimators on one walk, by name.
+
+    Args:
+        recording: The walk.
+        mount: Mount of the camera: head or chest.
+        make: Makes an odometry from its name.
+        further_names: Names of the other estimators.
+    """
     truth = true_path(recording, mount)
     return {
         name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)

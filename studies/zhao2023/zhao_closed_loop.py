@@ -54,6 +54,7 @@ def read_paper_figures() -> dict[str, PaperDrift]:
     drift_of_method: dict[str, PaperDrift] = {}
     for method, xyz in read_reference("zhao2023")["zhao_closed_loop_drift_m"].items():
         numbers = [value for value in xyz if isinstance(value, int | float)]
+        # where a value is a text, such as `>10`, the first one stands for the norm
         norm_m = math.hypot(*numbers) if len(numbers) == len(xyz) else xyz[0]
         drift_of_method[method] = {"loop_drift_m": norm_m, "loop_drift_xyz_m": xyz}
     return drift_of_method

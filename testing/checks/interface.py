@@ -71,13 +71,13 @@ def check_estimates(subject: Subject) -> None:
     kind = subject.estimator_class.declaration.kind
     if not estimates:
         raise ConformanceError("update returned None after every sample of the walk: return an estimate when it is new")
-    if kind == PATH:
+    if kind == PATH:  # None in place of a pose is valid: nothing is new
         wrong = next((e for e in estimates if pose_of(e) is None and getattr(e, "pose", e) is not None), None)
         expected = "a stridetwin.streams.trajectory.Pose, or an object whose `pose` is one"
     elif kind in _ESTIMATES:
         wrong = next((e for e in estimates if not isinstance(e, _ESTIMATES[kind])), None)
         expected = f"a {_ESTIMATES[kind].__module__}.{_ESTIMATES[kind].__name__}"
-    else:
+    else:  # a kind of another package, whose estimates only it knows
         return
     if wrong is not None:
         raise ConformanceError(f"update returned {type(wrong).__name__}: for kind {kind!r}, return {expected}")
@@ -92,8 +92,8 @@ def check_estimates(subject: Subject) -> None:
 def check_stamps(subject: Subject) -> None:
     """The time of an estimate is the stamp, in ns, of a sample so far; the stamps of a path increase."""
     samples = subject.walk.samples
-    stamps, fed = set[int](), 0
-    newest: dict[str, int] = {}
+    stamps, fed = set[int](), 0  # stamps of the samples so far, and their number
+    newest: dict[str, int] = {}  # stamp of the last pose, by its frame
     for returned in subject.reference:
         stamps.update(sample.t_ns for sample in samples[fed : returned.index + 1])
         fed = returned.index + 1
@@ -148,7 +148,13 @@ def _check_streams(subject: Subject) -> None:
 
 
 def _rejection_message(subject: Subject, rig: Rig, options: Options) -> str | None:
-    """Message of the constructor's StrideTwinError for a rig; None if it accepts the rig."""
+    """Message of the constructor's StrideTwinError for a rig; None if it accepts the rig.
+
+    `streams` is called first; it may refuse the rig, too, but only with a StrideTwinError.
+
+    Raises:
+        ConformanceError: One of the two raised another exception.
+    """
     estimator_class = subject.estimator_class
     calls: dict[str, Callable[[], object]] = {
         "streams": lambda: estimator_class.streams(rig, options),

@@ -13,7 +13,7 @@ from stridetwin.streams.samples import Array, Odometry, Sample, copy_sample
 from stridetwin.testing.samples import shift_sample
 from stridetwin.testing.subject import ConformanceError, Subject, call_update, require_equal
 
-_MOST_PASSES = 15
+_MOST_PASSES = 15  # passes of the walk after which growth in every one of them is a failure
 _LEAST_GROWTH = (60, 8_000)
 """Growth per pass that counts: Python's objects, and bytes of memory that arrays, libraries and compiled code hold."""
 
@@ -37,7 +37,7 @@ def check_bounded_memory(subject: Subject) -> None:
     """Memory does not grow from pass to pass while the walk is fed again and again, time and way going on."""
     samples, duration_ns = _whole_seconds(subject.walk.samples)
     estimator = subject.create()
-    sizes: list[tuple[int, int]] = []
+    sizes: list[tuple[int, int]] = []  # after each pass: Python's objects, and bytes beside them
     gc.freeze()  # so that collecting costs no time for all that there was before
     try:
         for number in range(_MOST_PASSES):
@@ -45,6 +45,7 @@ def check_bounded_memory(subject: Subject) -> None:
             gc.collect()
             sizes.append((sys.getallocatedblocks(), _count_allocated_bytes()))
             growth = np.diff(sizes, axis=0)[1:]  # the first passes fill windows
+            # neither objects nor bytes have grown in every pass so far: memory is bounded
             if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
     finally:
@@ -69,7 +70,14 @@ def _whole_seconds(samples: tuple[Sample, ...]) -> tuple[tuple[Sample, ...], int
 
 
 def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns: int, number: int) -> None:
-    """Feeds the samples of one pass: each `duration_ns` later than those of the one before, and farther on the way."""
+    """Feeds the samples of one pass, as if the walk went on: later and farther than those of the pass before.
+
+    Args:
+        estimator: The estimator.
+        samples: Samples of one pass.
+        duration_ns: Added to the stamps once per earlier pass.
+        number: Number of the pass, from 0.
+    """
     way = number * _way(samples)
     for sample in samples:
         call_update(estimator, copy_sample(shift_sample(sample, number * duration_ns, way)))
@@ -110,4 +118,4 @@ def _count_allocated_bytes() -> int:
         return 0
     ask.restype = _HeapInfo
     heap = ask()
-    return int(heap.uordblks + heap.hblkhd)
+    return int(heap.uordblks + heap.hblkhd)  # allocated blocks, and memory-mapped ones

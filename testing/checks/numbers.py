@@ -24,7 +24,11 @@ def check_finite(subject: Subject) -> None:
 
 
 def check_covariance(subject: Subject) -> None:
-    """Covariances are positive semidefinite, standard deviations positive; probabilities sum to 1."""
+    """Covariances are positive semidefinite, standard deviations positive; probabilities sum to 1.
+
+    Raises:
+        ConformanceError: One of them cannot be such a number; the message says where and why.
+    """
     for returned in subject.reference:
         for leaf in returned.leaves:
             if _describes_uncertainty(leaf) and (problem := _problem(leaf)):
@@ -45,7 +49,7 @@ def _problem(leaf: Leaf) -> str:
         return ""
     if not leaf.is_finite:
         return "is not finite: return None for what is unknown, or inf for a standard deviation"
-    if leaf.is_covariance:
+    if leaf.is_covariance:  # then a standard deviation, else a probability
         return _covariance_problem(value)
     if leaf.is_standard_deviation:
         return "" if (value > 0.0).all() else f"is {value.min():.3g}: a standard deviation is positive"

@@ -17,18 +17,22 @@ from stridetwin.testing.subject import ConformanceError, Subject, pose_of
 
 _FACTOR = 3.0
 """Ratio of an estimated to a true length, or count, that no unit or frame explains."""
-_SLACK_M = 0.5
-_UNIT = 1e-3
+_SLACK_M = 0.5  # added to a length before it is compared
+_UNIT = 1e-3  # tolerance of unit vectors, unit quaternions and rotation matrices
 _UPRIGHT = 0.8
 """Least cosine of the angle between the estimated and the true vertical."""
 _STEEPEST_RAD, _HIGHEST_M = 0.35, 0.3
 """On level ground, in slope and in height from step to step."""
-_CAMERA_HEIGHT_M = (0.5, 3.0)
-_FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0
+_CAMERA_HEIGHT_M = (0.5, 3.0)  # of a head or chest above the ground
+_FARTHEST_STEP_M, _LATEST_STEP_S = 8.0, 10.0  # of a predicted step, from the body and from now
 
 
 def check_plausible(subject: Subject) -> None:
-    """Units and frames are those of the project."""
+    """Units and frames are those of the project.
+
+    Raises:
+        ConformanceError: A path, step, map or prediction is far from what the walk can be.
+    """
     estimates = [returned.estimate for returned in subject.reference]
     paths: dict[str, list[Pose]] = {}
     for estimate in estimates:
@@ -46,6 +50,11 @@ def check_plausible(subject: Subject) -> None:
 
 def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
     """The poses of one frame are rotations, as far apart as the true ones, and upright.
+
+    Args:
+        subject: The estimator under test, with its walk.
+        frame: Frame of the poses; "" is the estimator's only IMU, if there is one.
+        poses: Poses of the frame, in time order; only valid ones are compared with the truth.
 
     Raises:
         ConformanceError: They are not.
@@ -81,7 +90,17 @@ def _check_rotation(rotation: Array, t_ns: int) -> None:
 
 
 def _check_length(poses: Sequence[Pose], truth: Trajectory) -> None:
-    """Compares the largest distance from the start; an estimator of the attitude alone stays at its start."""
+    """Compares the largest distance from the start with the true one, which reveals wrong units.
+
+    A path that never leaves its start is accepted: an estimator of the attitude alone gives one.
+
+    Args:
+        poses: Valid poses of one frame.
+        truth: True path of the frame; only its part during these poses counts.
+
+    Raises:
+        ConformanceError: The path is far too long or too short.
+    """
     positions = np.array([pose.p_frame_in_world for pose in poses], float)
     estimated_m = float(np.linalg.norm(positions - positions[0], axis=1).max())
     during = (truth.t_ns >= poses[0].t_ns) & (truth.t_ns <= poses[-1].t_ns)
@@ -97,7 +116,18 @@ def _check_length(poses: Sequence[Pose], truth: Trajectory) -> None:
 
 
 def _check_vertical(subject: Subject, topic: str, poses: Sequence[Pose]) -> None:
-    """From rest to rest, the mean specific force in the world is that of gravity, upwards."""
+    """The mean specific force, rotated into the world by the estimated attitudes, points upwards.
+
+    A walk from rest to rest has no mean acceleration, so that only the reaction to gravity remains.
+
+    Args:
+        subject: The estimator under test, with its walk.
+        topic: Topic of the IMU.
+        poses: Poses of the IMU's frame; those at the stamp of a sample of the IMU count.
+
+    Raises:
+        ConformanceError: It points elsewhere: frames or the order of quaternions are wrong.
+    """
     forces = {s.t_ns: s.specific_force for s in subject.walk.samples if isinstance(s, Imu) and s.topic == topic}
     rotated = [pose.T_world_frame[:3, :3] @ forces[pose.t_ns] for pose in poses if pose.t_ns in forces]
     if not rotated:

@@ -34,7 +34,7 @@ def check_deterministic(subject: Subject) -> None:
 def check_independent(subject: Subject) -> None:
     """Two instances that take samples in turn, one a third of the walk behind, return what each returns alone."""
     samples = subject.walk.samples
-    lag = len(samples) // 3
+    lag = len(samples) // 3  # samples by which the second instance is behind
     instances = subject.create(), subject.create()
     returned: tuple[list[Returned], list[Returned]] = [], []
     for turn in range(2 * lag):
@@ -43,7 +43,7 @@ def check_independent(subject: Subject) -> None:
                 sample = copy_sample(samples[i])
                 if (estimate := call_update(instance, sample)) is not None:
                     estimates.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
-    for estimates, end in zip(returned, (2 * lag, lag)):
+    for estimates, end in zip(returned, (2 * lag, lag)):  # number of samples that each instance has taken
         require_equal(
             estimates,
             [one for one in subject.reference if one.index < end],
@@ -84,6 +84,11 @@ def check_follow(subject: Subject) -> None:
 
 def _require_same_path(path: Trajectory, expected: Trajectory, frame: str) -> None:
     """Two paths have the stamps, positions and rotations of each other, bit by bit.
+
+    Args:
+        path: Path of `follow`.
+        expected: Path of `update`, sample by sample.
+        frame: Their frame, for the message.
 
     Raises:
         ConformanceError: They differ.
