@@ -84,7 +84,7 @@ class Tree(NamedTuple):
         R = np.empty((len(ids), 9))
         for row, quat in zip(R, model.body_iquat[ids]):
             mujoco.mju_quat2Mat(row, quat)
-        axes = R.reshape(-1, 3, 3)
+        axes = R.reshape(-1, 3, 3)  # principal axes of inertia, in the body's frame
         return cls(
             ids=ids,
             parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
@@ -165,7 +165,7 @@ class _Bodies(NamedTuple):
 
 @numba.njit(**INNER_KERNEL)
 def _allocate_bodies(tree: Tree) -> _Bodies:
-    """Uninitialised arrays for the motion of all bodies at one instant."""
+    """Uninitialised arrays for the motion of all bodies at one instant: p, quat, R, speed, w, dv, dw and axes."""
     n = len(tree.parent)
     return _Bodies(
         np.empty((n, 3)),

@@ -94,6 +94,7 @@ class DepthModel:
         part = self._part
         unmatched = np.zeros(near.shape, bool)
         if part.slant:
+            # slopes per pixel of the image: a Sobel filter gives 8 times the slope, and `near` has every second pixel
             a, b = (np.asarray(cv2.Sobel(near, cv2.CV_32F, *d, scale=0.5 / 8), np.float32) for d in ((1, 0), (0, 1)))
             x, y, length = self._rays
             sine, focal = np.float32(np.sin(part.slant)), np.float32(self._focal)

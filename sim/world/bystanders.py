@@ -308,6 +308,7 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
     reached = np.minimum(distance, thigh + shank - 1e-4)
+    # angle at the hip between thigh and the line to the ankle, and the direction forward across that line
     cos = np.clip((thigh**2 + reached**2 - shank**2) / (2 * thigh * reached), -1.0, 1.0)
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
