@@ -57,8 +57,9 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
     exoskeleton at the wearer's point, and with the opposite sign on the wearer. Degrees of freedom that move both
     bodies get no force.
     """
+    # columns of `bodies`, `points` and `chain`: the exoskeleton's body, then the wearer's; `law` is K, D, K_r, D_r
     bodies, points, law, chain = couplings
-    cdof, cvel = state.cdof, state.cvel
+    cdof, cvel = state.cdof, state.cvel  # entries 0-2 are angular, 3-5 linear, about `state.centre`
     applied = np.zeros(len(cdof))
     for c in range(len(bodies)):
         exo, limb = bodies[c, 0], bodies[c, 1]
@@ -73,7 +74,7 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
         rate = matvec(to_exo, plus(dv, cross(w, arm)))
         R = matmul(to_exo, axes_of(state, limb))
         rotation = times(0.5, (R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]))
-        # half of tr(R) 1 - R: the rate of `rotation` per angular velocity
+        # C, half of tr(R) 1 - R: the rate of `rotation` per angular velocity
         t = R[0][0] + R[1][1] + R[2][2]
         change = (
             (0.5 * (t - R[0][0]), -0.5 * R[0][1], -0.5 * R[0][2]),

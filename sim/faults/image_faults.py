@@ -52,7 +52,7 @@ class _ImageFault(TimedFault):
                 yield arrival
                 continue
             name, image = image_field(arrival)
-            if image.flags.writeable:
+            if image.flags.writeable:  # an image of its own
                 yield arrival.with_values(**{name: self.degrade(image, event)})
                 continue
             if memory.get("event") is not event or memory["clean"] is not image:

@@ -115,6 +115,7 @@ class Tempo:
         risers = [a.s1 for a, b in pairwise(profile) if a.z1 != b.z0]
         grid = np.arange(0.0, end + _GRID_M, _GRID_M)
         tight = grid[np.abs(layout.way.curvature(grid)) > 1.0 / _TIGHT_RADIUS_M]
+        # places with a speed limit; the limit of the first ones, the risers, is lower
         slow = np.concatenate([risers, [0.0, end], tight, *uneven])
         most = np.full(len(slow), _BRISK_MPS)
         most[: len(risers)] = _TO_RISER_MPS

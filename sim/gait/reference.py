@@ -107,7 +107,8 @@ def zero_moment_point(
         mass: Of the whole body, kg.
 
     Returns:
-        (N, 2) zero-moment point at height z, m, and (N,) kappa for its correction by `pelvis.solve_cart_table`, s².
+        (N, 2) zero-moment point at height z, m; (N,) s², κ = m (z_com − z) / F_z for its correction by
+        `pelvis.solve_cart_table`.
     """
     x = p_root[:, 0] + ((z - p_root[:, 2]) * force[:, 0] - moment[:, 1]) / force[:, 2]
     y = p_root[:, 1] + ((z - p_root[:, 2]) * force[:, 1] + moment[:, 0]) / force[:, 2]

@@ -84,7 +84,7 @@ class Tree(NamedTuple):
         R = np.empty((len(ids), 9))
         for row, quat in zip(R, model.body_iquat[ids]):
             mujoco.mju_quat2Mat(row, quat)
-        axes = R.reshape(-1, 3, 3)
+        axes = R.reshape(-1, 3, 3)  # principal axes of inertia, in the body's frame
         return cls(
             ids=ids,
             parent=np.array([index.get(int(model.body_parentid[b]), -1) for b in ids]),
@@ -165,7 +165,7 @@ class _Bodies(NamedTuple):
 
 @numba.njit(**INNER_KERNEL)
 def _allocate_bodies(tree: Tree) -> _Bodies:
-    """Uninitialised arrays for the motion of all bodies at one instant."""
+    """Uninitialised arrays for the motion of all bodies at one instant: p, quat, R, speed, w, dv, dw and axes."""
     n = len(tree.parent)
     return _Bodies(
         np.empty((n, 3)),
@@ -226,6 +226,7 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     p, force, moment, com = bodies.p, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
         _forward_kinematics(tree, q[i], v[i], a[i], bodies)
+        # `first`: first moment of mass, about the world's origin
         sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for b in range(len(p)):
             body_force, body_moment, arm = _inertial_wrench(tree, b, bodies, g)
@@ -266,9 +267,11 @@ def hinge_torques(
             body_force, body_moment, _ = _inertial_wrench(tree, b, motions, g)
             store_vec3(body_force, force[b])
             store_vec3(body_moment, moment[b])
+        # what each body needs from its carrier: less by the external wrench on it
         for k, b in enumerate(bodies):
             store_vec3(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
             store_vec3(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
+        # from the tips to the root: torques of the body's hinges, then its wrench is added to its carrier's
         for b in range(count - 1, 0, -1):
             up, body_force, body_moment = tree.parent[b], vec3(force[b]), vec3(moment[b])
             for j in range(tree.hinges[b, 0], tree.hinges[b, 1]):

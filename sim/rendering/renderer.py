@@ -193,7 +193,7 @@ class SensorView(_OffScreen):
         Args:
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
-            intrinsics: Of the image.
+            intrinsics: (fu, fv, pu, pv) of the image, pixels.
             size: (W, H) of the image, up to the view's own, which is the default.
         """
         return self._render_view(data, T_world_camera, intrinsics, *(size or (self.width, self.height)))[0]
@@ -206,7 +206,7 @@ class SensorView(_OffScreen):
         Args:
             data: State of the model, kinematics up to date.
             T_world_camera: (4, 4) pose of the optical frame in the world.
-            intrinsics: Of the full image.
+            intrinsics: (fu, fv, pu, pv) of the full image, pixels.
             rows: Rows to render.
             columns: Columns to render.
         """

@@ -66,7 +66,7 @@ class DepthModel:
             grey: (H, W) brightness of the surfaces; None: bright enough.
         """
         part = self._part
-        if not part.noise and not part.disparity_step:
+        if not part.noise and not part.disparity_step:  # an ideal part has only its range
             measured = depth.copy()
             measured[(measured < part.range_min) | (measured > part.range_max)] = 0
             return measured
@@ -74,6 +74,7 @@ class DepthModel:
         near = np.ascontiguousarray(counts[::2, ::2])  # at half the resolution
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
         unmatched = self._mask_unmatched(near, mean, grey)
+        # another crop of the noise banks for each image
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
         # nearest and farthest surface in the matching window, between which flying pixels lie
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
@@ -94,6 +95,7 @@ class DepthModel:
         part = self._part
         unmatched = np.zeros(near.shape, bool)
         if part.slant:
+            # slopes per pixel of the image: a Sobel filter gives 8 times the slope, and `near` has every second pixel
             a, b = (np.asarray(cv2.Sobel(near, cv2.CV_32F, *d, scale=0.5 / 8), np.float32) for d in ((1, 0), (0, 1)))
             x, y, length = self._rays
             sine, focal = np.float32(np.sin(part.slant)), np.float32(self._focal)

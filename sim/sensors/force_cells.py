@@ -193,7 +193,7 @@ def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -
     side = after - corner  # (K, 2)
     to = point[:, None] - corner  # (N, K, 2)
     share = np.clip(np.sum(to * side, axis=-1) / np.sum(side * side, axis=-1), 0.0, 1.0)
-    nearest = corner + share[..., None] * side
+    nearest = corner + share[..., None] * side  # (N, K, 2), on each side of the outline
     best = np.argmin(np.linalg.norm(point[:, None] - nearest, axis=-1), axis=-1)
     outside = np.any(sense * _cross(side, to) < 0, axis=-1)
     return np.where(outside[:, None], nearest[np.arange(len(point)), best], point)

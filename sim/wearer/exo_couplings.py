@@ -150,7 +150,7 @@ class LegFrame:
 
 
 def leg_frame(size: Wearer, side: str) -> LegFrame:
-    """Bodies, joints, offsets, axes and stops of a leg of the wearer's exoskeleton.
+    """Bodies, joints, offsets, axes and stops of the leg `side` (`l` or `r`) of the wearer's exoskeleton.
 
     Raises:
         ValueError: The wearer has no exoskeleton.
@@ -161,6 +161,7 @@ def leg_frame(size: Wearer, side: str) -> LegFrame:
         offsets, axes = chain(size.exo, side)
         bodies, joints = (tuple(f"{n}_{side}" for n in names) for names in (EXO_LEG_BODIES, EXO_LEG_JOINTS))
         return LegFrame(bodies=bodies, joints=joints, offsets=offsets, axes=axes, stops=RANGE_RAD)
+    # a custom exoskeleton: its legs hang on its base, which is fixed to the pelvis
     leg = size.exo.legs[side]
     offsets = np.array([link.offset for link in leg])
     offsets[0] += size.exo.base.offset

@@ -151,11 +151,12 @@ class Bystander:
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
         at = (2 * cycle + odd - self.first).astype(int)  # row of the foothold that the foot stands on, or leaves
         a, b = self.holds[at], self.holds[at + 2]
-        share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)
+        share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)  # of swing
         rise = b[:, 2] - a[:, 2]
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
+        # pitch, toes down positive: the heel rises before toe-off, and the toes are up before and after touch-down
         pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
         pitch += _TOUCH_DOWN_PITCH_RAD * (
             ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
@@ -308,6 +309,7 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
     reached = np.minimum(distance, thigh + shank - 1e-4)
+    # angle at the hip between thigh and the line to the ankle, and the direction forward across that line
     cos = np.clip((thigh**2 + reached**2 - shank**2) / (2 * thigh * reached), -1.0, 1.0)
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)

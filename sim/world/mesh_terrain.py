@@ -136,6 +136,10 @@ class MeshWay:
 def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...], str]:
     """Segments that replace a mesh along a way of a width, and a summary of the replacement and its error in words.
 
+    Args:
+        way: The mesh, and where the way is on it.
+        width_m: Width of the way.
+
     Raises:
         ConfigError: The mesh cannot be read, walked, or replaced closely enough; the message says where and why.
         StrideTwinError: The file cannot be read.
@@ -146,6 +150,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
         raise ConfigError(way.path, "length of the way", round(length, 3), f"{2 * _MIN_HALF_WAY_M:g}-500 m")
     s = np.arange(0.0, length, _SAMPLE_M)
     heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
+    # (N, 5) m, relative to the start of the middle line
     heights -= heights[0, len(_ROWS) // 2]
     segments = _segments(s, heights[:, len(_ROWS) // 2], way)
     errors = _replacement_error(segments, s, heights, width_m, way)

@@ -200,7 +200,11 @@ def _are_apart(a: Solid, b: Solid) -> bool:
 
 
 def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Planters and pillars along both sides of the way and a wall beyond its end."""
+    """Planters and pillars along both sides of the way and a wall beyond its end, down to the height `bottom`, m.
+
+    Yields:
+        The boxes of one object.
+    """
     rng = np.random.default_rng(_SEED)
     first, last = layout.profile[0], layout.profile[-1]
     half = layout.slabs[0].left + _CLEARANCE_M
@@ -259,7 +263,13 @@ def _planter(
 
 
 def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Walls along both sides of all straight parts, around their ends if there is space, and across both ends."""
+    """Walls along both sides of all straight parts, around their ends if there is space, and across both ends.
+
+    They reach down to the height `bottom`, m.
+
+    Yields:
+        The box of one wall.
+    """
     lines, profile = layout.way.segments, layout.profile
     half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
     built: list[Landmark] = []
@@ -288,7 +298,13 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
 
 
 def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
-    """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space."""
+    """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space.
+
+    The walls reach down to the height `bottom`, m; everything else stands on the lowest ground.
+
+    Yields:
+        The boxes of one object, which the caller leaves out where there is no space.
+    """
     rng = np.random.default_rng(_SEED)
     low, high = _extent(layout)
     middle, (length, width) = (low + high) / 2, high - low

@@ -147,16 +147,18 @@ class _Pen:
     def lay_winder(self, length: float, angle: float, half: float, recess: float, down: bool) -> None:
         """Lays a tread of a winding stair on an arc of the way.
 
-        Its lower edge is radial; its other end lies under the next higher tread.
+        The tread is a rectangle. Its lower edge is radial, and its other end lies under the next higher tread: going
+        up, the lower edge is where the pen is; going down, where the arc ends.
 
         Args:
             length: Along the way, m.
             angle: Of the arc, rad, left positive.
             half: Half width of the way, m.
-            recess: By which the tread overhangs its riser, m.
+            recess: By which the tread overhangs its riser, m; the sign gives the end.
             down: Whether the stair leads down.
         """
         radius = length / abs(angle)
+        # length of the rectangle, to the outer corner of the next edge; width on the inner side of the bend
         reach = (radius + half) * math.sin(abs(angle))
         inner = radius - (radius - half) * math.cos(angle)  # as far as the next edge begins
         left, right = (inner, half) if angle > 0.0 else (half, inner)
