@@ -118,6 +118,13 @@ def _read_scalars(
     Times are the column of stamps, Xsens' counter divided by its rate, or the row's number divided by the rate in the
     request.
 
+    Args:
+        path: Named by errors.
+        text: Lines of the file.
+        request: Columns and rate that the user gives.
+        notes: Collects what was assumed.
+        quantity: What columns named `x`, `y`, `z` alone are: `accel`, `gyro` or "".
+
     Raises:
         ConfigError: A cell is no number, or stamps, an axis or a unit are missing.
         csv.Error: The text is no table.
