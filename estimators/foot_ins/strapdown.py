@@ -70,7 +70,7 @@ def transpose_rows(M: Array, first: int, count: int) -> None:
 
 @njit(**INNER_KERNEL)
 def mirror(M: Array, first: int, count: int) -> None:
-    """Makes a diagonal block, which is symmetric but for rounding, exactly so."""
+    """Makes the diagonal block of `count` rows from `first` on exactly symmetric: its upper triangle is copied."""
     for i in range(first, first + count):
         for j in range(first, i):
             M[i, j] = M[j, i]

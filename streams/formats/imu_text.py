@@ -193,7 +193,7 @@ def _unwrap_counter(counts: Array, name: str) -> Array:
     """Counts (N,) since the first row, from a counter `name` that overflows at 2¹⁶ (packets) or 2³² (ticks)."""
     size = _COUNTERS[name.strip().lower()]
     steps = np.diff(counts)
-    steps = np.where(steps < -size / 2, steps + size, steps)
+    steps = np.where(steps < -size / 2, steps + size, steps)  # a large step back is an overflow
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 
