@@ -98,6 +98,8 @@ def _prepare_first(messages: Iterator[Message]) -> Iterator[Message]:
 def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
     """Runs `live`: listens for senders until they end, and estimates, records, or both.
 
+    `progress`, which every command gets, is not used: how long a live run takes is not known.
+
     Returns:
         Counts by stream, files and latency; the exit code is 1 if the latency is over `--budget`.
     """

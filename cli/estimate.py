@@ -177,6 +177,14 @@ def _run_on_table(
 ) -> _Run | None:
     """Runs an estimator that reads IMU tables (it has `follow_block`) on a table.
 
+    A table with options that describe streams (`--rig`, `--map`, `--as`) is read as a recording instead.
+
+    Args:
+        arguments: The command line.
+        estimator_class: Class of the estimator.
+        options: Its options.
+        parameters: Values of `--set` by name.
+
     Returns:
         Its path; None if the estimator reads no tables or the source is no table.
     """
@@ -214,12 +222,16 @@ def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
 
 
 def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
-    """A rig with the IMU of a table on a foot; None if it is unknown.
+    """A rig with the IMU of a table on a foot.
 
     Args:
-        choice: `AUTO`, `UNKNOWN` or the name of a part.
+        choice: `AUTO` measures the calibration from the samples; the name of a part takes that of its data sheet;
+            `UNKNOWN` gives no rig.
         block: All samples.
         foot: `l` or `r`.
+
+    Returns:
+        The rig; None for `UNKNOWN`.
 
     Raises:
         StrideTwinError: No IMU of that name.

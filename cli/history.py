@@ -10,7 +10,10 @@ from stridetwin.streams.files import atomic_file
 
 
 def history_command(arguments: HistoryOptions, progress: Progress) -> Outcome:
-    """Runs `history`: draws the means of all versions in a history file as a page."""
+    """Runs `history`: draws the means of all versions in a history file as a page.
+
+    `progress`, which every command gets, is not used, as this takes a moment only.
+    """
     with explain_import_error("pages need it", "report"):
         from stridetwin.report.history import history_page
     lines = read_history(arguments.history)

@@ -23,7 +23,8 @@ from stridetwin.streams.yaml_file import read_entries
 def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
     """Runs `list`: names and descriptions of everything that a command accepts by name.
 
-    Of the project's files only the descriptions are read, as the whole files would take long.
+    Of the project's files only the descriptions are read, as the whole files would take long. The two arguments, which
+    every command gets, are not used.
     """
     parts = {name: read_entries(path, "kind", "description") for name, path in part_files().items()}
     data: dict[str, Any] = {
@@ -56,6 +57,6 @@ def list_command(arguments: ListOptions, progress: Progress) -> Outcome:
 
 
 def schema_command(arguments: SchemaOptions, progress: Progress) -> Outcome:
-    """Runs `schema`: the JSON Schema of a kind of file."""
+    """Runs `schema`: the JSON Schema of a kind of file, as `arguments.kind` names it; `progress` is not used."""
     schema = schema_file(resolve_name(SCHEMAS[arguments.kind]))
     return Outcome(data=schema, lines=json.dumps(schema, indent=1, ensure_ascii=False).splitlines())

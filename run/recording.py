@@ -150,6 +150,12 @@ def _run_driven(
 ) -> list[KindOutputs]:
     """Runs the kinds that take poses, with those of the odometry among `paths`.
 
+    Args:
+        recording: The recording.
+        selection: Which estimators are run.
+        paths: Estimated paths, among them that of an odometry if one was run.
+        progress: Receives the stage and its progress (0-1).
+
     Returns:
         Their outputs; empty if no odometry supplies poses, or no estimator of these kinds is selected.
     """

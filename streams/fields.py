@@ -46,7 +46,7 @@ class ReadAs:
         self._file_type = file_type if convert is None else Annotated[file_type, AfterValidator(convert)]
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of the type in the file."""
+        """The schema of the type in the file, in place of that of the annotated type `source`."""
         return handler.generate_schema(self._file_type)
 
 
@@ -124,7 +124,7 @@ class OneKey(Generic[V]):
         self._kinds, self._build = kinds, build or (lambda key, value: value)
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of a union of mappings of one key each; the key selects the member."""
+        """The schema of a union of mappings of one key each, not that of `source`; the key selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()},
             discriminator=lambda node: (
@@ -151,7 +151,7 @@ class OneKind:
         self._kinds = kinds
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of a union of mappings; the value of `kind` selects the member."""
+        """The schema of a union of mappings, in place of that of `source`; the value of `kind` selects the member."""
         return core_schema.tagged_union_schema(
             {TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()},
             discriminator=lambda node: f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None,

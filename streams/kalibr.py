@@ -358,13 +358,25 @@ def _to_camera(
 def _to_camera_mount(
     name: str, camera: _Camera, extras: _CameraExtras, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
 ) -> Mount:
-    """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or the mount must be omitted."""
+    """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or one of them must be omitted.
+
+    Args:
+        name: Name of the section.
+        camera: Kalibr's section.
+        extras: What a rig knows beyond it, with the mount.
+        T_cam_imu: (4, 4) IMU's frame to camera's, m; None if unknown.
+        imu: The camera's IMU; None without one.
+        source: Name of the file in errors.
+
+    Raises:
+        ConfigError: The two contradict each other, or both are missing.
+    """
     mount, place = extras.mount, f"{_OURS}.{name}.mount.T_body_sensor"
     if T_cam_imu is None or imu is None:
         if mount.T_body_sensor is None:
             raise ConfigError(source, place, Missing(), "4 rows of 4 numbers")
         return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
-    derived = imu.mount.T_body_sensor @ _inverse(T_cam_imu)
+    derived = imu.mount.T_body_sensor @ _inverse(T_cam_imu)  # pose of the camera on the IMU's body
     if mount.T_body_sensor is None:
         return Mount(body=mount.body, T_body_sensor=derived)
     if mount.body != imu.mount.body or not np.allclose(mount.T_body_sensor, derived, atol=1e-6):

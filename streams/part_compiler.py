@@ -27,7 +27,7 @@ class PartLibrary(JITCodeLibrary):
     """Code of a function that only goes into others, neither linked nor made machine code."""
 
     def finalize(self) -> None:  # noqa: D102
-        # in place of Numba's, which would optimise the code and make machine code of it
+        # ends the compilation of a part, in place of Numba's method, which would optimise it and make machine code
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
                 function.linkage = "linkonce_odr"  # several entry points may contain it

@@ -330,7 +330,7 @@ class Block(Generic[SampleT]):
         """(N,) whether every number of a sample is finite."""
         keep = np.ones(len(self), bool)
         for values in self.columns.values():
-            if values.dtype.kind == "f":
+            if values.dtype.kind == "f":  # integers and texts are always valid
                 keep &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
         return keep
 

@@ -90,6 +90,11 @@ class Way:
 
         The path is followed from its start, near arc length `begin`, which resolves ambiguities where two parts of the
         way meet; consecutive samples are up to `reach_m` apart along the way.
+
+        Args:
+            path: (N, 2) m, points in the world.
+            reach_m: Largest distance of two consecutive samples along the way, m.
+            begin: Arc length near which the path begins, m.
         """
         path = np.asarray(path, dtype=float)
         s0, s1 = self.segments[0].s0, self.segments[-1].s1

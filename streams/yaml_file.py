@@ -117,6 +117,12 @@ class _OpenCollection:
 def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_aliases: int | None = None) -> None:
     """Refuses YAML that grows when it is read, or repeats a key, before anything is made of it.
 
+    Args:
+        text: The text.
+        source: Names it in errors.
+        most_values: Most values, every alias written out.
+        most_aliases: Most aliases; None: as many as values.
+
     Raises:
         StrideTwinError: Too long, too deep, too many values once every alias is written out, a key twice, or no YAML.
     """
@@ -151,7 +157,18 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
 
 
 def _check_key(event: yaml.NodeEvent, inside: _OpenCollection | None, source: str) -> None:
-    """Refuses a key that is repeated or no scalar, and text with a NUL, which no file name can hold."""
+    """Refuses a key that is repeated or no scalar, and text with a NUL, which no file name can hold.
+
+    Keys and values alternate in a mapping: `inside.key_next` says which one comes next, and is switched here.
+
+    Args:
+        event: The next value of the text, as PyYAML's parser gives it.
+        inside: The collection around it; None at the top.
+        source: Names the text in errors.
+
+    Raises:
+        StrideTwinError: The value is refused.
+    """
     if isinstance(event, yaml.ScalarEvent) and "\0" in event.value:
         raise ConfigError(source, _line_of(event), event.value, "text without NUL")
     if inside is None or inside.keys is None:

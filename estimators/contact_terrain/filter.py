@@ -73,7 +73,7 @@ class ContactTerrain:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """AHRS, encoders and insoles, as the exoskeleton's geometry names them.
+        """AHRS, encoders and insoles, as the exoskeleton's geometry names them; `rig` is not read.
 
         Raises:
             StrideTwinError: There is no geometry, or it cannot be read.

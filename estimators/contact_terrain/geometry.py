@@ -191,7 +191,7 @@ class Compliance:
         """Raises ConfigError where a value is not a finite number ≥ 0."""
         values = asdict(self)
         values |= {f"vector_sd_m[{i}]": sd for i, sd in enumerate(values.pop("vector_sd_m"))}
-        check_numbers("Compliance", values, values)
+        check_numbers("Compliance", values, values)  # any of them may be 0
 
 
 _COMPLIANCE_KEYS = {f.name.replace("_rad", "_deg"): f.name for f in fields(Compliance)}

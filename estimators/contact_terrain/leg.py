@@ -62,7 +62,7 @@ def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
     """(joints + 1, 3, 3) constant rotations before, between and beyond the joints of these rows, as in `Links`."""
     parts, rotation = [], np.eye(3)
     for row in rows:
-        alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])
+        alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])  # a table of this row, without lengths
         rotation = rotation @ forward(alone, np.array([False]), np.empty(0))[0, :3, :3]
         if row.turns:
             parts.append(rotation)

@@ -76,7 +76,7 @@ class FootIns:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """The IMU of `options.foot`."""
+        """The IMU on the foot `options.foot` (`l` or `r`), whatever the rig is."""
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
     @classmethod
@@ -88,6 +88,8 @@ class FootIns:
         parameters: FootInsParameters | None = None,
     ) -> list[PathEstimate]:
         """The path of one foot over a whole recording, smoothed where the options have a lag.
+
+        It takes seconds, so `progress` is not used. The list has one path.
 
         Raises:
             StrideTwinError: The topic or the calibration is missing, or the foot is never stationary.

@@ -119,7 +119,16 @@ def correct_probably(
 def _innovation(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float) -> tuple[float, float]:
     """The innovation z' = z - h dx and its variance s = h P hᵀ + r; writes P hᵀ into `gain`.
 
-    The error `dx` is part of the prediction, as it is not in the nominal state yet. Arguments as in `correct`.
+    The error `dx` is part of the prediction, as it is not in the nominal state yet.
+
+    Args:
+        P: (n, n) covariance.
+        dx: (n,) error found so far.
+        gain: (n,) overwritten by P hᵀ.
+        o: First row of the states that `h` is about.
+        h: (m,) Jacobian of the measurement by the m states from row `o` on.
+        z: Measurement minus its prediction from the nominal state.
+        r: Variance of the measurement.
     """
     _covariance_times_row(P, gain, o, h)
     s = r
@@ -165,7 +174,7 @@ def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     """Length of the innovation of m measurements, in standard deviations, with noise of this variance.
 
     √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` must have been
-    called before. L is left in `work.factor`, L⁻¹ z in `work.solved`.
+    called before: it leaves H P Hᵀ in `work.spread`. L is left in `work.factor`, L⁻¹ z in `work.solved`.
     """
     y, length2 = work.solved, 0.0
     factorise(work.spread, variance, work.factor, m)

@@ -254,6 +254,12 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
     A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
+
+    Args:
+        memory: State of the foot, changed in place.
+        parameters: Parameters of the filter.
+        rate: (3,) rad/s, angular rate ω of the sample.
+        dt: Length of the sample's interval, s: the rate of a foot at rest is white noise with a density.
     """
     sd, work = parameters.rest_rate_noise_radps_rthz / math.sqrt(dt), memory.work
     clear(work, 3)

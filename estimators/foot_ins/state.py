@@ -111,7 +111,7 @@ class FilterState(NamedTuple):
 
 
 def initial_state(covariance: Array | None = None, error: Array | None = None, row: int = 0) -> FilterState:
-    """State of a foot at the origin without samples.
+    """State of a foot at the origin without samples: every entry is 0 but for the attitude, the start and the floor.
 
     Args:
         covariance: (n, n) of the filter that the foot belongs to; None: a filter of this foot alone.

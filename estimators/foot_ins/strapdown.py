@@ -70,7 +70,7 @@ def transpose_rows(M: Array, first: int, count: int) -> None:
 
 @njit(**INNER_KERNEL)
 def mirror(M: Array, first: int, count: int) -> None:
-    """Makes a diagonal block, which is symmetric but for rounding, exactly so."""
+    """Makes the diagonal block of `count` rows from `first` on exactly symmetric: its upper triangle is copied."""
     for i in range(first, first + count):
         for j in range(first, i):
             M[i, j] = M[j, i]
@@ -80,8 +80,16 @@ def mirror(M: Array, first: int, count: int) -> None:
 def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """M <- F M in place; only the foot's own rows of position, velocity and attitude change.
 
-    The arguments are those of `propagate_covariance`. Half of the change of the position comes from the velocity before
-    the step, half from that after it.
+    Half of the change of the position comes from the velocity before the step, half from that after it.
+
+    Args:
+        M: (n, m) matrix with a row per error state.
+        o: First row of the foot's error states.
+        R: (3, 3) rotation, sensor to world, in the middle of the interval.
+        f_world: (3,) m/s², specific force, world axes.
+        dt: Length of the interval, s.
+        path: Length of the path over the interval, m: times the drift it is an error of the height.
+        turn: (3,) rad, rotation across the sole's normal, world axes: times the scale it is an error of the attitude.
     """
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     g, b = o + state.D_GYRO_BIAS, o + state.D_ACCEL_BIAS
@@ -123,7 +131,14 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv in the rows from `o` on."""
+    """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv.
+
+    Args:
+        M: (n, m) matrix with a row per error state.
+        o: First row of the foot's error states.
+        dp: (3,) correction of the position, world axes, m.
+        dv: (3,) correction of the velocity, world axes, m/s.
+    """
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     for j in range(M.shape[1]):
         x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]

@@ -143,7 +143,7 @@ class FootToFoot:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """IMUs, cameras and sonars of both feet."""
+        """IMUs, cameras and sonars of both feet, for any options; a recording need not have the cameras and sonars."""
         on_feet = tuple(f"foot_{foot}" for foot in FEET)
         cameras = [c.topic for c in rig.cameras.values() if c.mount.body in on_feet]
         sonars = [s.topic for s in rig.others.values() if s.kind == "range" and s.mount.body in on_feet]
@@ -161,7 +161,7 @@ class FootToFoot:
         progress: Progress | None = None,
         parameters: FootToFootParameters | None = None,
     ) -> list[PathEstimate]:
-        """The paths of both feet over a whole recording.
+        """The paths of both feet over a whole recording; `progress` is not used.
 
         Raises:
             StrideTwinError: A topic or calibration is missing, or a foot is never stationary.

@@ -41,7 +41,7 @@ def variance_statistic(memory: FilterState, parameters: PairParameters) -> float
     docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
     """
     total = 0.0
-    for channel in range(6):
+    for channel in range(6):  # of the ring: 0-2 angular rate, 3-5 specific force
         scale = GYRO_SCALE_RADPS if channel < 3 else ACCEL_SCALE_MPS2
         total += _variance(memory, parameters.window_s, channel) / scale**2
     return total

@@ -62,7 +62,7 @@ class GaitPhase:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """The IMU of `options.foot`."""
+        """The IMU on the foot `options.foot` (`l` or `r`), whatever the rig is."""
         return (Stream(role="imu", topic=_topic(options), kind=Imu),)
 
     def update(self, sample: Imu) -> PhaseEstimate | None:

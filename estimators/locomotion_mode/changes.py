@@ -109,12 +109,18 @@ def find_next_change(
 
 
 def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
-    """Mode of steps on the ground under the foot (index `here`); on a tread, the mode of its stairs."""
+    """Mode of steps on the ground under the foot; on a tread, the mode of its stairs.
+
+    Args:
+        ground: Terrain segments along the path.
+        here: Index of the segment under the foot.
+        p: Dimensions of steps.
+    """
     segment = ground[here]
     if segment.mode != "LG":
         return segment.mode
     if here > 0 and here + 1 < len(ground):
-        drops = segment.drop, ground[here + 1].drop
+        drops = segment.drop, ground[here + 1].drop  # rise of the edges at both ends of the segment, m
         are_stairs = min(map(abs, drops)) > p.min_stair_riser_m and drops[0] * drops[1] > 0
         if are_stairs and segment.length < p.map.max_tread_m:
             return "SA" if drops[0] > 0 else "SD"
@@ -126,8 +132,18 @@ def _sizes(
 ) -> dict[str, float]:
     """Riser and tread, or slope, with standard deviations, of the ground that begins at a place; only known values.
 
-    The keys are those of `NextChange`. A ramp has a slope; stairs have a riser, and a tread if a flight is mapped
-    there.
+    A ramp has a slope; stairs have a riser, and a tread if a flight is mapped there.
+
+    Args:
+        mode: Mode of the first step onto that ground.
+        segment: The terrain segment that begins there.
+        estimate: The map's estimate.
+        place: (2,) m, where the path crosses the edge or slope break.
+        line: The path.
+        p: Standard deviations.
+
+    Returns:
+        Values by attribute of `NextChange`; empty for level ground.
     """
     if mode in ("RA", "RD"):
         return {"slope": segment.slope, "slope_sd": segment.slope_sd}
@@ -145,9 +161,13 @@ def _sizes(
 
 
 def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool) -> Stairs | None:
-    """The flight with the most steps that has an edge at a place (2,), m, on a path along `forward` (2,).
+    """The flight with the most steps that has an edge at a place; None if there is none.
 
-    `up` says whether the path climbs it. None if there is none.
+    Args:
+        estimate: The map's estimate.
+        place: (2,) m, the place.
+        forward: (2,) unit vector of the path.
+        up: Whether the path climbs the flight rather than descends it.
     """
     flights = []
     for flight in estimate.stairs:

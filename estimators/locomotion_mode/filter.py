@@ -116,7 +116,7 @@ class LocomotionMode:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Poses, at least one insole, and depth.
+        """Poses, at least one insole, and depth; the same for all options.
 
         Raises:
             StrideTwinError: The rig has no depth camera.

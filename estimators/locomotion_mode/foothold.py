@@ -220,13 +220,22 @@ class _Stance:
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
     def _rotate_row(self, row: Array, turn: float, line: PathAhead, s: Array) -> Array:
-        """(S,) part of the density over the cells of a line that is rotated by an angle, rad, which is large.
+        """One row of the density over the cells of a line into which the walker has turned by a large angle.
 
-        A normal density: the lateral uncertainty becomes part of the position along the new line.
+        It becomes a normal density: the lateral uncertainty is now part of the position along the new line.
+
+        Args:
+            row: (S,) part of the density along this line, of one habit and kind of step.
+            turn: Angle from this line to the new one, rad.
+            line: The new line.
+            s: (S,) m along it.
+
+        Returns:
+            (S,) the row over the new cells, with the sum that it had.
         """
         share = float(row.sum())
         mean, sd = moments(row / max(share, 1e-300), self.s)
-        at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
+        at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward  # of the mean, m along `line`
         across = math.hypot(math.cos(turn) * sd, math.sin(turn) * _LATERAL_SD_M)
         return share * _normalize(_normal_density(s - at, across))
 

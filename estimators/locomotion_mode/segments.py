@@ -211,7 +211,7 @@ def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate |
         return -change.drop > p.map.max_riser_m * (1.0 + _HIDDEN_PER_SD * change.sd / MIN_FOOTHOLD_M)
     if change.drop <= p.map.max_riser_m:
         return False
-    beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]
+    beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]  # mapped planes behind it, the nearest first
     return not any(int(i) in flight.planes for i in beyond[:1] for flight in (estimate.stairs if estimate else ()))
 
 
@@ -291,6 +291,14 @@ def _read_slope(
 
     It is that of the plane with the most points of the profile there or, where the profile has slopes of its own, their
     median over this plane.
+
+    Args:
+        profile: Profile of the ground along the path.
+        estimate: Planes of the map; None: unknown.
+        forward: (2,) unit vector of the path.
+        start: First position, m along the path.
+        end: Second position, m along the path.
+        p: Standard deviations.
     """
     planes = {} if estimate is None else estimate.planes
     inside = (profile.s > start) & (profile.s < end) & (profile.plane >= 0)
@@ -356,6 +364,12 @@ def foothold_heights(ground: Sequence[Segment], profile: Profile, s: Array, p: S
 
     Heels overhang edges: it is the ground under the sole's middle, extended to the heel's centre, also where
     unobserved.
+
+    Args:
+        ground: Terrain segments along the path.
+        profile: Profile of the ground along the path, whose heights are in the world.
+        s: (S,) m along the path, positions of the heel's centre.
+        p: Dimensions of the sole.
     """
     known = np.isfinite(profile.height)
     if not known.any():

@@ -105,7 +105,14 @@ def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
 
 
 def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) -> CameraCalibration:
-    """The known calibration of a camera after a check of the image size, or an assumed one without distortion."""
+    """The known calibration of a camera after a check of the image size, or an assumed one without distortion.
+
+    Args:
+        rig: Known calibrations.
+        topic: Topic of the camera.
+        images: Its images, the first of which gives the size.
+        notes: Collects the assumption, or an error if the calibration is for images of another size.
+    """
     size = read_first_image_size(images)
     if topic not in rig.cameras:
         return _assume_camera(topic, images, size or (640, 480), notes)
@@ -171,6 +178,14 @@ def _add_depth(
 
     A stream counts as registered if the rig says so, if `is_registered`, or if the colour images have its size and its
     intrinsics do not differ from theirs; the last is reported as an assumption if its intrinsics are unknown.
+
+    Args:
+        rig: Known calibrations.
+        cameras: Calibrations of the import's cameras by topic, changed.
+        topic: Topic of the depth stream.
+        images: Image streams by topic.
+        notes: Collects assumptions.
+        is_registered: Whether the depth is known to be registered to colour.
     """
     registered_camera = next((c for c in rig.cameras.values() if c.depth_topic == topic), None)
     if registered_camera is not None:  # a camera whose colour was not recorded

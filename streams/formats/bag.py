@@ -288,7 +288,14 @@ def _read_depth_units(streams: Mapping[str, _Stream[KeyT]]) -> dict[str, float]:
 
 
 def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader, units_m: float) -> ImageStream:
-    """A stream of images that are read from the bag again on request; depth is scaled by `units_m`, metres per unit."""
+    """A stream of images that are read from the bag again on request.
+
+    Args:
+        bag: The open bag.
+        stream: Stamps and keys of the images, and the first image's bytes, which tell their kind.
+        reader: Decoder of the topic.
+        units_m: Metres per unit of depth images.
+    """
     kind = reader.detect_image_kind(stream.payloads[0])
     times, keys, source = np.array(stream.times, np.int64), stream.keys, stream.channel.topic
 
@@ -308,6 +315,12 @@ def _read_extra(
     """Reads messages that are not samples themselves.
 
     CameraInfo and /tf_static go into `calibration`; poses become a block of odometry in `blocks`.
+
+    Args:
+        stream: The messages of one topic.
+        calibration: Collects calibrations and transforms.
+        blocks: Small streams by topic, to which a path is added.
+        notes: Collects problems.
 
     Raises:
         ValueError: A message lacks fields of its type.

@@ -189,7 +189,15 @@ class BagCalibration:
         self.assumed[topic] = f"{self.assumed[topic]}; {text}" if topic in self.assumed else text
 
     def _to_camera(self, topic: str, stream: ImageStream, info: RosMessage, T: Array, imu: str) -> CameraCalibration:
-        """A camera from its CameraInfo; T is the pose of the optical frame in the IMU's frame, m."""
+        """A camera from its CameraInfo.
+
+        Args:
+            topic: Topic of the images; a name such as `image_rect` says that they are rectified.
+            stream: The images, whose stamps give the rate.
+            info: The CameraInfo.
+            T: (4, 4) pose of the optical frame in the IMU's frame, m.
+            imu: Topic of that IMU; "" without one.
+        """
         K, d = _read_field(info, "k"), _read_field(info, "d")
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())

@@ -135,7 +135,16 @@ class McapBag:
     def _unpack_record(
         self, path: Path, opcode: int, body: bytes, unpacking: Unpacking
     ) -> tuple[list[Any], dict[int, Any]]:
-        """The schemas and channels in a record, and the messages of a chunk by channel; both empty if it is damaged."""
+        """The schemas and channels in a record, and the messages of a chunk by channel id.
+
+        Both are empty if the record is damaged, which is reported, as are chunks without a CRC.
+
+        Args:
+            path: The file, for reports.
+            opcode: Kind of the record: chunk, schema or channel.
+            body: Its bytes.
+            unpacking: Unpacks the chunks of the file, within limits.
+        """
         try:
             if opcode == Opcode.CHUNK and not parse_record(records.Chunk, body).uncompressed_crc:
                 self._notes.warn(f"{path.name}: chunks without a CRC, so that corrupted values would not be detected")
@@ -145,7 +154,16 @@ class McapBag:
             return [], {}
 
     def _register(self, i: int, record: Any, schemas: dict[int, records.Schema], channels: dict[str, Channel]) -> None:
-        """Adds a schema or a channel of file `i`; a topic's second publisher is used only if its type is the same."""
+        """Adds a schema or a channel of a file.
+
+        A topic's second publisher is used only if its message type is the same; otherwise it is reported.
+
+        Args:
+            i: Number of the file.
+            record: The schema or channel.
+            schemas: Schemas of the file by id, extended.
+            channels: Streams of all files by topic, extended.
+        """
         if isinstance(record, records.Schema):
             schemas[record.id] = record
         elif record.id not in self._topics[i]:

@@ -416,6 +416,13 @@ def _write_stereo(
 ) -> dict[str, int]:
     """Writes `cam0` and the rendered `cam1`, both only of the images that have depth at the same stamp.
 
+    Args:
+        recording: The recording.
+        left: Calibration of the recorded camera.
+        right: Calibration of the virtual one.
+        imu: IMU, in whose frame the cameras' poses are written.
+        root: The folder `mav0`.
+
     Returns:
         Number of images by folder.
 
@@ -446,7 +453,11 @@ def _write_stereo(
 def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCalibration, folder: Path) -> int:
     """Writes a camera's folder: the images as PNG, `data.csv` and `sensor.yaml`; returns the number of images.
 
-    The pose T_BS is that of the optical frame in the frame of `imu`.
+    Args:
+        images: The images in time order.
+        camera: Calibration.
+        imu: IMU on the same body; the pose T_BS is that of the optical frame in its frame.
+        folder: The folder, which is made.
     """
     data = folder / "data"
     data.mkdir(parents=True)

@@ -174,6 +174,13 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
 def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: Streams, notes: Notes) -> None:
     """Reports the calibrations of a file that match no stream; a file without any match is rejected.
 
+    Args:
+        file: The file.
+        rig: Its contents.
+        unmatched: Names of its sensors that match no stream.
+        streams: Mapping of the source's streams, for the names in the message.
+        notes: Collects the report.
+
     Raises:
         ConfigError: No calibration matches a stream, unless lenient.
     """

@@ -53,7 +53,13 @@ def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block
 
 
 def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
-    """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period."""
+    """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period.
+
+    Args:
+        name: Named by the report.
+        block: Samples whose stamps do not decrease.
+        notes: Collects the report.
+    """
     t_ns = block.t_ns
     # of each group of rows with one stamp: its first row, and its number of rows
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
@@ -72,6 +78,11 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
     """Inserts samples where a step is more than 1.6 median periods long and up to `LONGEST_S`, by linear interpolation.
 
     A long step next to a step that is as much shorter is a late stamp, not a gap. Longer gaps are reported.
+
+    Args:
+        name: Named by the reports.
+        block: Samples whose stamps increase.
+        notes: Collects a report of the gaps that are filled, and of those that are too long.
     """
     t_ns = block.t_ns
     steps = np.diff(t_ns)

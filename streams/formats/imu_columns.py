@@ -294,6 +294,15 @@ def _to_signal(
 ) -> Signal:
     """Three columns as a signal, with the factor of their common unit to SI.
 
+    Args:
+        path: Named by errors.
+        header: Cells of the header.
+        sensor: Name of the sensor; "" in a table of one.
+        kind: `accel` or `gyro`.
+        axes: Index of the column by axis, `x`, `y` and `z`.
+        named: Name and unit of each column, as `_split_unit` gives them.
+        dialect: Units that the header leaves out.
+
     Raises:
         ConfigError: An axis is missing, the units differ, or there is none.
     """

@@ -118,6 +118,13 @@ def _read_scalars(
     Times are the column of stamps, Xsens' counter divided by its rate, or the row's number divided by the rate in the
     request.
 
+    Args:
+        path: Named by errors.
+        text: Lines of the file.
+        request: Columns and rate that the user gives.
+        notes: Collects what was assumed.
+        quantity: What columns named `x`, `y`, `z` alone are: `accel`, `gyro` or "".
+
     Raises:
         ConfigError: A cell is no number, or stamps, an axis or a unit are missing.
         csv.Error: The text is no table.
@@ -186,7 +193,7 @@ def _unwrap_counter(counts: Array, name: str) -> Array:
     """Counts (N,) since the first row, from a counter `name` that overflows at 2¹⁶ (packets) or 2³² (ticks)."""
     size = _COUNTERS[name.strip().lower()]
     steps = np.diff(counts)
-    steps = np.where(steps < -size / 2, steps + size, steps)
+    steps = np.where(steps < -size / 2, steps + size, steps)  # a large step back is an overflow
     return np.concatenate(([0.0], np.cumsum(steps)))
 
 

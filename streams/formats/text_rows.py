@@ -118,6 +118,12 @@ def parse_row_stamp(path: str | Path, line: int, word: str, stamp: Callable[[str
 def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -> Array:
     """The square matrix of numbers that a file consists of.
 
+    Args:
+        path: The file.
+        separator: Between numbers; None is any white space.
+        size: Number of rows and of columns.
+        valid: What is valid, for the message; "" for any finite numbers.
+
     Raises:
         StrideTwinError: The file cannot be read, or is no such matrix; the message says what is `valid`.
     """

@@ -117,6 +117,9 @@ class Sender:
     def send(self, item: Sample | Message) -> None:
         """Queues a sample for sending, or an existing message, which is sent unchanged.
 
+        If the queue of the topic is full, its oldest message is dropped, or the call waits if the sender is `lossless`.
+        Dropped messages keep their numbers, so that the receiver counts the gap.
+
         Raises:
             WireError: The receiver has refused this sender, or was never reachable; or the message is invalid.
         """

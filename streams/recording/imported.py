@@ -157,6 +157,10 @@ class ImportedContents:
     def _check_stamps(self, topic: str, t_ns: Stamps) -> Mask:
         """Reports stamps out of range or not after the previous one as problems.
 
+        Args:
+            topic: Named by the reports.
+            t_ns: (N,) stamps.
+
         Returns:
             (N,) whether each sample is valid.
         """

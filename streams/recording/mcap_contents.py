@@ -136,7 +136,7 @@ class McapContents(RecordingIndex):
             _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
             named = {}
             for channel, messages in by_channel.items():
-                named.setdefault(self.channels[channel], messages)
+                named.setdefault(self.channels[channel], messages)  # of several publishers the first is read
             self._unpacked = chunk.offset, named
         return {topic: named[topic] for topic in topics}
 

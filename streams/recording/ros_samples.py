@@ -180,7 +180,10 @@ def joint_name(topic: str) -> str:
 
 
 def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
-    """The joints' names of a JointState, with zeros in place of their values."""
+    """The values that all JointStates of a topic share: the joints' names, and zeros in place of numbers.
+
+    Only `constants["names"]` is used; topic and rig are arguments of every `TopicValues`.
+    """
     names = list(constants["names"])
     zeros = np.zeros(len(names))
     return {"name": names, "position": zeros, "velocity": zeros, "effort": zeros}

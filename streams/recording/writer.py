@@ -125,7 +125,7 @@ class RecordingWriter:
                 self.write(image, time)
         elif len(item):
             logged = self._check_stamps(item.topic, item.kind, item.t_ns, log_ns)
-            self._append_encoded(0)
+            self._append_encoded(0)  # images written before come first in the file
             self._write_block(item, logged)
 
     def _check_stamps(
