@@ -200,7 +200,7 @@ class OwnExoFile(FileModel):
 
     Attributes:
         description: One line; by default the name of the model.
-        base: Pose of the wearer's pelvis in the base link, which is fixed to it.
+        base: The base link, which is fixed to the pelvis, and its pose in the pelvis' frame.
         cuffs: Ties on both legs, by the limb of the wearer.
         joints: Hinge of the model by its short name, such as `hip_l`; hips, knees and ankles count flexion.
         encoders: Short names of the joints with an encoder.
