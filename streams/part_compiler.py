@@ -149,10 +149,14 @@ def entry_compiler(llvm_level: int) -> type[EntryCompiler]:
 
 @contextmanager
 def _in_parts(llvm_level: int) -> Iterator[None]:
-    """Changes Numba while an entry point is compiled, under Numba's lock.
+    """Lets Numba compile what an entry point calls as parts, which the entry point links and optimises all at once.
 
-    What Numba adds, and Python never calls, is compiled as parts. And a part is compiled for an integer, not again for
-    each number that is written in a call.
+    A part is neither linked nor made machine code by itself. While the body runs, under Numba's lock, what Numba itself
+    adds and Python never calls becomes a part, too; and a part is compiled once for an integer argument, not again for
+    each number that is written in a call. Afterwards Numba's classes are as before.
+
+    Args:
+        llvm_level: Level of LLVM's optimisation, 1 to 3.
     """
     default_compiler: Any = Compiler
     default_dispatcher: Any = Dispatcher

@@ -267,6 +267,10 @@ class FootholdEstimator:
 
     Args:
         settings: Priors of steps and habits, and the reach of the prediction.
+
+    Attributes:
+        s: (S,) m, centres of the cells along the path ahead; the first cell begins `BEHIND_M` behind the body.
+        last_step: The last step as the legs measured it; None if they did not.
     """
 
     def __init__(self, settings: Settings) -> None:
