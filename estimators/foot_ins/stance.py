@@ -309,8 +309,8 @@ def _learn_level_step(memory: state.FilterState, same: float, step: float, varia
     of the floor's part alone is added, weighted by the probability that the floor is the same.
 
     Args:
-        memory: State of the foot. Written are `floor`: probability `same` (entry 0), sum of the probabilities (1), sum
-            of the squared differences in m² (2); and `nis[BY_FLOOR]`, the statistics of consistency.
+        memory: State of the foot. Written are `floor` (entry 0: probability `same`; entry 1: sum of the probabilities;
+            entry 2: sum of the squared differences in m²) and `nis[BY_FLOOR]`, the statistics of consistency.
         same: Probability that the step stayed on its floor.
         step: Height of the foot above its last floor, m.
         variance: Variance of the height differences on one floor, m².
