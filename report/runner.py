@@ -84,7 +84,7 @@ def run_scenario(
         scenario = with_sensors_for(scenario, estimators)
     with stage_files(folder) as out:
         # the estimators' kernels are compiled while the walk is simulated
-        with compile_ahead(*nominal_sensors(scenario, seed), estimators):
+        with compile_ahead(*nominal_sensors(scenario.config, seed), estimators):
             twin = make_twin(scenario, seed)
             record(twin, out / "recording.mcap", progress)
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))

@@ -78,8 +78,8 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
             writer.write(arrival.item, arrival.log_ns)
 
 
-def nominal_sensors(scenario: Scenario, seed: int) -> tuple[Rig, dict[str, str]]:
-    """The nominal rig of a scenario, and the geometry of its exoskeleton as metadata, before the walk is planned.
+def nominal_sensors(config: TwinConfig, seed: int) -> tuple[Rig, dict[str, str]]:
+    """The nominal rig of a walk, and the geometry of its exoskeleton as metadata, before the walk is planned.
 
     Raises:
         StrideTwinError: The simulator is not installed.
@@ -88,7 +88,6 @@ def nominal_sensors(scenario: Scenario, seed: int) -> tuple[Rig, dict[str, str]]
     from stridetwin.sim.sensors.standard_rig import sensor_rig
     from stridetwin.sim.wearer.body import fit_wearer
 
-    config = scenario.config
     rig = sensor_rig(config).nominal(seed)
     has_links = config.exo is not None and config.exo.user_exo is None
     return rig, exo_geometry.geometry_metadata(fit_wearer(config.person, has_links), rig, seed)

@@ -17,12 +17,10 @@ from typing import Any
 import numpy as np
 
 from stridetwin.estimators.base import POSES, AnyEstimator, Options, Stream
-from stridetwin.scenarios import exo_geometry
-from stridetwin.scenarios.record import record, twin_class
+from stridetwin.scenarios.record import nominal_sensors, record, twin_class
 from stridetwin.sim.config import Gait, Level, Route, TwinConfig
 from stridetwin.sim.parts.library import load_part
 from stridetwin.sim.parts.sensor_config import STANDARD, SensorConfig
-from stridetwin.sim.sensors.standard_rig import sensor_rig
 from stridetwin.streams.errors import StrideTwinError, install_hint
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Rig
@@ -255,12 +253,7 @@ def _small_camera(group: str) -> SensorConfig:
 @lru_cache(maxsize=8)
 def _nominal_rig(cameras: tuple[str, ...], mount: str) -> tuple[Rig, Mapping[str, str]]:
     """Calibration and metadata of the twin's walk, without planning or recording it."""
-    twin_class()  # says how to install the simulator
-    from stridetwin.sim.wearer.body import fit_wearer
-
-    config = _config(cameras, mount)
-    rig = sensor_rig(config).nominal(_SEED)
-    return rig, exo_geometry.geometry_metadata(fit_wearer(config.person), rig, _SEED)
+    return nominal_sensors(_config(cameras, mount), _SEED)
 
 
 def _record_twin(cameras: tuple[str, ...], mount: str) -> Path:
