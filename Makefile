@@ -1,5 +1,5 @@
 # make demo   a recorded, estimated and scored walk, with a report
-# make test   every test
+# make test   every test; with COVERAGE=1, the share of lines that they run at the end
 # make check  style, types and layers
 # make docs   the documentation as a site, in site/
 # make wheel  wheel and source distribution, built and used in environments elsewhere, and the tutorial done there
@@ -21,7 +21,9 @@ demo: $(DEMO_READY)
 
 # threads of linear algebra would wait for each other: each process has one core
 test: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile \
+		$(if $(COVERAGE),--cov --cov-report=)
+	@$(if $(COVERAGE),echo "coverage by lines: $$($(BIN)/coverage report --format=total) %")
 
 check: $(READY)
 	$(BIN)/ruff check .
