@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _LONGEST_SHOWN = 400
+"""Most characters of an invalid value in a message."""
 _MOST_LINES = 30
+"""Most errors of one file in a message."""
 
 
 class StrideTwinError(Exception):
@@ -31,7 +33,7 @@ def explain_import_error(need: str, extra: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] == "stridetwin":
-            raise
+            raise  # a module of the project itself: a defect, not a missing library
         raise StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}") from error
 
 
@@ -43,6 +45,7 @@ def install_hint(extra: str) -> str:
 def was_interrupted(error: BaseException) -> bool:
     """Whether an exception, or one that caused it, is a Ctrl-C: compiled functions report it as a SystemError."""
     cause: BaseException | None = error
+    # back along the chain of causes, to a Ctrl-C or to the first exception
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
     return cause is not None
@@ -166,7 +169,11 @@ class ConfigFileError(ConfigError):
     """
 
     def __init__(self, errors: Sequence[StrideTwinError]) -> None:
-        """Takes the fields of the first ConfigError, and joins the first messages, one per line."""
+        """Takes the fields of the first ConfigError, and joins the messages of the first errors, one per line.
+
+        The fields are absent if there is no ConfigError. `ConfigError.__init__` is skipped, as it makes a message for
+        one value.
+        """
         first = next((e for e in errors if isinstance(e, ConfigError)), None)
         if first is not None:
             self.source, self.field, self.value, self.valid = first.source, first.field, first.value, first.valid
@@ -201,5 +208,12 @@ class RecordingError(StrideTwinError):
 
 
 def metadata_error(key: str, expected: str, error: Exception) -> RecordingError:
-    """The error to raise about an entry of a recording's metadata that reading it found invalid."""
-    return RecordingError(f"invalid metadata {key}: expected {expected}: {' '.join(str(error).split())[:120]}")
+    """The error to raise about an invalid entry of a recording's metadata.
+
+    Args:
+        key: Name of the entry.
+        expected: What is valid.
+        error: The exception that reading the entry has raised; its text becomes a part of the message, on one line.
+    """
+    reason = " ".join(str(error).split())[:120]
+    return RecordingError(f"invalid metadata {key}: expected {expected}: {reason}")
