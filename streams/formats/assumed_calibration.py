@@ -17,7 +17,9 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
 
 BODY = "head"
+"""Body of a sensor whose topic does not imply another one."""
 GIVE = "give one with --rig FILE (Kalibr YAML)"
+"""What a warning of an assumed calibration recommends."""
 # Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
 # (10 °/h, 40 µg) in 100 s
 _GYRO_NOISE = math.radians(0.014)
@@ -71,9 +73,11 @@ def with_assumed_calibration(
 
 
 def body_of(topic: str) -> str:
-    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`."""
+    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, else the head."""
     first = topic.strip("/").split("/")[0]
-    return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
+    if first == "chest":
+        return "torso"
+    return first if first.startswith("foot_") else BODY
 
 
 def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
@@ -161,7 +165,8 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
     """Warns of a focal length or a principal point that no usual lens has for images of the camera's size."""
     fu, fv, pu, pv = camera.intrinsics
     is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
-    if not (is_lens and 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8):
+    is_central = 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8
+    if not (is_lens and is_central):
         size = f"{camera.width} x {camera.height}"
         notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
 
@@ -192,10 +197,10 @@ def _add_depth(
         cameras[registered_camera.topic] = _camera_or_default(rig, registered_camera.topic, images[topic], notes)
         return
     size = read_first_image_size(images[topic])
-    depth_camera = rig.cameras.get(topic)
+    depth_camera = rig.cameras.get(topic)  # the depth stream's own calibration; None if it is unknown
     for name, camera in cameras.items():
-        same = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
-        if not camera.depth_topic and size == (camera.width, camera.height) and same:
+        may_match = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
+        if not camera.depth_topic and size == (camera.width, camera.height) and may_match:
             if depth_camera is None and not is_registered:
                 notes.warn(f"{topic}: assumed registered to {name} because of its size; {GIVE}")
             cameras[name] = replace(camera, depth_topic=topic)
@@ -210,7 +215,7 @@ def _drop_missing_references(
     camera: CameraCalibration, imus: Mapping[str, ImuCalibration], images: Mapping[str, ImageStream]
 ) -> CameraCalibration:
     """A camera without references to streams that are missing, and with an IMU of its own body if there is one."""
-    beside = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
-    imu = camera.imu_topic if camera.imu_topic in beside else (beside[0] if beside else "")
+    on_body = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
+    imu = camera.imu_topic if camera.imu_topic in on_body else (on_body[0] if on_body else "")
     depth = camera.depth_topic if camera.depth_topic in images else ""
     return replace(camera, imu_topic=imu, depth_topic=depth)

@@ -34,7 +34,9 @@ from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, I
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
+"""Topic of the only IMU of a table."""
 _BAGS = ("mcap", "rosbag1", "rosbag2")
+"""Formats whose streams have topics of their own."""
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
 _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
@@ -56,7 +58,9 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "record3d": iphone.read_record3d,
     "vrs": read_aria_vrs,
 }
+"""The reader of each kind that is neither a bag nor a table."""
 _WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
+"""Formats whose reader takes the units of depth images per metre."""
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
@@ -104,7 +108,8 @@ def recognise(path: Path) -> str:
             return kind
     if path.suffix == ".vrs":
         return "vrs"
-    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or head.startswith((b"//", b"PacketCounter"))):
+    is_xsens = head.startswith((b"//", b"PacketCounter"))  # the only text files `.txt` that are tables
+    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or is_xsens):
         return "table"
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
@@ -132,8 +137,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if options.kind is not None and options.kind not in FILE_FORMATS:
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
     kind = options.kind or recognise(path)
-    is_plain = not options.names and options.rig is None
-    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
+    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None  # of ours, or None
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
@@ -147,9 +152,9 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         raise read_error(Path(error.filename or path), error) from error
     if own_file is not None:
         source = replace(source, rig=rig, names={}, assumed={})
-    topics = _assign_topics(source, options.names)
+    topics = _assign_topics(source, options.names)  # our topic, by the source's name
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
-    registered = _find_registered(source, topics)
+    registered = _find_registered(source, topics)  # our topics of depth that is registered to colour
     source = _rename_topics(source, topics, bodies_are_known=own_file is not None)
     if own_file is None and kind != "table":  # a table's IMUs are bridged before they are joined
         source = replace(
@@ -205,7 +210,7 @@ def _recognise_folder(path: Path) -> str:
     for kind, has_layout in _LAYOUTS.items():
         if has_layout(path):
             return kind
-    kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")
+    kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 
@@ -216,7 +221,14 @@ def imu_topic(name: str) -> str:
 
 
 def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
-    """Reads a source of a known kind with the reader of that kind; topics are still the source's own."""
+    """Reads a source of a known kind with the reader of that kind; topics are still the source's own.
+
+    Args:
+        path: File or folder.
+        kind: One of `FILE_FORMATS`.
+        options: What the user gives, of which the table's header and the scale of depth matter here.
+        notes: Collects problems and assumptions.
+    """
     if kind == "table":
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
@@ -237,11 +249,9 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
             `Recording` gives the best error message.
     """
     files = _list_bag_files(path) if path.is_dir() else [path]
-    return (
-        files[0]
-        if len(files) == 1 and files[0].suffix != ".db3" and is_stridetwin_recording(files[0], is_plain)
-        else None
-    )
+    if len(files) != 1 or files[0].suffix == ".db3":  # ours are single files, and no SQLite
+        return None
+    return files[0] if is_stridetwin_recording(files[0], if_damaged=is_plain) else None
 
 
 def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
@@ -253,7 +263,7 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
     files = _list_bag_files(path) if path.is_dir() else [path]
     if files and all(f.suffix == ".mcap" for f in files):
         return read_bag(McapBag(files, notes), kind, notes)
-    for file in files:
+    for file in files:  # before rosbags runs queries on them
         if file.suffix != ".db3":
             continue
         check_tables(file)
@@ -316,7 +326,13 @@ def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, st
 
 
 def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
-    """The source with its streams, assumptions and calibrations under `topics`, by their names in the source."""
+    """The source with its streams, assumptions and calibrations under our topics.
+
+    Args:
+        source: The source, with its own names.
+        topics: Our topic of each of these.
+        bodies_are_known: Whether the rig knows the body of each sensor; otherwise the new topics imply it.
+    """
     blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
     images = {topics[n]: p for n, p in source.images.items()}
     assumed = {topics.get(n, n): text for n, text in source.assumed.items()}
@@ -343,11 +359,12 @@ def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
     colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
     registered: set[str] = set()
     for name, images in source.images.items():
+        if images.kind is not Depth:
+            continue
         by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
-        camera = cameras.get(name)
-        if images.kind is Depth and (
-            by_name or (camera is not None and any(np.allclose(camera.intrinsics, c.intrinsics) for c in colour))
-        ):
+        camera = cameras.get(name)  # None if the source has no calibration of it
+        has_colour_intrinsics = camera is not None and any(np.allclose(camera.intrinsics, c.intrinsics) for c in colour)
+        if by_name or has_colour_intrinsics:
             registered.add(topics[name])
     return registered
 
@@ -399,12 +416,16 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
-            sound = block[is_increasing(block.t_ns) & block.finite]
-            for implausible in find_implausible_values(sound) if len(sound) >= _FEWEST else ():
+            sound = block[is_increasing(block.t_ns) & block.finite]  # invalid samples are reported elsewhere
+            if len(sound) < _FEWEST:
+                continue
+            for implausible in find_implausible_values(sound):
                 notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
-        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+        if len(rising) < _FEWEST:
+            continue
+        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ):
             notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
 
 
@@ -418,7 +439,7 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
     for topic, info in contents.topics.items():
         # by how much the stream begins late and ends early, and how much of that is allowed, ns
         late, early = info.first_ns - longest.first_ns, longest.last_ns - info.last_ns
-        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)  # mean time between its samples, ns
         slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period
         if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
             notes.warn(
