@@ -176,8 +176,8 @@ def _read_scalars(
         raise ConfigError(path, "t", None, f"a column of time; the table has {columns_text}; without one: {RATE} HZ")
     parts: list[TablePart] = []
     for k, signal in enumerate(columns.signals):
-        first = len(at) + 3 * k  # column of x in `table`
-        values = signal.factor * table[:, first : first + 3]
+        x_column = len(at) + 3 * k  # in `table`; those of y and z follow
+        values = signal.factor * table[:, x_column : x_column + 3]
         parts.append(TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=values))
     return parts
 
