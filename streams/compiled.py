@@ -113,7 +113,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
     if _WITH_INTERNALS:
         settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 
-    def compiled(function: F) -> F:
+    def compile_and_cache(function: F) -> F:
         """Compiles a function, with the checksum of the sources as the stamp of its cache."""
         plain = getattr(function, "py_func", function)  # `py_func` is the plain function of a compiled one
         kernel: Any = njit(cache=True, **settings)(plain)
@@ -126,7 +126,7 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
         _entry_kernels.append(kernel)
         return cast(F, kernel)
 
-    return compiled
+    return compile_and_cache
 
 
 def is_uncompiled(package: str) -> bool:

@@ -89,7 +89,7 @@ def missing_library_error(error: ModuleNotFoundError, need: str = "this needs it
         error: The failed import.
         need: What needs the library, such as `experiments need the simulator`.
     """
-    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    extra = EXTRA_OF.get((error.name or "").partition(".")[0])  # by the first part of a name such as `mujoco.viewer`
     return None if extra is None else StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}")
 
 

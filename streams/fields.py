@@ -104,7 +104,7 @@ class Required:
         return core_schema.no_info_before_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The JSON Schema of the dataclass, whose `required` also lists these keys."""
+        """The JSON Schema of the dataclass, whose `required` also lists these keys, each once."""
         resolved = handler.resolve_ref_schema(handler(schema))
         resolved["required"] = list(dict.fromkeys([*resolved.get("required", ()), *self._keys]))
         return resolved
@@ -141,7 +141,12 @@ class OneKey(Generic[V]):
         return core_schema.tagged_union_schema(members, discriminator=find_tag)
 
     def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
-        """The schema of a mapping with the one key `kind`, whose value has the schema `value`, and of what is built."""
+        """The schema of a mapping of one key, from which `build` then makes the result.
+
+        Args:
+            kind: The key.
+            value: Schema of its value.
+        """
         one_field = core_schema.typed_dict_schema(
             {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
         )

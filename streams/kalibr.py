@@ -84,7 +84,7 @@ def rig_to_yaml(rig: Rig) -> str:
             "rostopic": imu.topic,
             "update_rate": float(imu.rate_hz),
             **{name: float(getattr(imu, name)) for name in ImuNoise.model_fields},
-            "T_i_b": np.eye(4).tolist(),
+            "T_i_b": np.eye(4).tolist(),  # Kalibr's transform between its IMUs, which is not read here
         }
         ours[f"imu{i}"] = {
             "part": imu.part,

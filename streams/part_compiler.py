@@ -123,6 +123,7 @@ class PartCompiler(CompilerBase):
     """Compiles for other compiled functions only."""
 
     def define_pipelines(self) -> list[PassManager]:  # noqa: D102
+        # Numba calls it for its passes
         return _build_pipelines(self.state, PartLowering)
 
 
@@ -132,10 +133,12 @@ class EntryCompiler(CompilerBase):
     llvm_level = 3
 
     def compile_extra(self, func: Callable[..., object]) -> CompileResult:  # noqa: D102
+        # Numba calls it to compile a function, and with it all that the function calls
         with _compile_called_as_parts(self.llvm_level):
             return super().compile_extra(func)
 
     def define_pipelines(self) -> list[PassManager]:  # noqa: D102
+        # Numba calls it for its passes
         return _build_pipelines(self.state, EntryLowering)
 
 

@@ -63,7 +63,17 @@ def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> object:
 
 
 def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> object:
-    """The plain data of a YAML text; `source` names it in errors, which are those of `read_yaml`."""
+    """The plain data of a YAML text; no object is shared.
+
+    Args:
+        text: The text.
+        source: Names it in errors.
+        most_values: Most values, every alias written out.
+
+    Raises:
+        ConfigError: The text is too large, or contains other than plain data.
+        StrideTwinError: It is not such YAML; the message names the line.
+    """
     check_yaml(text, source, most_values=most_values)
     try:
         return _to_plain_data(yaml.load(text, _StrictLoader), source, "")

@@ -119,7 +119,7 @@ def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, acceleratio
 def cross(a: Array, b: Array) -> Array:
     """(..., 3) cross product of (..., 3) and (..., 3) vectors; several times faster than NumPy's on short stacks."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # each component, and the two after it in cyclic order
         out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
     return out
 

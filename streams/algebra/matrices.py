@@ -276,10 +276,10 @@ def _sum_powers_of_hat(v: Array, a: float, b: float, c: float) -> Array:
 
 @njit(**INNER_KERNEL)
 def factorise(A: Array, variance: float, L: Array, size: int) -> None:
-    """Writes the lower triangle L with L Lᵀ = A + variance 1, for the leading `size` rows (Cholesky).
+    """Writes the lower triangle L with L Lᵀ = A + variance · I, for the leading `size` rows (Cholesky).
 
     Args:
-        A: (n, n) symmetric, of which the lower triangle is read; A + variance 1 is positive definite.
+        A: (n, n) symmetric, of which the lower triangle is read; A + variance · I is positive definite.
         variance: Added to the diagonal.
         L: (n, n) output; may be A itself.
         size: Number of rows.
@@ -300,7 +300,10 @@ def factorise_in_place(H: Array) -> None:
 
 @njit(**INNER_KERNEL)
 def substitute_forward(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
+    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call.
+
+    Row i of L Y = X gives row i of Y from the rows above it.
+    """
     for i in range(len(L)):
         for j in range(i):
             for c in range(X.shape[1]):
@@ -311,7 +314,10 @@ def substitute_forward(L: Array, X: Array) -> None:
 
 @njit(**INNER_KERNEL)
 def substitute_backward(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻ᵀ X, L (n, n) lower triangular."""
+    """Overwrites X (n, m) by L⁻ᵀ X, L (n, n) lower triangular.
+
+    Row i of Lᵀ Y = X gives row i of Y from the rows below it.
+    """
     for i in range(len(L) - 1, -1, -1):
         for j in range(i + 1, len(L)):
             for c in range(X.shape[1]):

@@ -62,7 +62,7 @@ def with_assumed_calibration(
     depth = [t for t, p in images.items() if p.kind is Depth]
     cameras = {t: _camera_or_default(rig, t, images[t], notes) for t in colour}
     for topic in depth:
-        if not any(c.depth_topic == topic for c in cameras.values()):
+        if not any(c.depth_topic == topic for c in cameras.values()):  # no camera refers to it
             _add_depth(rig, cameras, topic, images, notes, topic in registered)
     cameras = {t: _drop_missing_references(c, imus, images) for t, c in cameras.items()}
     for camera in cameras.values():
@@ -99,7 +99,7 @@ def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
     return ImuCalibration(
         topic=topic,
         part="",
-        rate_hz=mean_rate(t_ns) or 1.0,
+        rate_hz=mean_rate(t_ns) or 1.0,  # the rate of one sample is 0, and not valid
         mount=Mount(body=body_of(topic)),
         gyroscope_noise_density=_GYRO_NOISE,
         gyroscope_random_walk=_GYRO_WALK,
@@ -119,7 +119,7 @@ def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) 
     """
     size = read_first_image_size(images)
     if topic not in rig.cameras:
-        return _assume_camera(topic, images, size or (640, 480), notes)
+        return _assume_camera(topic, images, size or (640, 480), notes)  # any size, if the first image is damaged
     camera = rig.cameras[topic]
     if size is not None and size != (camera.width, camera.height):
         expected = f"{camera.width} x {camera.height}"

@@ -163,7 +163,10 @@ class _Stream(Generic[KeyT]):
     """
 
     def __init__(self, channel: Channel) -> None:
-        """Begins without messages; only types that become samples have a reader."""
+        """Begins without messages of the topic of `channel`; only types that become samples have a reader.
+
+        The other types, which are read later, are calibrations, transforms and poses.
+        """
         self.channel = channel
         self.reader = (
             TopicReader(channel.topic, channel.typename, channel.encoding, channel.definition)
@@ -217,7 +220,7 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
             continue
         try:
             if stream.reader is None:
-                _read_extra(stream, calibration, blocks, notes)
+                _read_calibration_or_poses(stream, calibration, blocks, notes)
             elif stream.is_image:
                 # metres per unit of depth, by the sensor whose name the topic begins with
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
@@ -316,7 +319,7 @@ def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader,
     return ImageStream(kind=kind, t_ns=times, load=load)
 
 
-def _read_extra(
+def _read_calibration_or_poses(
     stream: _Stream[KeyT], calibration: BagCalibration, blocks: dict[str, Block[Sample]], notes: Notes
 ) -> None:
     """Reads messages that are not samples themselves.
@@ -361,6 +364,7 @@ def _read_header_frame(payload: bytes) -> str:
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
     try:
+        # a longer name is none: the type has no header
         return payload[16 : 16 + length].rstrip(b"\0").decode() if length < 256 else ""
     except UnicodeDecodeError:
         return ""

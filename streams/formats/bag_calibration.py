@@ -148,7 +148,7 @@ class BagCalibration:
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])
-            if 0.9 < float(np.linalg.norm(q)) < 1.1:
+            if 0.9 < float(np.linalg.norm(q)) < 1.1:  # else it is no rotation
                 T = np.eye(4)
                 from scipy.spatial.transform import Rotation  # takes long to import
 

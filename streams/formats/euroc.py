@@ -391,12 +391,13 @@ def write_euroc(
     root = folder / "mav0"
     counts = {"imu0": _write_imu(recording, imu, root / "imu0")}
     cameras = [camera]
-    right = f"{camera.topic}{RIGHT_SUFFIX}"
+    right_topic = f"{camera.topic}{RIGHT_SUFFIX}"
     if stereo_baseline_m is not None:
-        cameras.append(make_right_camera(camera, stereo_baseline_m, right))
+        cameras.append(make_right_camera(camera, stereo_baseline_m, right_topic))
         counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
     else:
-        cameras += [recording.rig.cameras[right]] if right in recording.topics else []
+        if right_topic in recording.topics:  # a stereo pair was recorded
+            cameras.append(recording.rig.cameras[right_topic])
         for i, each in enumerate(cameras):
             images = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
             counts[f"cam{i}"] = _write_camera(images, each, imu, root / f"cam{i}")
@@ -485,7 +486,7 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
     lines = [
         "sensor_type: camera",
         f"comment: {_quote(camera.part)}",
-        _format_transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
+        _format_transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),  # T_imu_camera
         f"rate_hz: {camera.rate_hz!r}",
         f"resolution: [{camera.width}, {camera.height}]",
         "camera_model: pinhole",

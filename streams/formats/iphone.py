@@ -91,7 +91,7 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), frame_numbers.tolist())]
     if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
         images[DEPTH] = open_image_stream(depth_files, per_metre)
-    poses = _to_path(images, t_ns, p, q, True, notes, file)
+    poses = _to_camera_odometry(images, t_ns, p, q, True, notes, file)
     blocks: dict[str, Block[Sample]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
         blocks[IMU] = imu
@@ -268,7 +268,7 @@ def read_record3d(path: Path, notes: Notes) -> Source:
                 else _to_depth_stream(image_files, (metadata.dh, metadata.dw))
             )
     p, q = poses[:, 4:], poses[:, [3, 0, 1, 2]]  # the quaternion as w, x, y, z
-    block = _to_path(images, t_ns, p, q, False, notes, file)
+    block = _to_camera_odometry(images, t_ns, p, q, False, notes, file)
     fu, fv, pu, pv = (metadata.K[i] for i in (0, 4, 6, 7))  # the camera matrix is listed column by column
     rig = _to_rig(images, (fu, fv, pu, pv), (metadata.w, metadata.h), imu=False)
     return Source(kind="record3d", blocks={block.topic: block}, images=images, rig=rig)
@@ -313,7 +313,7 @@ def _read_depth(file: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     return np.frombuffer(data, "<f4").reshape(shape)
 
 
-def _to_path(
+def _to_camera_odometry(
     images: dict[str, ImageStream], t_ns: Stamps, p: Array, q: Array, optical: bool, notes: Notes, file: object
 ) -> Block[Odometry]:
     """ARKit's estimate of the camera's path as odometry of the optical frame in a world with z up.
@@ -333,11 +333,12 @@ def _to_path(
     topic = f"{COLOR if COLOR in images else DEPTH}/odometry"
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
-    block = to_odometry(topic, t_ns, p, q, None, notes, file)
+    block = to_odometry(topic, t_ns, p, q, None, notes, file)  # leaves out invalid rows, still in ARKit's axes
     R = Rotation.from_matrix(R_ZUP_YUP) * Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
     if not optical:
         R = R * Rotation.from_matrix(R_ARKIT_OPTICAL)
     p = block.columns["p_frame_in_world"] @ R_ZUP_YUP.T
+    # again, for velocities and rates in the new axes
     return to_odometry(topic, block.t_ns, p, R.as_quat(scalar_first=True), None, notes, file)
 
 

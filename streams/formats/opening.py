@@ -138,7 +138,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
     kind = options.kind or recognise(path)
     is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
-    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None  # of ours, or None
+    # the file of a recording that StrideTwin has written; None for another tool's source
+    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
@@ -147,10 +148,10 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         if own_file is not None:
             # first, because recordings of newer releases are rejected
             rig, metadata = read_calibration(own_file, notes)
-        source = _read(path, kind, options, notes)
+        source = _read_source(path, kind, options, notes)
     except OSError as error:
         raise read_error(Path(error.filename or path), error) from error
-    if own_file is not None:
+    if own_file is not None:  # its own calibration and topics, not those that are derived from messages
         source = replace(source, rig=rig, names={}, assumed={})
     topics = _assign_topics(source, options.names)  # our topic, by the source's name
     streams = streams_of(source, topics, numbered=kind not in _BAGS)
@@ -160,10 +161,10 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         source = replace(
             source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
         )
-    better = _read_better_rig(path, source.rig, options, streams, notes)
+    better = _read_better_rig(path, source.rig, options, streams, notes)  # calibrations from files
     rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, text in source.assumed.items():
-        if topic in rig.cameras and topic not in better.cameras:
+        if topic in rig.cameras and topic not in better.cameras:  # no better calibration replaces the assumed one
             notes.warn(f"{topic}: {text}")
     if own_file is None:  # our own recordings are not checked when read without options
         _check_plausible(source, notes)
@@ -220,7 +221,7 @@ def imu_topic(name: str) -> str:
     return f"/foot_{side}/imu" if side else f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
 
 
-def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
+def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
     """Reads a source of a known kind with the reader of that kind; topics are still the source's own.
 
     Args:
@@ -311,12 +312,13 @@ def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, st
         ConfigError: An unknown name, an invalid topic, or one topic for two streams.
     """
     names = [*source.blocks, *source.images]
-    defaults = {name: source.names.get(name, name) for name in names}
+    defaults = {name: source.names.get(name, name) for name in names}  # topics without the user's wishes
     for old, new in requested.items():
         if old not in defaults and old not in defaults.values():
             raise ConfigError("import", "--map", old, f"one of {', '.join(names)}")
         if not new.startswith("/") or len(new) < 2:
             raise ConfigError("import", "--map", new, "a topic that begins with /")
+    # a wish for the name in the source counts before one for its default topic
     topics = {n: requested.get(n, requested.get(default, default)) for n, default in defaults.items()}
     twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)  # a topic of two streams
     if twice is not None:

@@ -194,7 +194,14 @@ def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, tabl
 
 
 def _format_external_loads(model: Model, sides: list[str]) -> str:
-    """The XML text that tells OpenSim which columns of `ground_reactions.mot` act on which foot."""
+    """The XML text that tells OpenSim which columns of `ground_reactions.mot` act on which foot.
+
+    A foot is the model's body `calcn_r` or `calcn_l`. The columns are named by their common prefixes.
+
+    Args:
+        model: The model, which has the prefixes.
+        sides: `r` and `l`, as far as there are loads.
+    """
     forces = "".join(
         f"<ExternalForce name={quoteattr('ground_' + s)}><applied_to_body>calcn_{s}</applied_to_body>"
         "<force_expressed_in_body>ground</force_expressed_in_body>"

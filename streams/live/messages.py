@@ -43,7 +43,7 @@ def rank_of(kind: type[Sample]) -> int:
 
 
 class MessageEncoder:
-    """Converts samples to ROS 2 messages, as `Sender` sends them.
+    """Converts single samples to the ROS 2 messages that a `Sender` sends, of the types that recordings have.
 
     Args:
         rig: Its noise and ranges are part of the messages, as in recordings.
@@ -89,7 +89,8 @@ class MessageEncoder:
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
-            self._templates[sample.topic] = mapping, *mapping.build_template(sample.topic, self._rig, block.constants)
+            template, layout = mapping.build_template(sample.topic, self._rig, block.constants)
+            self._templates[sample.topic] = mapping, template, layout
         mapping, template, layout = self._templates[sample.topic]
         payload = bytearray(template)
         fill_rows(np.frombuffer(payload, layout.dtype), mapping, block)

@@ -174,7 +174,7 @@ class Sender:
         with self._changed:
             since = time.monotonic()
             while not self._receiver and not self._failure:
-                gives_up = self._ending or not self._greeted_receiver
+                gives_up = self._ending or not self._greeted_receiver  # none was there yet, or nothing more will come
                 if gives_up and time.monotonic() - since > self._patience_s:
                     self._fail(f"no `stridetwin live` of this version listens at {self._address_text}")
                 self._changed.wait(min(_POLL_S, self._patience_s))
@@ -224,9 +224,10 @@ class Sender:
         """
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
-            if self._receiver != self._greeted_receiver:  # another one than before
+            if self._receiver != self._greeted_receiver:  # another one than before, which has received nothing yet
                 self._put_counts.clear()
-                self._greeted_receiver, self._first = self._receiver, dict(self._next)
+                self._greeted_receiver = self._receiver
+                self._first = dict(self._next)  # number of the first sample for this receiver, by topic
             hello = self._hello.model_copy(update={"next": self._first})
         if not self._count_losses(link.query(f"{link.name}/hello", hello.model_dump_json())):
             self._is_greeted = False

@@ -144,7 +144,10 @@ class McapWriter:
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
     def register_channel(self, topic: str, typename: str) -> int:
-        """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
+        """The id of a topic's channel of CDR messages, which is registered on the first call for the topic.
+
+        A schema with the definition of the message type comes before its first channel. Ids count from 1.
+        """
         if topic not in self._channels:
             schema = next((s for s in self._schemas if s.name == typename), None)
             if schema is None:

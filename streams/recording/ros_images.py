@@ -174,6 +174,7 @@ def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[I
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
         return Depth if "compressedDepth" in message.format else Image
+    # 16 bits of grey (mono16) are taken as depth in mm
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
 

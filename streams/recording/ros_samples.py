@@ -114,9 +114,10 @@ def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def block_of(samples: Sequence[Sample]) -> Block[Sample]:
-    """Collects samples of one topic and kind, of one or more stamps, in a block; their texts become its constants."""
+    """Collects one or more samples of one topic and kind in a block; tuples of texts become its constants."""
     first = samples[0]
     names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
+    # tuples of texts, such as the names of joints, are the same in all samples of a topic
     constants = {n: getattr(first, n) for n in names if isinstance(getattr(first, n), tuple)}
     return Block(
         topic=first.topic,
@@ -152,7 +153,7 @@ def _to_float64(values: NDArray[np.generic]) -> Array:
     return values.astype(np.float64)
 
 
-def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
+def _find_imu_covariances(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Covariances of an Imu message: noise density² × rate, (rad/s)² and (m/s²)²; empty for an IMU outside the rig."""
     if topic not in rig.imus:
         return {}
@@ -163,7 +164,7 @@ def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
     }
 
 
-def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
+def _find_range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Field of view (rad) and range (m) of a Range message, from the rig; 0 if unknown."""
     parameters = rig.others[topic].parameters if topic in rig.others else {}
     # parameter of the rig by field of the message
@@ -177,7 +178,7 @@ def _read_range(rows: Rows) -> dict[str, NDArray[np.generic]]:
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
-def _encoder_joint(topic: str, *_: object) -> dict[str, object]:
+def _make_encoder_values(topic: str, *_: object) -> dict[str, object]:
     """What all JointStates of one encoder share: the joint's name, from its topic, and room for one position."""
     return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
@@ -188,7 +189,7 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
+def _make_joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
     """The values that all JointStates of a topic share: the joints' names, and zeros in place of numbers.
 
     Only `constants["names"]` is used; topic and rig are arguments of every `TopicValues`.
@@ -206,7 +207,7 @@ def _read_joints(rows: Rows) -> dict[str, Array]:
     return {"position": position} | filled
 
 
-def _child_frame(topic: str, *_: object) -> dict[str, object]:
+def _name_child_frame(topic: str, *_: object) -> dict[str, object]:
     """The child frame of an Odometry message: that of the topic."""
     return {"child_frame_id": frame_id(topic)}
 
@@ -302,7 +303,7 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "sensor_msgs/msg/Imu",
             {"angular_rate": "angular_velocity", "specific_force": "linear_acceleration"},
             fixed={"orientation.w": 1.0, "orientation_covariance": _ABSENT},
-            of_topic=_imu_noise,
+            of_topic=_find_imu_covariances,
         ),
         _map_fields(
             Accelerometer,
@@ -329,21 +330,21 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "sensor_msgs/msg/Range",
             lambda c: {"range": np.where(c["distance"] == 0.0, np.inf, c["distance"])},
             _read_range,
-            of_topic=_range_limits,
+            of_topic=_find_range_limits,
         ),
         SampleMapping(
             Encoder,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["angle"][:, None]},
             lambda r: {"angle": _to_float64(r["position"][:, 0])},
-            of_topic=_encoder_joint,
+            of_topic=_make_encoder_values,
         ),
         SampleMapping(
             Joints,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["position"], "velocity": c["velocity"], "effort": c["torque"]},
             _read_joints,
-            of_topic=_joint_values,
+            of_topic=_make_joint_values,
             constants=lambda layout: {"names": tuple(layout.strings["name"])},
         ),
         SampleMapping(
@@ -351,7 +352,7 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "nav_msgs/msg/Odometry",
             _write_odometry,
             _read_odometry,
-            of_topic=_child_frame,
+            of_topic=_name_child_frame,
             frame="world",
         ),
         _map_fields(
