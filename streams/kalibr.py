@@ -91,11 +91,14 @@ def rig_to_yaml(rig: Rig) -> str:
             "mount": _to_plain_data(imu.mount),
             **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
-    ours["boards"] = {
-        name: {"mount": _to_plain_data(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
-        for name, b in rig.boards.items()
-    }
-    ours["sensors"] = [_to_plain_data(s) for s in rig.others.values()]
+    ours["boards"] = {}
+    for name, board in rig.boards.items():
+        ours["boards"][name] = {
+            "mount": _to_plain_data(board.mount),
+            "squares": [int(n) for n in board.squares],
+            "square_m": float(board.square_m),
+        }
+    ours["sensors"] = [_to_plain_data(sensor) for sensor in rig.others.values()]
     document[_OURS] = ours
     return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
 

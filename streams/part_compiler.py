@@ -69,9 +69,9 @@ def _list_called_libraries(library: JITCodeLibrary) -> list[JITCodeLibrary]:
     """Lists each library once that a part or an entry point calls, directly or through parts.
 
     Callers come before what they call: LLVM leaves out a function that nothing linked before calls. The order is the
-    reverse of that in which a depth-first search leaves the libraries.
+    reverse of that in which a depth-first search completes the libraries.
     """
-    left: list[JITCodeLibrary] = []  # libraries all of whose calls have been visited, in that order
+    completed: list[JITCodeLibrary] = []  # libraries all of whose calls have been visited, in that order
     # the way from `library` to the present one: each with those of its calls that are still to be visited
     way = [(library, iter(library._linking_libraries))]
     entered = {library}
@@ -79,14 +79,14 @@ def _list_called_libraries(library: JITCodeLibrary) -> list[JITCodeLibrary]:
         caller, calls_to_visit = way[-1]
         called = next(calls_to_visit, None)
         if called is None:
-            left.append(caller)
+            completed.append(caller)
             way.pop()
         elif called not in entered:
             called._ensure_finalized()
             entered.add(called)
             # a library of Numba's own kind contains what it calls, so its calls are not visited
             way.append((called, iter(called._linking_libraries if isinstance(called, PartLibrary) else ())))
-    return [called for called in reversed(left) if called is not library]
+    return [called for called in reversed(completed) if called is not library]
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

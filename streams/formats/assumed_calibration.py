@@ -56,20 +56,21 @@ def with_assumed_calibration(
         ConfigError: The images of a camera have another size than its calibration, unless lenient.
     """
     imus = {
-        t: rig.imus[t] if t in rig.imus else _assume_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
+        topic: rig.imus[topic] if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
+        for topic, block in blocks.items()
+        if block.kind is Imu
     }
-    colour = [t for t, p in images.items() if p.kind is Image]
-    depth = [t for t, p in images.items() if p.kind is Depth]
-    cameras = {t: _camera_or_default(rig, t, images[t], notes) for t in colour}
-    for topic in depth:
+    colour_topics = [topic for topic, stream in images.items() if stream.kind is Image]
+    depth_topics = [topic for topic, stream in images.items() if stream.kind is Depth]
+    cameras = {topic: _camera_or_default(rig, topic, images[topic], notes) for topic in colour_topics}
+    for topic in depth_topics:
         if not any(c.depth_topic == topic for c in cameras.values()):  # no camera refers to it
             _add_depth(rig, cameras, topic, images, notes, topic in registered)
-    cameras = {t: _drop_missing_references(c, imus, images) for t, c in cameras.items()}
+    cameras = {topic: _drop_missing_references(camera, imus, images) for topic, camera in cameras.items()}
     for camera in cameras.values():
         _check_intrinsics(camera, notes)
-    return Rig(
-        imus=imus, cameras=cameras, boards=rig.boards, others={t: o for t, o in rig.others.items() if t in blocks}
-    )
+    others = {topic: sensor for topic, sensor in rig.others.items() if topic in blocks}
+    return Rig(imus=imus, cameras=cameras, boards=rig.boards, others=others)
 
 
 def body_of(topic: str) -> str:

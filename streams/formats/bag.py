@@ -231,16 +231,19 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
             notes.add_problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = join_gyro_and_accel(blocks, notes)
     # name of the coordinate frame of each topic's messages, for the mounts in /tf_static
-    frames = {t: _read_header_frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
-    # a joined IMU has the frame of its gyroscope
-    frames |= {imu_name(t): f for t, f in frames.items() if t not in blocks and imu_name(t) in blocks}
+    frames = {topic: _read_header_frame(s.payloads[0]) for topic, s in streams.items() if s.payloads}
+    # a joined IMU, which has replaced the two streams in `blocks`, has the frame of its gyroscope
+    frames |= {
+        imu_name(topic): frame for topic, frame in frames.items() if topic not in blocks and imu_name(topic) in blocks
+    }
+    kinds = {topic: block.kind for topic, block in blocks.items()}
     return Source(
         kind=kind,
         blocks=blocks,
         images=images,
         rig=calibration.build_rig(blocks, images, frames),
         unread=unread,
-        names=assign_bag_topics({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
+        names=assign_bag_topics(kinds | {topic: stream.kind for topic, stream in images.items()}),
         assumed=calibration.assumed,
     )
 

@@ -171,7 +171,7 @@ class BagCalibration:
             The cameras by topic. Without a chain of transforms to the IMU, a camera is assumed at the IMU with its
             orientation, which `assumed` says.
         """
-        imus = [t for t, b in blocks.items() if b.kind is Imu]
+        imus = [topic for topic, block in blocks.items() if block.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
         for topic, stream in images.items():
             info = self._find_info(topic)
@@ -179,10 +179,11 @@ class BagCalibration:
                 continue
             # the IMU whose topic has the longest beginning in common with the camera's
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
-            T = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
-            if imu and T is None:
+            T_imu_camera = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
+            if imu and T_imu_camera is None:
                 self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
-            cameras[topic] = self._to_camera(topic, stream, info, np.eye(4) if T is None else T, imu)
+            pose = np.eye(4) if T_imu_camera is None else T_imu_camera
+            cameras[topic] = self._to_camera(topic, stream, info, pose, imu)
         return Rig(cameras=cameras)
 
     def _find_info(self, topic: str) -> RosMessage | None:

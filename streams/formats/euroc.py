@@ -107,9 +107,9 @@ def read_euroc(path: Path, notes: Notes) -> Source:
     if truth is not None:
         blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
     first_imu = next(iter(imus), "")
-    rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first_imu) for t, c in cameras.items()})
-    known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
-    unread = {f"/{f.name}": "folder" for f in folders if f.name not in known}
+    rig = Rig(imus=imus, cameras={topic: replace(cam, imu_topic=first_imu) for topic, cam in cameras.items()})
+    read_names = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
+    unread = {f"/{f.name}": "folder" for f in folders if f.name not in read_names}
     return Source(kind="euroc", blocks=blocks, images=images, rig=rig, unread=unread)
 
 

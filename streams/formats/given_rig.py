@@ -90,9 +90,9 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
     """
     return Streams(
         topics=topics,
-        names={n: source.names.get(n, n) for n in topics},
-        imus=tuple(topics[n] for n, b in source.blocks.items() if b.kind is Imu),
-        cameras=tuple(topics[n] for n, p in source.images.items() if p.kind is Image),
+        names={name: source.names.get(name, name) for name in topics},
+        imus=tuple(topics[name] for name, block in source.blocks.items() if block.kind is Imu),
+        cameras=tuple(topics[name] for name, stream in source.images.items() if stream.kind is Image),
         numbered=numbered,
     )
 
@@ -158,20 +158,23 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     links = {c.depth_topic for c in rig.cameras.values()} - {""} - topic_of.keys()
     linked = {link: streams.find(link, as_read) or link for link in links}
     matched = Rig(
-        imus={t: i for t, i in rig.imus.items() if t in topic_of},
-        cameras={t: c for t, c in rig.cameras.items() if t in topic_of},
+        imus={name: imu for name, imu in rig.imus.items() if name in topic_of},
+        cameras={name: camera for name, camera in rig.cameras.items() if name in topic_of},
         boards=rig.boards,
-        others={t: o for t, o in rig.others.items() if t in topic_of},
+        others={name: sensor for name, sensor in rig.others.items() if name in topic_of},
     )
-    renamed = rename_rig(matched, lambda t: topic_of.get(t) or linked.get(t, t), bodies_are_known=True)
-    # sensors of a plain Kalibr file, whose body is the IMU itself: they are mounted on the known body
-    plain = {topic_of[t] for t, i in matched.imus.items() if i.mount.body == PLAIN_BODY}
-    plain |= {topic_of[t] for t, c in matched.cameras.items() if c.mount.body == PLAIN_BODY}
-    imus = {t: _mount_imu(i, known.imus.get(t)) if t in plain else i for t, i in renamed.imus.items()}
-    mounts = {t: i.mount for t, i in {**known.imus, **imus}.items()}  # of all IMUs, those of the file first
+    renamed = rename_rig(matched, lambda name: topic_of.get(name) or linked.get(name, name), bodies_are_known=True)
+    # our topics of the sensors of a plain Kalibr file, whose body is the IMU itself: they go onto the known body
+    plain = {topic_of[name] for name, imu in matched.imus.items() if imu.mount.body == PLAIN_BODY}
+    plain |= {topic_of[name] for name, camera in matched.cameras.items() if camera.mount.body == PLAIN_BODY}
+    imus = {
+        topic: _mount_imu(imu, known.imus.get(topic)) if topic in plain else imu for topic, imu in renamed.imus.items()
+    }
+    # of all IMUs; the file's take precedence
+    mounts = {topic: imu.mount for topic, imu in {**known.imus, **imus}.items()}
     cameras = {
-        t: _mount_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
-        for t, c in renamed.cameras.items()
+        topic: _mount_camera(camera, known.cameras.get(topic), mounts, streams.imus) if topic in plain else camera
+        for topic, camera in renamed.cameras.items()
     }
     unmatched = [item.topic for table in sensors.values() for item in table.values() if item.topic not in topic_of]
     return Rig(imus=imus, cameras=cameras, boards=renamed.boards, others=renamed.others), unmatched

@@ -320,10 +320,11 @@ def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, st
             raise ConfigError("import", "--map", new, "a topic that begins with /")
     # a wish for the name in the source counts before one for its default topic
     topics = {n: requested.get(n, requested.get(default, default)) for n, default in defaults.items()}
-    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)  # a topic of two streams
-    if twice is not None:
-        same = " and ".join(n for n, t in topics.items() if t == twice)
-        raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
+    ours = list(topics.values())
+    shared = next((topic for topic in ours if ours.count(topic) > 1), None)  # a topic of two streams
+    if shared is not None:
+        same = " and ".join(name for name, topic in topics.items() if topic == shared)
+        raise ConfigError("import", "--map", shared, f"a topic of its own for each of {same}")
     return topics
 
 
@@ -335,10 +336,11 @@ def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: 
         topics: Our topic of each of these.
         bodies_are_known: Whether the rig knows the body of each sensor; otherwise the new topics imply it.
     """
-    blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
-    images = {topics[n]: p for n, p in source.images.items()}
-    assumed = {topics.get(n, n): text for n, text in source.assumed.items()}
-    rig = rename_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
+    blocks = {topics[name]: replace(block, topic=topics[name]) for name, block in source.blocks.items()}
+    images = {topics[name]: stream for name, stream in source.images.items()}
+    assumed = {topics.get(name, name): text for name, text in source.assumed.items()}
+    # a rig may also have sensors that are no streams, which keep their names
+    rig = rename_rig(source.rig, lambda name: topics.get(name, name), bodies_are_known)
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
@@ -358,7 +360,8 @@ def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
         topics: Our topic of each of these.
     """
     cameras = source.rig.cameras
-    colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
+    # the colour cameras with a calibration
+    colour = [cameras[name] for name, stream in source.images.items() if stream.kind is Image and name in cameras]
     registered: set[str] = set()
     for name, images in source.images.items():
         if images.kind is not Depth:

@@ -103,7 +103,7 @@ class Notes:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
-        """Begins without notes on the source at `path`; if not `lenient`, a problem is raised as an error."""
+        """Begins without notes on the source at `path`, which errors name; if not `lenient`, a problem is an error."""
         self.path, self.lenient = path, lenient
         self.problems: list[Problem] = []
         self.warnings: list[str] = []

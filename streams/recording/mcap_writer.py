@@ -80,7 +80,7 @@ class _OpenChunk:
     Attributes:
         parts: Records, in order.
         size: Bytes of all records.
-        entries: Log time and offset of each message, by channel.
+        entries: By channel, arrays (N, 2) with the log time in ns and the offset in the chunk of each message.
         times: Log time of the earliest and of the latest message, ns.
     """
 
@@ -170,13 +170,17 @@ class McapWriter:
             lane: 0, or `IMAGE_LANE`.
         """
         layout = np.dtype(f"V{len(payload)}")  # raw bytes: the payload stays as it is
-        rows, _ = build_message_rows(
-            self.register_channel(topic, typename), payload, layout, np.array([t_ns], np.int64)
-        )
+        channel = self.register_channel(topic, typename)
+        rows, _ = build_message_rows(channel, payload, layout, np.array([t_ns], np.int64))
         self.append_messages(rows, lane)
 
     def append_messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
-        """Appends records made by `build_message_rows` to a lane, and splits them over chunks as they fill up."""
+        """Appends messages of one channel to a lane, and splits them over chunks as they fill up.
+
+        Args:
+            rows: (N,) records that `build_message_rows` has made, N ≥ 1, log times in order.
+            lane: 0, or `IMAGE_LANE`.
+        """
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]

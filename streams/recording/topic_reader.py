@@ -102,7 +102,7 @@ class TopicReader:
         return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
     def _decode_single(self, messages: Messages, i: int) -> Block[Sample]:
-        """Decodes message `i`, whose layout may differ from that of the others."""
+        """Decodes message `i`, whose layout may differ from that of the others, to a block of one sample."""
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
