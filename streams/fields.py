@@ -137,10 +137,12 @@ class OneKey(Generic[V]):
             """Tag of the member for a mapping of one key; None, which pydantic refuses, for anything else."""
             return f"{TAG}{next(iter(node))}" if isinstance(node, dict) and len(node) == 1 else None
 
-        members = {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()}
+        members = {
+            TAG + kind: self._make_mapping_schema(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()
+        }
         return core_schema.tagged_union_schema(members, discriminator=find_tag)
 
-    def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
+    def _make_mapping_schema(self, kind: str, value: CoreSchema) -> CoreSchema:
         """The schema of a mapping of one key, from which `build` then makes the result.
 
         Args:

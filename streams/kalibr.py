@@ -130,6 +130,10 @@ def rig_from_yaml(text: str, source: str) -> Rig:
 def read_rig(path: str | Path, *more: str | Path) -> Rig:
     """A rig from a YAML file, or from Kalibr's two: camera chain and IMU.
 
+    Args:
+        path: The file.
+        more: Further files, whose sections are added; of two sections with one name the last counts.
+
     Raises:
         StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
     """

@@ -80,7 +80,7 @@ def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
     with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size
         force = np.linalg.norm(specific_force, axis=1)
         size = min(len(force), max(_FEWEST_AT_REST, round(_REST_S * median_rate(t_ns))))  # samples of a window
-        windows = force[: len(force) // size * size].reshape(-1, size)  # one after the other; a rest at the end is cut
+        windows = force[: len(force) // size * size].reshape(-1, size)  # the samples left over at the end are dropped
         resting = windows[windows.std(axis=1) < _REST_SD]
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 

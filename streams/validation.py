@@ -39,7 +39,7 @@ def validate(
         data: Data of a file.
         source: File, for errors.
         at: Path of the data inside the file.
-        context: Further input of validators.
+        context: Further input of validators, such as the `folder` that paths in the file are relative to.
 
     Raises:
         ConfigError: One line for each error (`ConfigFileError` if there are several).

@@ -263,7 +263,7 @@ def _sum_powers_of_hat(v: Array, a: float, b: float, c: float) -> Array:
     """(3, 3) a 1 + b [v]× + c [v]×², where [v]× is the matrix that `hat` returns."""
     x, y, z = v
     M = np.empty((3, 3))
-    xx, yy, zz = x * x, y * y, z * z
+    xx, yy, zz = x * x, y * y, z * z  # of [v]×² = v vᵀ - |v|² 1
     M[0, 0], M[1, 1], M[2, 2] = a - c * (yy + zz), a - c * (xx + zz), a - c * (xx + yy)
     M[0, 1], M[1, 0] = c * x * y - b * z, c * x * y + b * z
     M[0, 2], M[2, 0] = c * x * z + b * y, c * x * z - b * y

@@ -499,7 +499,15 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
 
 
 def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
-    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows."""
+    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows.
+
+    A row has the stamp, position, quaternion and velocity, and the biases of gyroscope and accelerometer.
+
+    Args:
+        recording: The recording.
+        topic: Topic of the true odometry of the IMU's frame.
+        folder: The folder, which is made.
+    """
     c = recording.block(topic).columns
     t_ns = recording.block(topic).t_ns
     biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]  # w: gyroscope, a: accelerometer

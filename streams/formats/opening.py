@@ -154,7 +154,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if own_file is not None:  # its own calibration and topics, not those that are derived from messages
         source = replace(source, rig=rig, names={}, assumed={})
     topics = _assign_topics(source, options.names)  # our topic, by the source's name
-    streams = streams_of(source, topics, numbered=kind not in _BAGS)
+    streams = streams_of(source, topics, numbered=kind not in _BAGS)  # by which calibrations find their streams
     registered = _find_registered(source, topics)  # our topics of depth that is registered to colour
     source = _rename_topics(source, topics, bodies_are_known=own_file is not None)
     if own_file is None and kind != "table":  # a table's IMUs are bridged before they are joined
@@ -166,7 +166,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     for topic, text in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:  # no better calibration replaces the assumed one
             notes.warn(f"{topic}: {text}")
-    if own_file is None:  # our own recordings are not checked when read without options
+    if own_file is None:  # units and clocks of our own recordings are not in doubt
         _check_plausible(source, notes)
     contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own_file is None:

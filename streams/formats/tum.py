@@ -20,7 +20,7 @@ _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
-    """Writes a trajectory, atomically. Its covariance is not part of the format."""
+    """Writes a trajectory, atomically: rows `t x y z qx qy qz qw`, t in s and x, y, z in m, without its covariance."""
     check_type("write_tum", "trajectory", trajectory, Trajectory, "a Trajectory, such as the path of a PathEstimate")
     q_xyzw = trajectory.q_world_frame[:, [1, 2, 3, 0]]
     poses = np.column_stack((trajectory.p_frame_in_world, q_xyzw))

@@ -120,7 +120,7 @@ class _LayoutParser:
         """
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
-        if value > len(self.payload):
+        if value > len(self.payload):  # before anything loops over so many items
             raise ValueError(f"a length of {value} in a message of {len(self.payload)} bytes")
         self.lengths.append((self.at, value))
         self.at += 4
