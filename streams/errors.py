@@ -198,9 +198,10 @@ def _shorten_repr(value: object) -> str:
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
     """Raises ConfigError for the first value that is not a finite number > 0 (≥ 0 for names in `may_be_zero`)."""
     for name, value in values.items():
-        zero = name in may_be_zero
-        if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-            raise ConfigError(source, name, value, "a finite number ≥ 0" if zero else "a finite number > 0")
+        zero_is_valid = name in may_be_zero
+        is_large_enough = value > 0.0 or (zero_is_valid and value == 0.0)
+        if not (math.isfinite(value) and is_large_enough):
+            raise ConfigError(source, name, value, "a finite number ≥ 0" if zero_is_valid else "a finite number > 0")
 
 
 class RecordingError(StrideTwinError):

@@ -84,7 +84,7 @@ def body_of(topic: str) -> str:
 def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
     """(width, height) of the first image, None if it cannot be read."""
     try:
-        first = images.load("", 0)
+        first = images.load("", 0)  # its topic does not matter
     except (StrideTwinError, ValueError, IndexError):
         return None
     shape = first.depth.shape if isinstance(first, Depth) else first.pixels.shape

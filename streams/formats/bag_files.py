@@ -271,6 +271,10 @@ class BoundedReader(rosbag1.Reader):
     def _unpack(self, kind: Compression, data: bytes) -> bytes:
         """Unpacks a chunk and counts its bytes towards the limit, again each time that alternating topics need it.
 
+        Args:
+            kind: How the chunk is compressed.
+            data: Its packed bytes.
+
         Raises:
             ValueError: The chunk is damaged or too large, or the total exceeds the limit.
         """
@@ -280,7 +284,7 @@ class BoundedReader(rosbag1.Reader):
         unpacked: bytes = unpacker.decompress(data, max_length=LARGEST_CHUNK)
         if not unpacker.eof:
             raise ValueError(f"a chunk that is damaged, or larger than {LARGEST_CHUNK} bytes unpacked")
-        self._bytes -= len(unpacked)
+        self._bytes -= len(unpacked)  # what is left of the limit
         if self._bytes < 0:
             raise ValueError("more bytes unpacked than a bag of this size can hold")
         return unpacked

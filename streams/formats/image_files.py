@@ -36,6 +36,7 @@ def read_image(path: Path, topic: str, t_ns: int) -> Image:
     raw = _read_pixels(path)
     if raw.dtype not in (np.uint8, np.uint16):
         raise ConfigError(path, "pixels", str(raw.dtype), "8 or 16 bits")
+    # (H, W) grey or (H, W, C) BGR of 8 bits
     pixels = raw.view(np.uint8) if raw.dtype == np.uint8 else (raw.view(np.uint16) >> 8).astype(np.uint8)
     return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
 

@@ -199,7 +199,7 @@ def _check_times(part: TablePart) -> None:
     path, t = part.file, part.t
     step = np.diff(t)
     if np.any(step < 0):
-        row = int(np.argmax(step < 0)) + 1
+        row = int(np.argmax(step < 0)) + 1  # index of the first time that is before the previous one
         raise ConfigError(
             path, f"t, row {row + 1}", float(t[row]), f"a time after that of the previous row, {t[row - 1]:g} s"
         )

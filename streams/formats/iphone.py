@@ -170,6 +170,8 @@ class _Frames:
     def _decode_frame(self, number: int) -> NDArray[np.uint8]:
         """Decodes frame `number`: (H, W, 3) RGB; the last frame is kept for a second request.
 
+        The frames before it, from number `_next` on, are decoded on the way. A frame behind that needs a new start.
+
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
         """

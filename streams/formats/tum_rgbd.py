@@ -80,17 +80,17 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
 def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
     """Reads the accelerometer, and an IMU from `imu.txt` or from `gyroscope.txt` with the accelerometer's forces."""
     blocks: dict[str, Block[Sample]] = {}
-    force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
-    if force.is_file():
-        t_ns, table = _read_columns(force, _FORCE, notes)
+    force_file, rate_file, imu_file = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
+    if force_file.is_file():
+        t_ns, table = _read_columns(force_file, _FORCE, notes)
         columns = {"specific_force": table}
         blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
-    if both.is_file():
-        t_ns, table = _read_columns(both, (*_RATE, *_FORCE), notes)
+    if imu_file.is_file():
+        t_ns, table = _read_columns(imu_file, (*_RATE, *_FORCE), notes)
         columns = {"angular_rate": table[:, :3], "specific_force": table[:, 3:]}
         blocks[IMU] = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns=columns)
-    elif rate.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:
-        t_ns, table = _read_columns(rate, _RATE, notes)
+    elif rate_file.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:  # two forces, to interpolate between
+        t_ns, table = _read_columns(rate_file, _RATE, notes)
         gyro = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table})
         blocks[IMU] = join_at_gyro_stamps(IMU, gyro, blocks[ACCELEROMETER])
         notes.warn("gyroscope.txt and accelerometer.txt are joined, the force interpolated to the stamps of the rate")

@@ -356,6 +356,7 @@ class Receiver:
         with self._changed:
             if name in self._senders:
                 self._senders[name].is_connected = False
+            # `_owner`: ID of the sender that provides each topic
             self._owner = {topic: owner for topic, owner in self._owner.items() if owner != name}
             self._changed.notify_all()
 

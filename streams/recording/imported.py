@@ -156,6 +156,7 @@ class ImportedContents:
             return images
         at = np.flatnonzero(keep)  # numbers of the images that are kept
         load = images.load
+        # image i of the result is image `at[i]` of the given stream
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
     def _check_stamps(self, topic: str, t_ns: Stamps) -> Mask:

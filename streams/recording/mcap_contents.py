@@ -122,7 +122,7 @@ class McapContents(RecordingIndex):
         return images
 
     def _chunks_with_images(self, topic: str) -> tuple[list[ChunkInfo], NDArray[np.int64]]:
-        """Chunks with images of a topic, and the number of its images up to the end of each."""
+        """Chunks with images of a topic, and the number of its images up to the end of each, kept for the next call."""
         if topic not in self._chunks_of:
             chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
             self._chunks_of[topic] = chunks, np.cumsum([chunk.parts[topic].count for chunk in chunks])
@@ -189,9 +189,9 @@ class McapContents(RecordingIndex):
 
     def _select_ordered_images(self, topic: str, messages: Messages, part: ChunkPart) -> Messages:
         """The messages of an image topic in a chunk whose stamps increase, with the stamps in place of log times."""
-        t = self.readers[topic].read_times(messages)
-        keep = is_increasing(t, part.before)
-        return replace(messages, log_time=t).select(np.flatnonzero(keep))
+        stamps = self.readers[topic].read_times(messages)
+        rising = is_increasing(stamps, part.before)  # `before`: the latest stamp before the chunk
+        return replace(messages, log_time=stamps).select(np.flatnonzero(rising))
 
     def _decode_images(self, topic: str, messages: Messages) -> Iterator[Image | Depth]:
         """Yields the images of a topic one by one; a damaged one is reported, and (when lenient) left out.

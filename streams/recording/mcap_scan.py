@@ -205,7 +205,7 @@ def read_chunk(path: Path, offset: int) -> bytes:
     """Uncompressed bytes of the chunk whose record starts at `offset`."""
     with path.open("rb") as file:
         file.seek(offset)
-        _, length = _HEAD.unpack(file.read(_HEAD.size))
+        _, length = _HEAD.unpack(file.read(_HEAD.size))  # opcode, and length of the body
         return decompress(parse_record(records.Chunk, file.read(length)))
 
 

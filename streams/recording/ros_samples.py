@@ -212,14 +212,14 @@ def _name_child_frame(topic: str, *_: object) -> dict[str, object]:
     return {"child_frame_id": frame_id(topic)}
 
 
-def _write_odometry(c: Columns) -> dict[str, NDArray[np.generic]]:
-    """Fields of Odometry messages; the velocity is rotated from the world to the child frame, as ROS defines it."""
-    q = c["q_world_frame"]
+def _write_odometry(columns: Columns) -> dict[str, NDArray[np.generic]]:
+    """Fields of Odometry messages, by dotted path; the velocity is rotated from the world to the child frame."""
+    q = columns["q_world_frame"]
     return {
-        "pose.pose.position": c["p_frame_in_world"],
+        "pose.pose.position": columns["p_frame_in_world"],
         "pose.pose.orientation": _to_xyzw(q),
-        "twist.twist.linear": apply_quaternion(_conjugate(q), c["v_frame_in_world"]),
-        "twist.twist.angular": c["angular_rate"],
+        "twist.twist.linear": apply_quaternion(_conjugate(q), columns["v_frame_in_world"]),
+        "twist.twist.angular": columns["angular_rate"],
     }
 
 
@@ -239,14 +239,14 @@ def _to_codes(values: NDArray[np.generic], names: tuple[str, ...]) -> NDArray[np
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
-def _write_footprint(c: Columns) -> dict[str, NDArray[np.generic]]:
-    """Fields of Footprint messages, with texts as numbers."""
+def _write_footprint(columns: Columns) -> dict[str, NDArray[np.generic]]:
+    """Fields of Footprint messages, by dotted path; the texts of foot, terrain and mode become numbers."""
     return {
-        "foot": _to_codes(c["foot"], FEET),
-        "terrain": _to_codes(c["terrain"], TERRAINS),
-        "mode": _to_codes(c["mode"], MODES),
-        "pose.position": c["p_foot_in_world"],
-        "pose.orientation": _to_xyzw(c["q_world_foot"]),
+        "foot": _to_codes(columns["foot"], FEET),
+        "terrain": _to_codes(columns["terrain"], TERRAINS),
+        "mode": _to_codes(columns["mode"], MODES),
+        "pose.position": columns["p_foot_in_world"],
+        "pose.orientation": _to_xyzw(columns["q_world_foot"]),
     }
 
 
