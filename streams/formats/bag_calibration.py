@@ -144,7 +144,10 @@ class BagCalibration:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
     def add_transforms(self, message: RosMessage) -> None:
-        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
+        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored.
+
+        `_parents` keeps each by the name of the child frame, with that of its parent.
+        """
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])

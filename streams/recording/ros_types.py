@@ -120,6 +120,7 @@ def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: t
             raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
         is_number = inner[0] == Nodetype.BASE and inner[1][0] != "string"
         count += each * (size if node == Nodetype.ARRAY and not is_number else 1)
+        # an array of numbers counts as one item, so that its length needs a limit of its own
         if count > MOST_ELEMENTS or (node == Nodetype.ARRAY and size > 1 << 20):
             raise ValueError(f"{name[:80]}.{field}: more fields than any message has ({MOST_ELEMENTS})")
     counts[name] = count
