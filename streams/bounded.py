@@ -28,7 +28,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     """
     with _convert_errors(path), path.open("rb") as file:
         size = path.stat().st_size
-        data = file.read(most + 1) if size <= most else b""
+        data = file.read(most + 1) if size <= most else b""  # one byte more shows whether the file has grown since
     if size > most or len(data) > most:
         raise ConfigError(path, "size in bytes", max(size, len(data)), f"up to {most}")
     return data

@@ -39,23 +39,25 @@ INTERNALS = (
 
 
 def find_missing_internals() -> list[str]:
-    """The `INTERNALS` that the installed Numba lacks."""
+    """The `INTERNALS` that the installed Numba lacks, each as its module and its name there, joined by a point."""
     lacking = []
-    for module, names in INTERNALS:
+    for module, dotted_name in INTERNALS:
         try:
             internal: object = importlib.import_module(module)
-            for name in names.split("."):
+            for name in dotted_name.split("."):  # a class, and then its method
                 internal = getattr(internal, name)
         except (ImportError, AttributeError):
-            lacking.append(f"{module}.{names}")
+            lacking.append(f"{module}.{dotted_name}")
     return lacking
 
 
 def is_known(version: str) -> bool:
-    """Whether a version of Numba lies within `KNOWN`."""
-    parts = version.split(".")[:2]
+    """Whether a version of Numba, such as `0.61.2`, lies within `KNOWN`."""
+    parts = version.split(".")[:2]  # major and minor
+    # without a part such as `61rc1`, a preliminary version sorts before the first known one
     numbers = tuple(int(part) for part in parts if part.isdecimal())
-    return KNOWN[0] <= numbers < KNOWN[1]
+    first, beyond = KNOWN
+    return first <= numbers < beyond
 
 
 class KernelOptions(TypedDict, total=False):
@@ -65,7 +67,7 @@ class KernelOptions(TypedDict, total=False):
 
 
 class _InnerOptions(KernelOptions):
-    """Those of an inner kernel."""
+    """The options in `INNER_KERNEL`, when Numba's inside is known."""
 
     no_cfunc_wrapper: bool
     no_cpython_wrapper: bool
@@ -86,6 +88,7 @@ _ALGEBRA = [Path(__file__).parent / "algebra" / name for name in ("matrices.py",
 """Sources that count for every function, because most call them."""
 F = TypeVar("F", bound=Callable[..., object])
 _entry_kernels: list[Any] = []
+"""Every kernel that `entry_kernel` has made; `is_uncompiled` looks through them."""
 
 
 def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -> Callable[[F], F]:
@@ -98,9 +101,10 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
     Args:
         sources: Files, and folders of Python files, of all that is compiled into the functions; the compiled modules of
             `streams/algebra` count for every function.
-        llvm_level: Of LLVM's optimisation. Level 1 takes a tenth less time than 3, and the numbers are the same; long
-            sequences of scalar operations are no slower, loops over images are by a quarter.
-        options: For numba.
+        llvm_level: Level of LLVM's optimisation, 1 to 3. Compilation at level 1 takes a tenth less time than at 3, and
+            the numbers are the same; long sequences of scalar operations are then no slower, and loops over images are
+            slower by a quarter. Not used if Numba's inside is unknown.
+        options: Further options of `numba.njit`.
 
     Returns:
         Decorator of a plain function, or of one that is compiled for others to call.
@@ -109,17 +113,20 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
     if _WITH_INTERNALS:
         settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 
-    def compiled(function: F) -> F:
+    def compile_and_cache(function: F) -> F:
         """Compiles a function, with the checksum of the sources as the stamp of its cache."""
-        kernel: Any = njit(cache=True, **settings)(getattr(function, "py_func", function))
+        plain = getattr(function, "py_func", function)  # `py_func` is the plain function of a compiled one
+        kernel: Any = njit(cache=True, **settings)(plain)
         if _WITH_INTERNALS:
             index = kernel._cache._cache_file
             index._source_stamp = stamp
-            index._version += f" {stamp}"  # is compared first; the rest may name classes that are gone
+            # Numba compares the version before it unpickles the rest of an index file. With the stamp in it, the index
+            # of other sources is not unpickled, which would fail if that names a class that exists no more.
+            index._version += f" {stamp}"
         _entry_kernels.append(kernel)
         return cast(F, kernel)
 
-    return compiled
+    return compile_and_cache
 
 
 def is_uncompiled(package: str) -> bool:
@@ -130,6 +137,7 @@ def is_uncompiled(package: str) -> bool:
     Args:
         package: Name of an imported package or module, such as `stridetwin.estimators.dvio`.
     """
+    # the points at the end let a module match itself, but not `dvio_tools` match `dvio`
     kernels = [k for k in _entry_kernels if f"{k.py_func.__module__}.".startswith(f"{package}.")]
     return bool(kernels) and not any(map(_has_cached_code, kernels))
 
@@ -142,7 +150,8 @@ def _has_cached_code(kernel: Any) -> bool:
 
 
 def digest_of_sources(*sources: str | Path) -> int:
-    """Checksum, ≥ 0, of files and of the Python files in folders."""
-    paths = [Path(source) for source in sources]
-    files = [file for path in paths for file in (sorted(path.glob("*.py")) if path.is_dir() else [path])]
+    """Checksum (CRC-32, ≥ 0) of the contents of files and of the Python files in folders."""
+    files: list[Path] = []
+    for path in map(Path, sources):
+        files += sorted(path.glob("*.py")) if path.is_dir() else [path]
     return zlib.crc32(b"".join(file.read_bytes() for file in files))

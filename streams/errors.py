@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _LONGEST_SHOWN = 400
+"""Most characters of an invalid value in a message."""
 _MOST_LINES = 30
+"""Most errors of one file in a message."""
 
 
 class StrideTwinError(Exception):
@@ -31,7 +33,7 @@ def explain_import_error(need: str, extra: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] == "stridetwin":
-            raise
+            raise  # a module of the project itself: a defect, not a missing library
         raise StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}") from error
 
 
@@ -43,6 +45,7 @@ def install_hint(extra: str) -> str:
 def was_interrupted(error: BaseException) -> bool:
     """Whether an exception, or one that caused it, is a Ctrl-C: compiled functions report it as a SystemError."""
     cause: BaseException | None = error
+    # back along the chain of causes, to a Ctrl-C or to the first exception
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
     return cause is not None
@@ -86,7 +89,7 @@ def missing_library_error(error: ModuleNotFoundError, need: str = "this needs it
         error: The failed import.
         need: What needs the library, such as `experiments need the simulator`.
     """
-    extra = EXTRA_OF.get((error.name or "").partition(".")[0])
+    extra = EXTRA_OF.get((error.name or "").partition(".")[0])  # by the first part of a name such as `mujoco.viewer`
     return None if extra is None else StrideTwinError(f"{error.name} is not installed; {need}: {install_hint(extra)}")
 
 
@@ -166,7 +169,11 @@ class ConfigFileError(ConfigError):
     """
 
     def __init__(self, errors: Sequence[StrideTwinError]) -> None:
-        """Takes the fields of the first ConfigError, and joins the first messages, one per line."""
+        """Takes the fields of the first ConfigError, and joins the messages of the first errors, one per line.
+
+        The fields are absent if there is no ConfigError. `ConfigError.__init__` is skipped, as it makes a message for
+        one value.
+        """
         first = next((e for e in errors if isinstance(e, ConfigError)), None)
         if first is not None:
             self.source, self.field, self.value, self.valid = first.source, first.field, first.value, first.valid
@@ -191,9 +198,10 @@ def _shorten_repr(value: object) -> str:
 def check_numbers(source: object, values: Mapping[str, float], may_be_zero: Collection[str] = ()) -> None:
     """Raises ConfigError for the first value that is not a finite number > 0 (≥ 0 for names in `may_be_zero`)."""
     for name, value in values.items():
-        zero = name in may_be_zero
-        if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-            raise ConfigError(source, name, value, "a finite number ≥ 0" if zero else "a finite number > 0")
+        zero_is_valid = name in may_be_zero
+        is_large_enough = value > 0.0 or (zero_is_valid and value == 0.0)
+        if not (math.isfinite(value) and is_large_enough):
+            raise ConfigError(source, name, value, "a finite number ≥ 0" if zero_is_valid else "a finite number > 0")
 
 
 class RecordingError(StrideTwinError):
@@ -201,5 +209,12 @@ class RecordingError(StrideTwinError):
 
 
 def metadata_error(key: str, expected: str, error: Exception) -> RecordingError:
-    """The error to raise about an entry of a recording's metadata that reading it found invalid."""
-    return RecordingError(f"invalid metadata {key}: expected {expected}: {' '.join(str(error).split())[:120]}")
+    """The error to raise about an invalid entry of a recording's metadata.
+
+    Args:
+        key: Name of the entry.
+        expected: What is valid.
+        error: The exception that reading the entry has raised; its text becomes a part of the message, on one line.
+    """
+    reason = " ".join(str(error).split())[:120]
+    return RecordingError(f"invalid metadata {key}: expected {expected}: {reason}")

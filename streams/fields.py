@@ -28,8 +28,12 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from stridetwin.streams.errors import Missing, StrideTwinError
 
 DEG, MM = 0.017453292519943295, 1e-3
+"""One degree in rad, and one millimetre in m."""
 TAG = "="
-"""First character of the tags of tagged unions; tags are not keys of a file."""
+"""First character of the tags of tagged unions; tags are not keys of a file.
+
+pydantic selects the member of a tagged union by a text, its tag, and names that text in the location of an error.
+"""
 V = TypeVar("V")
 
 
@@ -55,7 +59,7 @@ class OneOf(ReadAs):
 
     def __init__(self, valid: Iterable[str] | Mapping[str, object]) -> None:
         values = dict(valid) if isinstance(valid, Mapping) else {word: word for word in valid}
-        super().__init__(Literal[tuple(values)], values.__getitem__)
+        super().__init__(Literal[tuple(values)], values.__getitem__)  # a file has the word, the attribute its value
 
 
 class Unit:
@@ -65,7 +69,7 @@ class Unit:
         self._factor = factor
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """The schema of the number in the file, followed by its conversion; None stays."""
+        """The schema of the number in the file, followed by its conversion to SI; None stays None."""
         return core_schema.no_info_after_validator_function(
             lambda value: None if value is None else value * self._factor, handler(source)
         )
@@ -100,13 +104,16 @@ class Required:
         return core_schema.no_info_before_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """The JSON Schema of the dataclass, whose `required` also lists these keys."""
+        """The JSON Schema of the dataclass, whose `required` also lists these keys, each once."""
         resolved = handler.resolve_ref_schema(handler(schema))
         resolved["required"] = list(dict.fromkeys([*resolved.get("required", ()), *self._keys]))
         return resolved
 
     def _check(self, node: object) -> object:
-        """The value as it is in the file, or an error if it is a mapping without one of the keys."""
+        """The value as it is in the file, or an error if it is a mapping without one of the required keys.
+
+        Anything but a mapping passes: the dataclass refuses it itself.
+        """
         if isinstance(node, dict) and (missing := [key for key in self._keys if key not in node]):
             raise field_error(Missing(), "this key", missing[0])
         return node
@@ -125,15 +132,23 @@ class OneKey(Generic[V]):
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of a union of mappings of one key each, not that of `source`; the key selects the member."""
-        return core_schema.tagged_union_schema(
-            {TAG + kind: self._mapping(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()},
-            discriminator=lambda node: (
-                f"{TAG}{next(iter(node))}" if isinstance(node, dict) and len(node) == 1 else None
-            ),
-        )
 
-    def _mapping(self, kind: str, value: CoreSchema) -> CoreSchema:
-        """The schema of a mapping with the one key `kind`, whose value has the schema `value`, and of what is built."""
+        def find_tag(node: object) -> str | None:
+            """Tag of the member for a mapping of one key; None, which pydantic refuses, for anything else."""
+            return f"{TAG}{next(iter(node))}" if isinstance(node, dict) and len(node) == 1 else None
+
+        members = {
+            TAG + kind: self._make_mapping_schema(kind, handler.generate_schema(of)) for kind, of in self._kinds.items()
+        }
+        return core_schema.tagged_union_schema(members, discriminator=find_tag)
+
+    def _make_mapping_schema(self, kind: str, value: CoreSchema) -> CoreSchema:
+        """The schema of a mapping of one key, from which `build` then makes the result.
+
+        Args:
+            kind: The key.
+            value: Schema of its value.
+        """
         one_field = core_schema.typed_dict_schema(
             {kind: core_schema.typed_dict_field(value, required=True)}, extra_behavior="forbid"
         )
@@ -152,14 +167,19 @@ class OneKind:
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """The schema of a union of mappings, in place of that of `source`; the value of `kind` selects the member."""
-        return core_schema.tagged_union_schema(
-            {TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()},
-            discriminator=lambda node: f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None,
-        )
+
+        def find_tag(node: object) -> str | None:
+            """Tag of the member for a mapping with the key `kind`; None, which pydantic refuses, for anything else."""
+            return f"{TAG}{node['kind']}" if isinstance(node, dict) and "kind" in node else None
+
+        members = {
+            TAG + kind: handler.generate_schema(Annotated[of, _OfKind(kind)]) for kind, of in self._kinds.items()
+        }
+        return core_schema.tagged_union_schema(members, discriminator=find_tag)
 
 
 class _OfKind:
-    """Annotation of one member of a union by `kind`."""
+    """Annotation of one member of a union by `kind`: the type has no such attribute, but the file has the key."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -187,7 +207,10 @@ def check_unique(values: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def other_file_error(error: StrideTwinError) -> PydanticCustomError:
-    """The error to raise in a validator for an error in another file, which the value names."""
+    """The error to raise in a validator for an error in another file, which the value names.
+
+    `validate` reports it as it is, without the location of the value.
+    """
     return PydanticCustomError("elsewhere", "{error}", {"error": error})
 
 

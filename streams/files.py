@@ -11,10 +11,11 @@ from pathlib import Path
 from stridetwin.streams.errors import ConfigError
 
 _PARTIAL = ".partial"
+"""Ending of the hidden name that an incomplete file has."""
 
 
 def partial_path(path: Path) -> Path:
-    """Hidden name beside `path` for the incomplete file.
+    """Hidden name beside `path` for the incomplete file: `.NAME.partial`.
 
     Raises:
         ConfigError: The name is invalid, or names a folder.

@@ -13,6 +13,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
 _ENTRY = re.compile(r"^    (\w[\w, ]*): (.*(?:\n     +.*)*)", re.MULTILINE)
+"""An entry of `Attributes` in a docstring: one or more names, and a text whose further lines are indented more."""
 
 
 def schema_of(kind: object) -> JsonSchemaValue:
@@ -34,7 +35,7 @@ def schema_file(kind: object) -> JsonSchemaValue:
 def attribute_descriptions(kind: type) -> Mapping[str, str]:
     """Description of each attribute, from the `Attributes` in the docstrings of a class and its base classes."""
     descriptions: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
+    for base in reversed(kind.__mro__):  # the class itself comes last, so that its descriptions count
         section = (inspect.cleandoc(base.__dict__.get("__doc__") or "")).partition("Attributes:\n")[2]
         for names, text in _ENTRY.findall(section):
             descriptions |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
@@ -64,24 +65,31 @@ class _DescribingGenerator(GenerateJsonSchema):
         """
         doc = inspect.cleandoc(kind.__dict__.get("__doc__") or "")
         schema.pop("description", None)
-        if doc and not doc.startswith(f"{kind.__name__}("):
+        if doc and not doc.startswith(f"{kind.__name__}("):  # not the one that `dataclass` makes of the signature
             schema["description"] = " ".join(doc.split("\n\n")[0].split())
         descriptions = attribute_descriptions(kind)
         for name, key in _keys(inner):
             prop = schema.get("properties", {}).get(key)
             if isinstance(prop, dict):
                 prop.pop("title", None)
+                # a key of another name, such as `riser_mm`, has another unit than the attribute; a default that is none
+                # of the file's words is the value that a word stands for
                 if key != name or prop.get("default") not in prop.get("enum", [prop.get("default")]):
-                    prop.pop("default", None)  # it is in the attribute's unit
+                    prop.pop("default", None)
                 if name in descriptions:
                     prop["description"] = descriptions[name]
         return schema
 
 
 def _keys(schema: Any) -> list[tuple[str, str]]:
-    """Attribute and key in the file of each field, from the schema of arguments inside a class' schema."""
+    """Attribute and key in the file of each field of a class.
+
+    Args:
+        schema: Pydantic's schema of the class. The fields are in it or in a schema inside it: as a mapping by attribute
+            for a model, as a list of fields with names for a dataclass.
+    """
     while "fields" not in schema and "schema" in schema:
         schema = schema["schema"]
     fields = schema.get("fields", [])
-    pairs = fields.items() if isinstance(fields, dict) else [(f["name"], f) for f in fields]
-    return [(name, str(f.get("validation_alias") or name)) for name, f in pairs]
+    by_name = fields.items() if isinstance(fields, dict) else [(f["name"], f) for f in fields]
+    return [(name, str(f.get("validation_alias") or name)) for name, f in by_name]

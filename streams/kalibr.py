@@ -30,9 +30,12 @@ from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import FastDumper, parse_yaml, read_yaml
 
 PLAIN_BODY = "imu0"
+"""Body of all sensors of a plain Kalibr calibration: the frame of its IMU."""
 _OURS = "stridetwin"
+"""Key of the section with what Kalibr has no keys for."""
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
+"""Largest magnitude of a sensor's parameter: greater ones are mistakes, or too large for a float."""
 _Squares = Annotated[StrictInt, Field(ge=2, le=2**31 - 1)]
 _BEYOND_NOISE = (
     "gyroscope_bias_sd",
@@ -43,6 +46,7 @@ _BEYOND_NOISE = (
     "gyroscope_misalignment_sd",
     "accelerometer_scale_sd",
 )
+"""Attributes of an IMU's calibration that Kalibr has no keys for: biases, ranges and errors of scale and axes."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -80,24 +84,27 @@ def rig_to_yaml(rig: Rig) -> str:
             "rostopic": imu.topic,
             "update_rate": float(imu.rate_hz),
             **{name: float(getattr(imu, name)) for name in ImuNoise.model_fields},
-            "T_i_b": np.eye(4).tolist(),
+            "T_i_b": np.eye(4).tolist(),  # Kalibr's transform between its IMUs, which is not read here
         }
         ours[f"imu{i}"] = {
             "part": imu.part,
             "mount": _to_plain_data(imu.mount),
             **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
         }
-    ours["boards"] = {
-        name: {"mount": _to_plain_data(b.mount), "squares": [int(n) for n in b.squares], "square_m": float(b.square_m)}
-        for name, b in rig.boards.items()
-    }
-    ours["sensors"] = [_to_plain_data(s) for s in rig.others.values()]
+    ours["boards"] = {}
+    for name, board in rig.boards.items():
+        ours["boards"][name] = {
+            "mount": _to_plain_data(board.mount),
+            "squares": [int(n) for n in board.squares],
+            "square_m": float(board.square_m),
+        }
+    ours["sensors"] = [_to_plain_data(sensor) for sensor in rig.others.values()]
     document[_OURS] = ours
     return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
 
 
 def _to_plain_data(value: Any) -> Any:
-    """Plain data: dataclasses and mappings as mappings, numbers and arrays as floats."""
+    """Plain data of a value: dataclasses and mappings as dicts, text as it is, numbers and arrays as floats."""
     if is_dataclass(value):
         return {f.name: _to_plain_data(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
@@ -123,6 +130,10 @@ def rig_from_yaml(text: str, source: str) -> Rig:
 def read_rig(path: str | Path, *more: str | Path) -> Rig:
     """A rig from a YAML file, or from Kalibr's two: camera chain and IMU.
 
+    Args:
+        path: The file.
+        more: Further files, whose sections are added; of two sections with one name the last counts.
+
     Raises:
         StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
     """
@@ -135,7 +146,7 @@ def read_rig(path: str | Path, *more: str | Path) -> Rig:
 
 
 def _wrap_flat_imu(document: Any) -> Any:
-    """The document; Kalibr's flat imu.yaml is moved under `imu0`."""
+    """The document; if it is Kalibr's flat imu.yaml, which has the IMU's keys at the top, it is moved under `imu0`."""
     return {"imu0": document} if isinstance(document, dict) and "update_rate" in document else document
 
 
@@ -237,7 +248,14 @@ class _Sensor(FileModel):
 
 @lru_cache(maxsize=16)
 def _document_model(cameras: tuple[str, ...], imus: tuple[str, ...], has_extras: bool) -> type[BaseModel]:
-    """The model of a file with these sections."""
+    """The pydantic model of a file with these sections, each a field of its name.
+
+    Args:
+        cameras: Names of the sections of cameras, `cam0`, ...
+        imus: Names of the sections of IMUs, `imu0`, ...
+        has_extras: Whether the file has our own section, which then must have a part for each of these.
+    """
+    # pydantic takes a pair for each field: its type and its default, where `...` means required
     sections: dict[str, Any] = {name: (_Camera, ...) for name in cameras} | {name: (_Imu, ...) for name in imus}
     if has_extras:
         extras: dict[str, Any] = {name: (_CameraExtras, ...) for name in cameras} | {
@@ -259,7 +277,7 @@ def _to_rig(document: Any, source: str) -> Rig:
     if not (cams or imu_names or _OURS in keys):
         raise ConfigError(source, "", document, _WANTED)
     calibration: Any = validate(_document_model(cams, imu_names, _OURS in keys), document, source)
-    extras = getattr(calibration, _OURS, None)
+    extras = getattr(calibration, _OURS, None)  # our own section; None in a plain Kalibr file
     imus = _index_by_topic(
         source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
     )
@@ -289,23 +307,29 @@ def _index_by_topic(source: str, items: list[Any]) -> dict[str, Any]:
     Raises:
         ConfigError: Two sensors of a kind have one topic.
     """
-    table: dict[str, Any] = {}
+    by_topic: dict[str, Any] = {}
     for item in items:
-        if item.topic in table:
+        if item.topic in by_topic:
             raise ConfigError(source, "rostopic", item.topic, "a topic that no other sensor of its kind has")
-        table[item.topic] = item
-    return table
+        by_topic[item.topic] = item
+    return by_topic
 
 
 def _to_rig_fields(model: BaseModel) -> dict[str, Any]:
-    """The fields of a model, a mount as the rig has it."""
+    """The fields of a file's model by name, with its `mount` converted to the rig's `Mount`."""
     values = dict(model)
     return values | {"mount": Mount(**dict(values["mount"]))}
 
 
 def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
-    """The calibration of an IMU section; without extras its body is the IMU itself."""
-    noise = dict(imu)
+    """The calibration of an IMU section.
+
+    Args:
+        name: Name of the section, which becomes the topic if the section has none.
+        imu: Kalibr's section.
+        extras: What a rig knows beyond it; None for a plain file, where the body is the IMU itself.
+    """
+    noise = dict(imu)  # all fields of the section: the noise densities are left once the others are taken out
     topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
     more: dict[str, Any] = _to_rig_fields(extras) if extras else {"part": "", "mount": Mount(body=PLAIN_BODY)}
     return ImuCalibration(topic=f"/{name}" if topic is None else topic, rate_hz=rate, **noise, **more)
@@ -406,7 +430,7 @@ def _compute_T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:
     imu = rig.imu(camera.imu_topic)
     if imu.mount.body != camera.mount.body:
         raise ConfigError(camera.topic, "imu_topic", camera.imu_topic, f"an IMU on the same body, {camera.mount.body}")
-    return _inverse(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor
+    return _inverse(camera.mount.T_body_sensor) @ imu.mount.T_body_sensor  # T_cam_body T_body_imu
 
 
 def _inverse(T: Array) -> Array:

@@ -30,19 +30,21 @@ class PartLibrary(JITCodeLibrary):
         # ends the compilation of a part, in place of Numba's method, which would optimise it and make machine code
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
-                function.linkage = "linkonce_odr"  # several entry points may contain it
+                # several entry points may contain this function: the linker then keeps one of the copies
+                function.linkage = "linkonce_odr"
         self._finalize_dynamic_globals()
-        self._finalized = True
+        self._finalized = True  # so that Numba lets others link it
 
     def _get_module_for_linking(self) -> Any:
         """The module of this part and of all parts below it, for a library of Numba's own kind.
 
-        Such a library links only what it calls itself.
+        A library of Numba's own kind links only the modules of what it calls itself, so these must contain the rest.
+        The module is built once and kept.
         """
         if self._shared_module is None:
             self._shared_module = self._final_module.clone()
-            for library in _all_below(self):
-                self._shared_module.link_in(_own_module(library), preserve=True)
+            for library in _list_called_libraries(self):
+                self._shared_module.link_in(_choose_module_to_link(library), preserve=True)
         return self._shared_module
 
 
@@ -51,60 +53,63 @@ class EntryLibrary(JITCodeLibrary):
 
     def finalize(self) -> None:  # noqa: D102
         # adds the code of all parts to the entry point's own, which Numba then optimises as one
-        for library in _all_below(self):
-            self._reload_init.update(library._reload_init)
-            self._final_module.link_in(_own_module(library), preserve=True)
-        self._linking_libraries = []
+        for library in _list_called_libraries(self):
+            self._reload_init.update(library._reload_init)  # what Numba calls when it loads the code from its cache
+            self._final_module.link_in(_choose_module_to_link(library), preserve=True)
+        self._linking_libraries = []  # nothing is left for Numba to link
         super().finalize()
 
 
-def _own_module(library: JITCodeLibrary) -> Any:
+def _choose_module_to_link(library: JITCodeLibrary) -> Any:
     """The LLVM module that a caller links: of a part its own code, of another library all that it contains."""
     return library._final_module if isinstance(library, PartLibrary) else library._get_module_for_linking()
 
 
-def _all_below(library: JITCodeLibrary) -> list[JITCodeLibrary]:
-    """Each library once that a part or an entry point calls, directly or through parts.
+def _list_called_libraries(library: JITCodeLibrary) -> list[JITCodeLibrary]:
+    """Lists each library once that a part or an entry point calls, directly or through parts.
 
-    Callers come before what they call: LLVM leaves out a function that nothing linked before calls.
+    Callers come before what they call: LLVM leaves out a function that nothing linked before calls. The order is the
+    reverse of that in which a depth-first search completes the libraries.
     """
-    # depth-first search: libraries all of whose calls are visited, in that order; those on the way, with their calls
-    finished: dict[JITCodeLibrary, None] = {}
-    open_ = [(library, iter(library._linking_libraries))]
+    completed: list[JITCodeLibrary] = []  # libraries all of whose calls have been visited, in that order
+    # the way from `library` to the present one: each with those of its calls that are still to be visited
+    way = [(library, iter(library._linking_libraries))]
     entered = {library}
-    while open_:
-        caller, called = open_[-1]
-        below = next(called, None)
-        if below is None:
-            finished[caller] = None
-            open_.pop()
-        elif below not in entered:
-            below._ensure_finalized()
-            entered.add(below)
-            open_.append((below, iter(below._linking_libraries if isinstance(below, PartLibrary) else ())))
-    return [below for below in reversed(finished) if below is not library]
+    while way:
+        caller, calls_to_visit = way[-1]
+        called = next(calls_to_visit, None)
+        if called is None:
+            completed.append(caller)
+            way.pop()
+        elif called not in entered:
+            called._ensure_finalized()
+            entered.add(called)
+            # a library of Numba's own kind contains what it calls, so its calls are not visited
+            way.append((called, iter(called._linking_libraries if isinstance(called, PartLibrary) else ())))
+    return [called for called in reversed(completed) if called is not library]
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):
-    """Leaves out machine code of its own."""
+    """Numba's pass from typed code to LLVM code, for a part: it makes no machine code."""
 
     _name = "part_lowering"
 
     def run_pass(self, state: StateDict) -> bool:  # noqa: D102
+        # `state` is that of one compilation; `state.cr` is the result that Numba's own pass stores in it
         state.library = PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
+        state.flags.no_compile = True  # no machine code
         super().run_pass(state)
         # a function object that stands for the part in the code of its callers; Python never calls it
         key = _dynfunc.make_function(state.cr.fndesc.lookup_module(), "part", "", 0, state.cr.env, (state.library,))
         state.targetctx.insert_user_function(key, state.cr.fndesc, [state.library])
         state.cr = state.cr._replace(cfunc=key)
-        return True
+        return True  # the pass has changed the state
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class EntryLowering(NativeLowering):
-    """Links and optimises all parts at once."""
+    """Numba's pass from typed code to LLVM and machine code, for an entry point with all of its parts at once."""
 
     _name = "entry_lowering"
 
@@ -118,7 +123,8 @@ class PartCompiler(CompilerBase):
     """Compiles for other compiled functions only."""
 
     def define_pipelines(self) -> list[PassManager]:  # noqa: D102
-        return _pipelines(self.state, PartLowering)
+        # Numba calls it for its passes
+        return _build_pipelines(self.state, PartLowering)
 
 
 class EntryCompiler(CompilerBase):
@@ -127,33 +133,45 @@ class EntryCompiler(CompilerBase):
     llvm_level = 3
 
     def compile_extra(self, func: Callable[..., object]) -> CompileResult:  # noqa: D102
-        with _in_parts(self.llvm_level):
+        # Numba calls it to compile a function, and with it all that the function calls
+        with _compile_called_as_parts(self.llvm_level):
             return super().compile_extra(func)
 
     def define_pipelines(self) -> list[PassManager]:  # noqa: D102
-        return _pipelines(self.state, EntryLowering)
+        # Numba calls it for its passes
+        return _build_pipelines(self.state, EntryLowering)
 
 
-def _pipelines(state: StateDict, lowering: type[NativeLowering]) -> list[PassManager]:
-    """Numba's pipeline with the given lowering in place of its own."""
+def _build_pipelines(state: StateDict, lowering: type[NativeLowering]) -> list[PassManager]:
+    """Builds Numba's pipeline of passes, with `lowering` in place of its pass from typed code to machine code.
+
+    Args:
+        state: State of one compilation.
+        lowering: `PartLowering` or `EntryLowering`.
+
+    Returns:
+        The one pipeline, in a list, as Numba tries several in turn.
+    """
     pass_builder = DefaultPassBuilder.define_nopython_pipeline(state)
-    pass_builder.passes = [(lowering if p is NativeLowering else p, why) for p, why in pass_builder.passes]
+    # Numba keeps each pass with a description of it
+    pass_builder.passes = [(lowering if p is NativeLowering else p, text) for p, text in pass_builder.passes]
     pass_builder.finalize()
     return [pass_builder]
 
 
 def entry_compiler(llvm_level: int) -> type[EntryCompiler]:
-    """The compiler of what Python calls, with a level of LLVM's optimisation, 1 to 3."""
+    """The subclass of `EntryCompiler` that compiles at a level of LLVM's optimisation, 1 to 3."""
     return type("EntryCompiler", (EntryCompiler,), {"llvm_level": llvm_level})
 
 
 @contextmanager
-def _in_parts(llvm_level: int) -> Iterator[None]:
+def _compile_called_as_parts(llvm_level: int) -> Iterator[None]:
     """Lets Numba compile what an entry point calls as parts, which the entry point links and optimises all at once.
 
-    A part is neither linked nor made machine code by itself. While the body runs, under Numba's lock, what Numba itself
-    adds and Python never calls becomes a part, too; and a part is compiled once for an integer argument, not again for
-    each number that is written in a call. Afterwards Numba's classes are as before.
+    A part is neither linked nor made machine code by itself. While the body runs, under Numba's lock, two methods of
+    Numba's classes are replaced: functions that Numba itself adds, and Python never calls, become parts, too; and a
+    part is compiled once for an integer argument, not again for each number that is written in a call. Afterwards
+    Numba's classes are as before.
 
     Args:
         llvm_level: Level of LLVM's optimisation, 1 to 3.
@@ -161,12 +179,13 @@ def _in_parts(llvm_level: int) -> Iterator[None]:
     default_compiler: Any = Compiler
     default_dispatcher: Any = Dispatcher
     settings: Any = config
+    # what is replaced here, and put back at the end
     plain, plain_call, plain_level = Compiler.define_pipelines, Dispatcher.get_call_template, settings.OPT
 
     def define_pipelines(self: Compiler) -> list[PassManager]:
         """In place of that of Numba's compiler: functions that Numba adds become parts."""
         added = self.state.flags.no_compile or self.state.func_id.modname.startswith("numba.")
-        return _pipelines(self.state, PartLowering) if added else plain(self)
+        return _build_pipelines(self.state, PartLowering) if added else plain(self)
 
     def get_call_template(
         self: Dispatcher[Callable[..., object]], args: tuple[types.Type, ...], kws: dict[str, types.Type]
@@ -177,6 +196,7 @@ def _in_parts(llvm_level: int) -> Iterator[None]:
         return plain_call(self, args, kws)
 
     default_compiler.define_pipelines, default_dispatcher.get_call_template = define_pipelines, get_call_template
+    # Numba's level is an object of its own type; a lower one, which the user has set, stays
     settings.OPT = min(plain_level, type(plain_level)(llvm_level))
     try:
         yield

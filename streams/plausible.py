@@ -11,16 +11,22 @@ from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MP
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
+"""Least and largest plausible rate of an IMU."""
 IMAGE_RATES_HZ = (0.2, 1000.0)
+"""Least and largest plausible rate of a camera."""
 _REST_SPREAD = 0.15
+"""Share by which the force at rest may differ from gravity."""
 _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
+"""A rest: length of a window in s, most standard deviation of the force's magnitude in m/s², fewest samples."""
 _MOVING_SPREAD = (0.5, 2.0)
+"""Least and largest median force in motion, in multiples of gravity."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
 _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
     ((0.0, 3.0), "; has gravity been taken out? It must be the raw specific force"),
 )
+"""What may be wrong with a median force, by the range of its number; the first range that fits counts."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,7 @@ def find_implausible_rates(t_ns: Stamps, valid_hz: tuple[float, float]) -> Itera
     """Yields an `Implausible` if the median rate of (N,) stamps is outside `valid_hz`, as with a wrong unit of time."""
     rate, (low, high) = median_rate(t_ns), valid_hz
     if len(t_ns) > 1 and not low <= rate <= high:
+        # times in a smaller unit, taken as seconds, give a rate that is too low
         hint = "; is t in milliseconds or nanoseconds?" if rate < low else ""
         yield Implausible("t", f"{rate:.4g} Hz", f"a rate of {low:g} to {high:g} Hz, t in s{hint}")
 
@@ -72,8 +79,8 @@ def force_at_rest(t_ns: Stamps, specific_force: Array) -> tuple[float, bool]:
     """
     with np.errstate(over="ignore", invalid="ignore"):  # damaged numbers may have any size
         force = np.linalg.norm(specific_force, axis=1)
-        size = min(len(force), max(_FEWEST_AT_REST, round(_REST_S * median_rate(t_ns))))
-        windows = force[: len(force) // size * size].reshape(-1, size)
+        size = min(len(force), max(_FEWEST_AT_REST, round(_REST_S * median_rate(t_ns))))  # samples of a window
+        windows = force[: len(force) // size * size].reshape(-1, size)  # the samples left over at the end are dropped
         resting = windows[windows.std(axis=1) < _REST_SD]
     return (float(np.median(resting)), True) if len(resting) else (float(np.median(force)), False)
 
@@ -88,7 +95,7 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
     low, high = (1 - _REST_SPREAD, 1 + _REST_SPREAD) if rests else _MOVING_SPREAD
     if not low * NOMINAL_GRAVITY_MPS2 < force < high * NOMINAL_GRAVITY_MPS2:
-        hint = next((text for (low, high), text in _HINTS if low <= force < high), "")
+        hint = next((text for (least, most), text in _HINTS if least <= force < most), "")
         where = " at rest" if rests else ""
         yield Implausible("accel", f"median magnitude {force:.3g}{where}", f"about 9.8 m/s²{hint}")
     if "angular_rate" in block.columns:

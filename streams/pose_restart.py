@@ -29,12 +29,14 @@ def restart_poses(path: Trajectory, metadata: Mapping[str, str]) -> Trajectory:
     """
     try:
         rows = [tuple(map(float, row)) for row in json.loads(metadata.get(RESTARTS, "[]"))]
+        # each: time of the loss and of the restart, and the rotation and translation (m) of the poses from then on
         restarts = [(from_ns, until_ns, yaw_rad, (x, y, z)) for from_ns, until_ns, yaw_rad, x, y, z in rows]
     except (ValueError, TypeError, RecursionError) as error:
         raise metadata_error(RESTARTS, "restarts written by StrideTwin", error) from error
     for from_ns, until_ns, yaw_rad, translation in restarts:
-        path = path[(path.t_ns < from_ns) | (path.t_ns >= until_ns)]
-        later, yaw = (path.t_ns >= until_ns)[:, None], Rotation.from_rotvec([0.0, 0.0, yaw_rad])
+        path = path[(path.t_ns < from_ns) | (path.t_ns >= until_ns)]  # no poses between loss and restart
+        later = (path.t_ns >= until_ns)[:, None]  # (N, 1) whether a pose is after the restart
+        yaw = Rotation.from_rotvec([0.0, 0.0, yaw_rad])
         q = (yaw * Rotation.from_quat(path.q_world_frame, scalar_first=True)).as_quat(scalar_first=True)
         path = replace(
             path,

@@ -300,18 +300,22 @@ class Block(Generic[SampleT]):
         """
         numbers: dict[str, NDArray[np.generic]] = {}
         for name, values in self.columns.items():
-            if values.ndim == 1:
+            if values.ndim == 1:  # a scalar field
                 numbers[name] = values
                 continue
-            flat = values.reshape(len(self), math.prod(values.shape[1:]))
+            flat = values.reshape(len(self), math.prod(values.shape[1:]))  # (N, components)
             labels = self._component_names(name, flat.shape[1])
             numbers |= {f"{name}_{label}": flat[:, i] for i, label in enumerate(labels)}
         return numbers
 
     def _component_names(self, name: str, size: int) -> tuple[str, ...]:
-        """Names of the `size` components of the field `name`, see `split_columns`."""
+        """Names of the `size` components of the field `name`.
+
+        They are the names that the field declares in its metadata (`COMPONENTS`), else the joints' names, else those of
+        the axes: w, x, y, z of a quaternion, or x, y, z. If their number is not `size`, the components are numbered.
+        """
         declared = next((f.metadata.get(COMPONENTS, ()) for f in fields(self.kind) if f.name == name), ())
-        axes = ("w", "x", "y", "z") if name.startswith("q_") else ("x", "y", "z")
+        axes = ("w", "x", "y", "z") if name.startswith("q_") else ("x", "y", "z")  # q_...: a quaternion
         names = tuple(declared or self.constants.get("names", ()) or axes)
         return names if len(names) == size else tuple(map(str, range(size)))
 
@@ -336,6 +340,6 @@ class Block(Generic[SampleT]):
 
 
 def is_increasing(t_ns: Stamps, last: int = -1) -> Mask:
-    """(N,) whether each stamp is after every previous stamp, and after `last`."""
-    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]
+    """(N,) whether each of the stamps (N,) is after every previous stamp, and after `last`; all are in ns."""
+    before = np.maximum.accumulate(np.concatenate(([last], t_ns)))[:-1]  # (N,) latest of the previous stamps and `last`
     return np.asarray(t_ns > before)

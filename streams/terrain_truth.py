@@ -49,9 +49,16 @@ class Strip:
 
 
 def profile_height(profile: Sequence[Strip], s: ArrayLike) -> Array:
-    """(...) m, height of the way at (...) arc lengths."""
+    """(...) m, height of the way at (...) arc lengths `s`, m; beyond its ends that of the end.
+
+    Args:
+        profile: Strips in the order of the way.
+        s: (...) arc lengths, m.
+    """
     at = np.asarray(s, dtype=float)
-    return np.interp(at, [v for p in profile for v in (p.s0, p.s1)], [v for p in profile for v in (p.z0, p.z1)])
+    ends_s = [arc_length for strip in profile for arc_length in (strip.s0, strip.s1)]
+    ends_z = [height for strip in profile for height in (strip.z0, strip.z1)]
+    return np.interp(at, ends_s, ends_z)  # each strip is linear between its two ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,16 +93,16 @@ class Slab:
     end_radius: float = 0.0
 
     def point(self, along: ArrayLike, left: ArrayLike) -> Array:
-        """(..., 3) points of its top in the world, at (...) m along its axis and to the left of it."""
+        """(..., 3) points of its top in the world, m, at (...) m along its axis and (...) m to the left of it."""
         along, left = np.asarray(along, dtype=float), np.asarray(left, dtype=float)
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        cos, sin = math.cos(self.heading), math.sin(self.heading)  # the axis is (cos, sin), its left side (-sin, cos)
         z = self.z0 + (self.z1 - self.z0) * along / self.length + math.tan(self.cross_slope) * left
         return np.stack([self.x + cos * along - sin * left, self.y + sin * along + cos * left, z], -1)
 
     def local(self, xy: Array) -> tuple[Array, Array]:
-        """(...) m along its axis and to the left of it, of (..., 2) points in the world."""
-        cos, sin = math.cos(self.heading), math.sin(self.heading)
-        dx, dy = xy[..., 0] - self.x, xy[..., 1] - self.y
+        """Where points (..., 2) of the world, m, are on the slab: (...) m along its axis, (...) m to the left of it."""
+        cos, sin = math.cos(self.heading), math.sin(self.heading)  # the axis is (cos, sin), its left side (-sin, cos)
+        dx, dy = xy[..., 0] - self.x, xy[..., 1] - self.y  # from the start of the axis, in the world
         return cos * dx + sin * dy, cos * dy - sin * dx
 
 

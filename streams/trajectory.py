@@ -100,7 +100,8 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
     """
     n = len(poses)
     _check_shapes(poses)
-    if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # one conversion is much faster than N
+    # the reshapes give arrays without poses, which have no shape by themselves, the shapes (0, 4) and (0, 3)
+    if n and all(np.ndim(pose.rotation) == 2 for pose in poses):  # all matrices: one conversion is faster than N
         q = _to_quaternions(np.array([pose.rotation for pose in poses]))
     else:
         q = np.array([pose.q_world_frame for pose in poses], float).reshape(n, -1 if n else 4)
@@ -116,8 +117,8 @@ def trajectory_of(poses: Sequence[Pose]) -> Trajectory:
 def _check_shapes(poses: Sequence[Pose]) -> None:
     """Raises StrideTwinError for the first pose with an array of another shape than `Pose` describes."""
     for pose in poses:
-        covariance = (6, 6) if pose.covariance is None else np.shape(pose.covariance)
-        for name, shape, valid, meaning in (
+        covariance = (6, 6) if pose.covariance is None else np.shape(pose.covariance)  # its shape; none is valid, too
+        for name, shape, valid, meaning in (  # attribute, its shape, the valid shapes, and what the numbers are
             ("p_frame_in_world", np.shape(pose.p_frame_in_world), [(3,)], "m"),
             ("rotation", np.shape(pose.rotation), [(4,), (3, 3)], "a quaternion, w first, or a matrix"),
             ("covariance", covariance, [(6, 6)], "of x, y, z in m and of rotation about x, y, z in rad"),
@@ -130,13 +131,13 @@ def _check_shapes(poses: Sequence[Pose]) -> None:
 
 def _to_quaternions(R: Array) -> Array:
     """Unit quaternions (..., 4), (w, x, y, z), of rotation matrices (..., 3, 3)."""
-    from scipy.spatial.transform import Rotation  # half of the start of the command line
+    from scipy.spatial.transform import Rotation  # here, as its import would double the start time of the command line
 
     return Rotation.from_matrix(R).as_quat(scalar_first=True)
 
 
 def _to_matrices(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), (w, x, y, z)."""
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial.transform import Rotation  # here, as its import would double the start time of the command line
 
     return Rotation.from_quat(q, scalar_first=True).as_matrix()

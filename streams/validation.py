@@ -19,10 +19,14 @@ from stridetwin.streams.json_schema import schema_of
 
 T = TypeVar("T")
 _MISSING = ("missing", "missing_keyword_only_argument", "missing_argument")
+"""pydantic's kinds of an error about a key that is missing."""
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument", "invalid_key")
+"""pydantic's kinds of an error about a key that is not known."""
 _COUNTED = {2: "two", 3: "three", 4: "four"}
 _Schema = Mapping[str, Any]
+"""A JSON Schema, or a part of one."""
 _Step = str | int
+"""A key, the tag of a union's member, or the index of an item: one step from a value in a file to one inside it."""
 
 
 def validate(
@@ -35,7 +39,7 @@ def validate(
         data: Data of a file.
         source: File, for errors.
         at: Path of the data inside the file.
-        context: Further input of validators.
+        context: Further input of validators, such as the `folder` that paths in the file are relative to.
 
     Raises:
         ConfigError: One line for each error (`ConfigFileError` if there are several).
@@ -45,7 +49,7 @@ def validate(
     except ValidationError as error:
         root = schema_of(kind)
         errors = (_to_error(entry, root, data, source, at) for entry in error.errors(include_url=False))
-        raise combine_errors(e for e in errors if e is not None) from None
+        raise combine_errors(e for e in errors if e is not None) from None  # None: it only repeats another error
 
 
 def type_adapter(kind: type[T]) -> TypeAdapter[T]:
@@ -90,12 +94,15 @@ def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, 
     if kind == "elsewhere":  # an error in another file, of `fields.other_file_error`
         error: StrideTwinError = context["error"]
         return error
-    if kind == "too_short" and value:
+    if kind == "too_short" and value:  # a list that counts as too short because its items have failed
         return None
-    key = steps.pop() if kind in _MISSING + _UNKNOWN else None  # the missing or unknown key
+    key = steps.pop() if kind in _MISSING + _UNKNOWN else None  # the missing or unknown key, or a surplus index
+    # the steps that exist in the data, each with the value there; `below` are further ones from `fields.field_error`
     nodes = list(_walk_data(data, [*steps, *context.get("below", ())]))
-    path, schemas = _join_path(at, *(step for step, _ in nodes)), _schemas_at(root, steps)
+    path = _join_path(at, *(step for step, _ in nodes))
+    schemas = _schemas_at(root, steps)  # alternatives for the value that the entry is about
     if kind == "refused":  # by a validator, with `fields.field_error`
+        # a missing key is not in the data, hence not in the path: it is the last of `below`
         absent = context["below"][-1:] if isinstance(context["value"], Missing) else ()
         return ConfigError(source, _join_path(path, *absent), context["value"], context["valid"])
     if isinstance(key, int):  # an item too few or too many in a list of fixed length
@@ -103,9 +110,9 @@ def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, 
     if key is not None and kind in _MISSING:
         expected = _describe_expected(_schemas_at(root, [*steps, key]), root)
         return ConfigError(source, _join_path(path, key), Missing(), expected)
-    if key is not None:
+    if key is not None:  # an unknown key
         return ConfigError(source, path, key, f"keys {suggest(key, _keys(schemas))}")
-    if kind == "union_tag_invalid":
+    if kind == "union_tag_invalid":  # a `fields.OneKind` of an unknown kind, or a `fields.OneKey` of an unknown key
         if kinds := [s["properties"]["kind"]["const"] for s in schemas if "kind" in s.get("properties", {})]:
             return ConfigError(source, _join_path(path, "kind"), value["kind"], suggest(value["kind"], kinds))
         value = next(iter(value))  # a mapping of one key: the key is invalid
@@ -120,22 +127,30 @@ def _join_path(path: str, *steps: _Step) -> str:
 
 
 def _walk_data(data: Any, steps: Iterable[_Step]) -> Iterator[tuple[_Step, object]]:
-    """Each step that the data have, with what is there; others, such as tags and those of short forms, are left out."""
+    """Yields each step that the data have, with what is there, on the way down from `data`.
+
+    Steps that the data do not have are passed over: tags, and keys that a file in a short form leaves out.
+    """
     for step in steps:
-        if step in (data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()):
+        known_steps = data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()
+        if step in known_steps:
             data = data[step]
             yield step, data
 
 
 def _schemas_at(root: _Schema, steps: Iterable[_Step]) -> list[_Schema]:
-    """The alternative schemas of the data at a location, found by walking from `root` along keys, indices and tags."""
+    """The alternative schemas of the data at a location, found by walking from `root` along keys, indices and tags.
+
+    A step that none of the schemas knows is passed over.
+    """
     schemas = _alternatives(root, root)
     for step in steps:
-        if isinstance(step, str) and step.startswith(TAG):
-            schemas = [schema for schema in schemas if _is_tagged(schema, step[len(TAG) :])] or schemas
+        if isinstance(step, str) and step.startswith(TAG):  # a tag selects among the alternatives
+            below = [schema for schema in schemas if _is_tagged(schema, step[len(TAG) :])]
         else:
-            inner = [child for schema in schemas for child in _children(schema, step)]
-            schemas = [form for child in inner for form in _alternatives(child, root)] or schemas
+            children = [child for schema in schemas for child in _children(schema, step)]
+            below = [alternative for child in children for alternative in _alternatives(child, root)]
+        schemas = below or schemas
     return schemas
 
 
@@ -146,13 +161,13 @@ def _is_tagged(schema: _Schema, tag: str) -> bool:
 
 
 def _children(schema: _Schema, step: _Step) -> Sequence[_Schema]:
-    """The schema of the item or value at one step; none, if the schema has no such place."""
+    """The schema of the item or value at one step, in a list; empty if the schema has no such place."""
     match schema:
-        case {"prefixItems": items} if step in range(len(items)):
+        case {"prefixItems": items} if step in range(len(items)):  # a list with a schema for each place
             return [items[step]]
         case {"items": dict(every_item)} if isinstance(step, int):
             return [every_item]
-        case {"properties": properties} if step in properties:
+        case {"properties": properties} if step in properties:  # a mapping with a schema for each key
             return [properties[step]]
         case {"additionalProperties": dict(every_value)} if isinstance(step, str):
             return [every_value]
@@ -162,7 +177,7 @@ def _children(schema: _Schema, step: _Step) -> Sequence[_Schema]:
 def _alternatives(schema: _Schema, root: _Schema) -> list[_Schema]:
     """The alternatives of a schema: `$ref` is followed, `anyOf` and `oneOf` are flattened; else the schema alone."""
     match schema:
-        case {"$ref": name}:
+        case {"$ref": name}:  # `#/$defs/NAME`
             return _alternatives(root["$defs"][name.rpartition("/")[2]], root)
         case {"anyOf": forms} | {"oneOf": forms}:
             return [alternative for form in forms for alternative in _alternatives(form, root)]
@@ -175,11 +190,18 @@ def _keys(schemas: Iterable[_Schema]) -> list[str]:
 
 
 def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object = None) -> str:
-    """Description of valid values by their alternative schemas; a word similar to the present value is suggested."""
+    """Description of valid values: words, then types with ranges, then keys, as far as the schemas have them.
+
+    Args:
+        schemas: Alternative schemas of the value.
+        root: Schema of the whole file, which has the definitions.
+        value: The present value; a similar word or key is suggested.
+    """
     choices = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
     alternatives = [suggest(value, dict.fromkeys(choices))] if choices else []
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
+        # mappings of one key each (`fields.OneKey`): one of the keys is valid, not all together
         one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
         alternatives.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
     return ", or ".join(dict.fromkeys(alternatives))
@@ -202,8 +224,9 @@ def _describe_type(schema: _Schema, root: _Schema) -> str:
 
 def _describe_list(schema: _Schema, root: _Schema) -> str:
     """Description of a list: its length as far as it is limited, and its items."""
-    forms = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
-    items = [_describe_expected(_alternatives(form, root), root) for form in forms]
+    # schemas of the items: one for all, or one for each place, or one that allows anything
+    item_schemas = [schema["items"]] if schema.get("items") else schema.get("prefixItems") or [{}]
+    items = [_describe_expected(_alternatives(item_schema, root), root) for item_schema in item_schemas]
     match schema:
         case {"minItems": least, "maxItems": most} if least == most:
             contents = f", each {items[0]}" if len(set(items)) == 1 else f": {', '.join(items)}"
@@ -218,7 +241,7 @@ def _describe_range(schema: _Schema) -> str:
     match schema:
         case {"minimum": low, "maximum": high}:
             low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
-            return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"
+            return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"  # no hyphen after a minus sign
         case {"exclusiveMinimum": low}:
             return f"a number above {low:g}"
         case {"minimum": low}:

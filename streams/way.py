@@ -60,11 +60,11 @@ class Way:
         """
         s = np.asarray(s, dtype=float)
         s0, s1, x, y, heading, curvature = self._columns
-        i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
+        i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)  # (...) number of the segment at s
         inside = np.clip(s, s0[0], s1[-1])
-        run, k = inside - s0[i], curvature[i]
-        # an arc by its chord: length and direction from the start of the segment
-        half = 0.5 * k * run
+        run, k = inside - s0[i], curvature[i]  # (...) arc length from the start of the segment, and its curvature
+        # an arc by its chord, from the start of the segment: NumPy's sinc(h / π) is sin(h) / h
+        half = 0.5 * k * run  # half of the angle by which the arc turns
         chord = run * np.sinc(half / np.pi)
         toward = heading[i] + half
         point = np.stack([x[i] + chord * np.cos(toward), y[i] + chord * np.sin(toward)], -1)
@@ -98,16 +98,18 @@ class Way:
         """
         path = np.asarray(path, dtype=float)
         s0, s1 = self.segments[0].s0, self.segments[-1].s1
+        # candidates every 2 cm of the way: arc length (G,), point (G, 2) and heading (G,)
         grid = np.linspace(s0, s1, max(2, int((s1 - s0) / _PROJECTION_M)))
         points, heading = self.point(grid), self.heading(grid)
-        # number of grid points that a sample may move; grid point nearest to the last sample
-        window, at = int(np.ceil(reach_m / (grid[1] - grid[0]))), int(np.argmin(np.abs(grid - begin)))
-        nearest = np.empty(len(path), dtype=int)
+        window = int(np.ceil(reach_m / (grid[1] - grid[0])))  # number of candidates that a sample may move
+        at = int(np.argmin(np.abs(grid - begin)))  # number of the candidate nearest to the previous sample
+        nearest = np.empty(len(path), dtype=int)  # that of each sample
         for k, p in enumerate(path):
             low = max(at - window, 0)
             away = points[low : at + window + 1] - p
             at = low + int(np.argmin(away[:, 0] ** 2 + away[:, 1] ** 2))
             nearest[k] = at
+        # from the nearest candidate to the sample, along the direction of the way there
         along = np.stack([np.cos(heading), np.sin(heading)], -1)[nearest]
         return np.asarray(grid[nearest] + np.sum((path - points[nearest]) * along, axis=1))
 

@@ -15,11 +15,14 @@ from stridetwin.streams.bounded import LARGEST_SETTING, read_text
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 MOST_VALUES, DEEPEST = 20_000, 40
+"""Most values of a file, with every alias written out, and most levels of lists and mappings inside each other."""
 LARGEST_FILE_VALUES = 100_000
 """Values of a scenario, campaign or placement, which may list many."""
 SafeLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the compiled one, where there is one
 _EXPONENT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)[eE][-+]?[0-9]+$")
+"""A number with an exponent, such as 1e-3, which YAML 1.1 reads as text."""
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
+"""YAML's tag of dates."""
 _UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
 """Exceptions of PyYAML for malformed numbers, unsuitable tags, and recursive aliases."""
 
@@ -32,6 +35,7 @@ _StrictLoader.yaml_implicit_resolvers = {
     first: [(tag, pattern) for tag, pattern in resolvers if tag != _TIMESTAMP]
     for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
 }
+# tag, form and possible first characters of the numbers that YAML 1.1 lacks
 _NUMBERS = ("tag:yaml.org,2002:float", _EXPONENT, list("-+.0123456789"))
 _StrictLoader.add_implicit_resolver(*_NUMBERS)
 
@@ -59,7 +63,17 @@ def read_yaml(path: str | Path, *, most_values: int = MOST_VALUES) -> object:
 
 
 def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> object:
-    """The plain data of a YAML text; `source` names it in errors, which are those of `read_yaml`."""
+    """The plain data of a YAML text; no object is shared.
+
+    Args:
+        text: The text.
+        source: Names it in errors.
+        most_values: Most values, every alias written out.
+
+    Raises:
+        ConfigError: The text is too large, or contains other than plain data.
+        StrideTwinError: It is not such YAML; the message names the line.
+    """
     check_yaml(text, source, most_values=most_values)
     try:
         return _to_plain_data(yaml.load(text, _StrictLoader), source, "")
@@ -72,25 +86,27 @@ def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> obj
 def read_entries(path: Path, *keys: str) -> dict[str, str]:
     """Texts at the top level of a YAML file, by key, read no further than to the last of them.
 
-    For files of the project, whose listing would otherwise take most of its time to read terrain and figures.
+    It serves lists of the project's own files, as of scenarios: to read each file as a whole would take most of the
+    time of such a list. The file is not checked.
 
     Raises:
         StrideTwinError: The file cannot be read, or lacks one of the keys.
     """
     entries: dict[str, str] = {}
-    depth, key = 0, ""  # of nested collections; the key whose value comes next, "" if a key comes next
+    depth = 0  # number of collections around the next value; 1 at the top level of a mapping
+    key = ""  # the top-level key whose value comes next; "" if a key comes next
     for event in yaml.parse(read_text(path, LARGEST_SETTING), Loader=SafeLoader):
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
-            key = ""
+            key = ""  # the collection was the value of a key
         elif isinstance(event, yaml.ScalarEvent) and depth == 1:
             if key in keys:
                 entries[key] = event.value
                 if len(entries) == len(keys):
                     return entries
-            key = "" if key else event.value
+            key = "" if key else event.value  # after a value comes a key, and after a key its value
     raise ConfigError(path, "", list(entries), f"the keys {', '.join(keys)}")
 
 
@@ -100,17 +116,18 @@ class _OpenCollection:
 
     Attributes:
         anchor: Name by which aliases refer to it; None without one.
-        before: Number of values before it.
+        count_at_start: Number of values in the text up to its beginning, itself included, with aliases written out.
         keys: Keys so far; None for a list.
         key_next: Whether the next value inside is a key.
     """
 
     anchor: str | None
-    before: int
+    count_at_start: int
     keys: set[str] | None
     key_next: bool = field(init=False)
 
     def __post_init__(self) -> None:
+        """A mapping begins with a key; a list has none."""
         self.key_next = self.keys is not None
 
 
@@ -137,13 +154,15 @@ def check_yaml(text: str, source: str, *, most_values: int = MOST_VALUES, most_a
             if isinstance(event, yaml.CollectionEndEvent):
                 closed = open_.pop()
                 if closed.anchor is not None:
-                    sizes[closed.anchor] = count - closed.before + 1
+                    sizes[closed.anchor] = count - closed.count_at_start + 1  # what is inside, and itself
             elif isinstance(event, yaml.NodeEvent):
                 _check_key(event, open_[-1] if open_ else None, source)
                 count += 1
                 if isinstance(event, yaml.AliasEvent):
                     aliases += 1
-                    count += sizes.get(event.anchor, most_values + 1) - 1  # one inside itself has no end
+                    # an alias counts as what it stands for. One inside of what it stands for, whose size is not known
+                    # yet, would have no end: it exceeds the limit at once
+                    count += sizes.get(event.anchor, most_values + 1) - 1
                 elif isinstance(event, yaml.CollectionStartEvent):
                     keys: set[str] | None = set() if isinstance(event, yaml.MappingStartEvent) else None
                     open_.append(_OpenCollection(event.anchor, count, keys))
@@ -183,7 +202,16 @@ def _check_key(event: yaml.NodeEvent, inside: _OpenCollection | None, source: st
 
 
 def _to_plain_data(node: object, source: str, path: str) -> object:
-    """A copy without shared objects; `check_yaml` has bounded its size."""
+    """A copy of the data of a YAML text in which no object occurs twice; `check_yaml` has bounded its size.
+
+    Args:
+        node: What PyYAML has made of the text or of a value in it.
+        source: Names the text in errors.
+        path: Dotted path of the value in the text; "" for the whole.
+
+    Raises:
+        ConfigError: A key is no text, or a value is something else than text, number, true, false, null, list, mapping.
+    """
     if isinstance(node, dict):
         for key in node:
             if not isinstance(key, str):

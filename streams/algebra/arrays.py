@@ -33,31 +33,35 @@ def log(R: Array) -> Array:
     """(..., 3) rotation vectors, rad, of length ≤ π, of (..., 3, 3) rotation matrices."""
     from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
 
-    return np.asarray(Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()).reshape(R.shape[:-1])
+    rotation_vectors = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()  # SciPy takes a stack of one axis alone
+    return np.asarray(rotation_vectors).reshape(R.shape[:-1])
 
 
 def rot_x(angle: Array) -> Array:
     """(..., 3, 3) rotation about x by (...) rad."""
+    # cosine, sine, and arrays of zeros and ones of the same shape
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return _stack_rows((i, o, o), (o, c, -s), (o, s, c))
 
 
 def rot_y(angle: Array) -> Array:
     """(..., 3, 3) rotation about y by (...) rad."""
+    # cosine, sine, and arrays of zeros and ones of the same shape
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return _stack_rows((c, o, s), (o, i, o), (-s, o, c))
 
 
 def rot_z(angle: Array) -> Array:
     """(..., 3, 3) rotation about z by (...) rad."""
+    # cosine, sine, and arrays of zeros and ones of the same shape
     c, s, o, i = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return _stack_rows((c, -s, o), (s, c, o), (o, o, i))
 
 
 def from_euler(yaw_pitch_roll: Array) -> Array:
-    """(..., 3, 3) matrix Rz(yaw) Ry(pitch) Rx(roll) of (..., 3) angles; pitch positive nose down."""
-    y, p, r = (yaw_pitch_roll[..., i] for i in range(3))
-    return rot_z(y) @ rot_y(p) @ rot_x(r)
+    """(..., 3, 3) matrix Rz(yaw) Ry(pitch) Rx(roll) of (..., 3) angles in rad; pitch positive nose down."""
+    yaw, pitch, roll = (yaw_pitch_roll[..., i] for i in range(3))
+    return rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
 
 
 def slerp(R_a: Array, R_b: Array, share: Array) -> Array:
@@ -70,14 +74,19 @@ def slerp(R_a: Array, R_b: Array, share: Array) -> Array:
     """
     from scipy.spatial.transform import Rotation  # takes long to import, and few callers need it
 
-    rotation = log(R_a.T @ R_b)
+    rotation = log(R_a.T @ R_b)  # (3,) rad, rotation vector from R_a to R_b in the axes of R_a
     return R_a @ Rotation.from_rotvec(share[:, None] * rotation).as_matrix()
 
 
 def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
-    """(..., 3) angular rate in body axes of a frame whose yaw, pitch, roll have the (..., 3) `rates`."""
-    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
-    dy, dp, dr = (rates[..., i] for i in range(3))
+    """(..., 3) angular rate in body axes, rad/s, of the frame Rz(yaw) Ry(pitch) Rx(roll) while its angles change.
+
+    Args:
+        yaw_pitch_roll: (..., 3) rad.
+        rates: (..., 3) their derivatives, rad/s.
+    """
+    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))  # pitch and roll; the rate in body axes is free of the yaw
+    dy, dp, dr = (rates[..., i] for i in range(3))  # derivatives of yaw, pitch, roll
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
     return np.stack([dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy], -1)
 
@@ -85,15 +94,18 @@ def euler_rates_to_body(yaw_pitch_roll: Array, rates: Array) -> Array:
 def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, accelerations: Array) -> Array:
     """(..., 3) angular acceleration in body axes, rad/s², of a frame with given yaw, pitch, roll (..., 3).
 
+    It is the derivative of the angular rate of `euler_rates_to_body`, which is linear in the rates: the same function
+    of the second derivatives, plus the terms in which its coefficients change.
+
     Args:
         yaw_pitch_roll: (..., 3) rad.
         rates: (..., 3) their first derivatives, rad/s.
         accelerations: (..., 3) their second derivatives, rad/s².
     """
-    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))
-    dy, dp, dr = (rates[..., i] for i in range(3))
+    _, p, r = (yaw_pitch_roll[..., i] for i in range(3))  # pitch and roll
+    dy, dp, dr = (rates[..., i] for i in range(3))  # derivatives of yaw, pitch, roll
     sp, cp, sr, cr = np.sin(p), np.cos(p), np.sin(r), np.cos(r)
-    of_rates = np.stack(
+    from_coefficients = np.stack(
         [
             -cp * dp * dy,
             -sr * dr * dp + (-sp * dp * sr + cp * cr * dr) * dy,
@@ -101,13 +113,13 @@ def euler_accelerations_to_body(yaw_pitch_roll: Array, rates: Array, acceleratio
         ],
         -1,
     )
-    return euler_rates_to_body(yaw_pitch_roll, accelerations) + of_rates
+    return euler_rates_to_body(yaw_pitch_roll, accelerations) + from_coefficients
 
 
 def cross(a: Array, b: Array) -> Array:
     """(..., 3) cross product of (..., 3) and (..., 3) vectors; several times faster than NumPy's on short stacks."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # each component, and the two after it in cyclic order
         out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
     return out
 
@@ -133,11 +145,11 @@ def to_quaternion(R: Array) -> Array:
     rows[..., 1, 2] = rows[..., 2, 1] = xy + yx
     rows[..., 1, 3] = rows[..., 3, 1] = xz + zx
     rows[..., 2, 3] = rows[..., 3, 2] = yz + zy
-    largest = np.argmax(np.stack([trace, xx, yy, zz], axis=-1), axis=-1)
-    q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    largest = np.argmax(np.stack([trace, xx, yy, zz], axis=-1), axis=-1)  # (...) number of the longest row
+    q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]  # (..., 4) that row
     square = q * q
     size = np.sqrt(square[..., 0] + square[..., 1] + square[..., 2] + square[..., 3])
-    return np.asarray(np.copysign(1.0 / size, q[..., 0])[..., None] * q)
+    return np.asarray(np.copysign(1.0 / size, q[..., 0])[..., None] * q)  # unit length, with the sign that makes w ≥ 0
 
 
 def from_quaternion(q: Array) -> Array:
@@ -153,8 +165,8 @@ def from_quaternion(q: Array) -> Array:
 def apply_quaternion(q: Array, v: Array) -> Array:
     """(N, 3) vectors (N, 3) rotated by unit quaternions (N, 4) w, x, y, z: v + 2 w (u × v) + 2 u × (u × v), u = xyz."""
     w, u = q[:, :1], q[:, 1:]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
+    twice = 2.0 * np.cross(u, v)
+    return v + w * twice + np.cross(u, twice)
 
 
 def _stack_rows(*rows: tuple[Array, Array, Array]) -> Array:

@@ -188,7 +188,7 @@ def apply_inverse(R: Array, v: Array) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def hat(v: Array) -> Array:
-    """(3, 3) matrix whose product with a vector is v × that vector."""
+    """(3, 3) skew-symmetric matrix [v]×: its product with a vector w is v × w."""
     M = np.zeros((3, 3))
     M[0, 1], M[0, 2], M[1, 2] = -v[2], v[1], -v[0]
     M[1, 0], M[2, 0], M[2, 1] = v[2], -v[1], v[0]
@@ -197,26 +197,32 @@ def hat(v: Array) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def exp(v: Array) -> Array:
-    """(3, 3) rotation by the vector v, rad."""
+    """(3, 3) rotation by the vector v, rad: 1 + sin θ / θ [v]× + (1 - cos θ) / θ² [v]×², θ = |v| (Rodrigues).
+
+    For small angles both quotients are their series.
+    """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    t = math.sqrt(t2)
+    t = math.sqrt(t2)  # θ
     if t < _SMALL:
-        return _series(v, 1.0, 1.0 - t2 / 6.0, 0.5 - t2 / 24.0)
-    return _series(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
+        return _sum_powers_of_hat(v, 1.0, 1.0 - t2 / 6.0, 0.5 - t2 / 24.0)
+    return _sum_powers_of_hat(v, 1.0, math.sin(t) / t, (1.0 - math.cos(t)) / t2)
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def log(R: Array) -> Array:
-    """(3,) rotation vector of a rotation matrix, rad, of length ≤ π."""
-    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    s = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    """(3,) rotation vector θ a of a rotation matrix, rad: a is the unit axis, and the angle θ is 0 to π.
+
+    The skew-symmetric part of R gives a sin θ, its trace cos θ.
+    """
+    v = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # a sin θ
+    s = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])  # sin θ
+    c = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)  # cos θ
     t = math.atan2(s, c)
     if s > 1e-7:
         return v * (t / s)
-    if c > 0.0:
+    if c > 0.0:  # a small angle: θ = sin θ
         return v
-    # rotation by π: R = 2 a aᵀ − 1
+    # rotation by π: R = 2 a aᵀ − 1, so the longest column of R + 1 has the direction of a
     k = 0
     for i in range(1, 3):
         if R[i, i] > R[k, k]:
@@ -228,30 +234,36 @@ def log(R: Array) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def right_jacobian(v: Array) -> Array:
-    """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order."""
+    """(3, 3) Jr with Exp(v + d) = Exp(v) Exp(Jr d) to the first order, v and d in rad.
+
+    Jr = 1 - (1 - cos θ) / θ² [v]× + (θ - sin θ) / θ³ [v]×², θ = |v|. For small angles both quotients are their series.
+    """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    t = math.sqrt(t2)
+    t = math.sqrt(t2)  # θ
     if t < 1e-4:
-        return _series(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
-    return _series(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
+        return _sum_powers_of_hat(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
+    return _sum_powers_of_hat(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def right_jacobian_inverse(v: Array) -> Array:
-    """(3, 3) inverse of `right_jacobian`, for |v| < 2π."""
+    """(3, 3) inverse of the right Jacobian of SO(3) at the rotation vector v, |v| < 2π.
+
+    It is 1 + [v]×/2 + (1/θ² - (1 + cos θ) / (2 θ sin θ)) [v]×², θ = |v|; small angles use the series of the factor.
+    """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    t = math.sqrt(t2)
+    t = math.sqrt(t2)  # θ
     if t < 1e-4:
-        return _series(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
-    return _series(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
+        return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
+    return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def _series(v: Array, a: float, b: float, c: float) -> Array:
-    """(3, 3) a 1 + b [v]x + c [v]x²."""
+def _sum_powers_of_hat(v: Array, a: float, b: float, c: float) -> Array:
+    """(3, 3) a 1 + b [v]× + c [v]×², where [v]× is the matrix that `hat` returns."""
     x, y, z = v
     M = np.empty((3, 3))
-    xx, yy, zz = x * x, y * y, z * z
+    xx, yy, zz = x * x, y * y, z * z  # of [v]×² = v vᵀ - |v|² 1
     M[0, 0], M[1, 1], M[2, 2] = a - c * (yy + zz), a - c * (xx + zz), a - c * (xx + yy)
     M[0, 1], M[1, 0] = c * x * y - b * z, c * x * y + b * z
     M[0, 2], M[2, 0] = c * x * z + b * y, c * x * z - b * y
@@ -264,10 +276,10 @@ def _series(v: Array, a: float, b: float, c: float) -> Array:
 
 @njit(**INNER_KERNEL)
 def factorise(A: Array, variance: float, L: Array, size: int) -> None:
-    """Writes the lower triangle L with L Lᵀ = A + variance 1, for the leading `size` rows (Cholesky).
+    """Writes the lower triangle L with L Lᵀ = A + variance · I, for the leading `size` rows (Cholesky).
 
     Args:
-        A: (n, n) symmetric, of which the lower triangle is read; A + variance 1 is positive definite.
+        A: (n, n) symmetric, of which the lower triangle is read; A + variance · I is positive definite.
         variance: Added to the diagonal.
         L: (n, n) output; may be A itself.
         size: Number of rows.
@@ -288,7 +300,10 @@ def factorise_in_place(H: Array) -> None:
 
 @njit(**INNER_KERNEL)
 def substitute_forward(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call."""
+    """Overwrites X (n, m) by L⁻¹ X, L (n, n) lower triangular; for few unknowns faster than a LAPACK call.
+
+    Row i of L Y = X gives row i of Y from the rows above it.
+    """
     for i in range(len(L)):
         for j in range(i):
             for c in range(X.shape[1]):
@@ -299,7 +314,10 @@ def substitute_forward(L: Array, X: Array) -> None:
 
 @njit(**INNER_KERNEL)
 def substitute_backward(L: Array, X: Array) -> None:
-    """Overwrites X (n, m) by L⁻ᵀ X, L (n, n) lower triangular."""
+    """Overwrites X (n, m) by L⁻ᵀ X, L (n, n) lower triangular.
+
+    Row i of Lᵀ Y = X gives row i of Y from the rows below it.
+    """
     for i in range(len(L) - 1, -1, -1):
         for j in range(i + 1, len(L)):
             for c in range(X.shape[1]):
@@ -336,23 +354,29 @@ def substitute_backward_in_vector(L: Array, x: Array, size: int) -> None:
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def factorise_vectorised(L: Array, size: int) -> bool:
-    """Overwrites the lower triangle of the leading `size` rows by their Cholesky factor.
+    """Overwrites the lower triangle of a symmetric matrix by its Cholesky factor L, with L Lᵀ equal to the matrix.
 
-    Four rows at a time, so that their common factor is read once; faster than LAPACK at this size. Its sums run in
-    another order than those of `factorise`, so the last digits differ.
+    Column by column: below the diagonal, four rows are computed at a time, so that row j, which all of them need, is
+    read once; this is faster than LAPACK at such sizes. The sums run in another order than those of `factorise`, so the
+    last digits differ.
+
+    Args:
+        L: (n, n), of which the lower triangle is read and overwritten.
+        size: Number of leading rows and columns that are used.
 
     Returns:
-        Whether there is one: false for a matrix that is not positive definite, which is then partly overwritten.
+        Whether there is a factor: false for a matrix that is not positive definite, which is then partly overwritten.
     """
     for j in range(size):
         a = L[j]
-        d = a[j]
+        d = a[j]  # becomes L[j, j]
         for k in range(j):
             d -= a[k] * a[k]
-        if not d > 0.0:
+        if not d > 0.0:  # negative or 0, and NaN as well
             return False
         d = math.sqrt(d)
         a[j] = d
+        # the entries of column j below the diagonal: rows i to i + 3, and then the rest
         i = j + 1
         while i + 3 < size:
             w, x, y, z = L[i], L[i + 1], L[i + 2], L[i + 3]
@@ -391,15 +415,15 @@ def solve_damped(A: Array, b: Array, size: int, damping: float, L: Array, x: Arr
     for i in range(size):
         for j in range(i):
             L[i, j] = A[i, j]
-        L[i, i] = A[i, i] * (1.0 + damping) + 1e-9
+        L[i, i] = A[i, i] * (1.0 + damping) + 1e-9  # above 0 also for an unknown that no equation determines
     if not factorise_vectorised(L, size):
         return False
-    for i in range(size):
+    for i in range(size):  # forward: L y = b, with y in `x`
         s = b[i]
         for k in range(i):
             s -= L[i, k] * x[k]
         x[i] = s / L[i, i]
-    for i in range(size - 1, -1, -1):
+    for i in range(size - 1, -1, -1):  # backward: Lᵀ x = y
         s = x[i]
         for k in range(i + 1, size):
             s -= L[k, i] * x[k]

@@ -154,7 +154,7 @@ def matvec(M: Mat3, a: Vec3) -> Vec3:
 
 @njit(**INNER_KERNEL)
 def matmul(A: Mat3, B: Mat3) -> Mat3:
-    """Product A B of two matrices."""
+    """Product A B of two matrices: each of its rows is Bᵀ times that row of A."""
     columns = transposed(B)
     return matvec(columns, A[0]), matvec(columns, A[1]), matvec(columns, A[2])
 
@@ -200,9 +200,9 @@ def normalized(q: Quaternion) -> Quaternion:
 
 @njit(**INNER_KERNEL)
 def apply(q: Quaternion, a: Vec3) -> Vec3:
-    """Vector a rotated by a unit quaternion: a + 2 w (v × a) + 2 v × (v × a), v the vector part."""
-    axis = (q[1], q[2], q[3])
-    once = cross(axis, a)
+    """Vector a rotated by a unit quaternion (w, v): a + 2 (w (v × a) + v × (v × a)), with v its part (x, y, z)."""
+    axis = (q[1], q[2], q[3])  # v
+    once = cross(axis, a)  # v × a
     return plus(a, times(2.0, plus(times(q[0], once), cross(axis, once))))
 
 
@@ -214,17 +214,20 @@ def exp(phi: Vec3, small_rad: float = SMALL_RAD) -> Quaternion:
     The estimators of feet switch at another angle than the simulation; each keeps its digits.
     """
     square = dot(phi, phi)
-    half = 0.5 * math.sqrt(square)
-    k = 0.5 - square / 48.0 if half < 0.5 * small_rad else 0.5 * math.sin(half) / half
+    half = 0.5 * math.sqrt(square)  # θ/2
+    k = 0.5 - square / 48.0 if half < 0.5 * small_rad else 0.5 * math.sin(half) / half  # sin(θ/2) / θ
     return math.cos(half), k * phi[0], k * phi[1], k * phi[2]
 
 
 @njit(**INNER_KERNEL)
 def log(q: Quaternion) -> Vec3:
-    """Rotation vector of a unit quaternion, rad, of at most half a turn."""
-    sign = 1.0 if q[0] >= 0.0 else -1.0
+    """Rotation vector of a unit quaternion, rad, of at most half a turn: θ / sin(θ/2) times its part (x, y, z).
+
+    Below `SMALL_RAD` the factor is its series 2 + sin²(θ/2) / 3.
+    """
+    sign = 1.0 if q[0] >= 0.0 else -1.0  # q and -q are one rotation; the one with w ≥ 0 turns by at most half a turn
     axis = (sign * q[1], sign * q[2], sign * q[3])
-    sine = math.sqrt(dot(axis, axis))
+    sine = math.sqrt(dot(axis, axis))  # sin(θ/2)
     k = 2.0 + sine * sine / 3.0 if sine < 0.5 * SMALL_RAD else 2.0 * math.atan2(sine, sign * q[0]) / sine
     return times(k, axis)
 
@@ -258,22 +261,26 @@ def apply_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
     """Γ₁(φ) v = v + (1 − cos θ)/θ² φ×v + (θ − sin θ)/θ³ φ×(φ×v) (Barfoot 2017, eq. 7.37).
 
     Γ₁(φ) = ∫ Exp(s φ) ds over s from 0 to 1 is the left Jacobian of SO(3): Exp(φ + δ) = Exp(Γ₁(φ) δ) Exp(φ) to the
-    first order.
+    first order. `phi` is the rotation vector φ in rad, θ = |φ|. Below `SMALL_RAD` both quotients are their series.
     """
     theta = math.sqrt(dot(phi, phi))
     if theta < SMALL_RAD:
         a, b = 0.5 - theta**2 / 24, 1 / 6 - theta**2 / 120
     else:
         a, b = (1 - math.cos(theta)) / theta**2, (theta - math.sin(theta)) / theta**3
-    once = cross(phi, v)
+    once = cross(phi, v)  # φ×v
     return plus(v, plus(times(a, once), times(b, cross(phi, once))))
 
 
 @njit(**INNER_KERNEL)
 def apply_inverse_left_jacobian(phi: Vec3, v: Vec3) -> Vec3:
-    """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37)."""
+    """Γ₁(φ)⁻¹ v = v − φ×v/2 + c φ×(φ×v), c = (1 − (θ/2) cot(θ/2)) / θ² (Barfoot 2017, eq. 7.37).
+
+    Γ₁(φ) is the left Jacobian of SO(3) at the rotation vector φ (`phi`, rad), θ = |φ|. Below `SMALL_RAD`, c is its
+    series.
+    """
     theta = math.sqrt(dot(phi, phi))
     half = 0.5 * theta
     c = 1 / 12 + theta**2 / 720 if theta < SMALL_RAD else (1 - half / math.tan(half)) / theta**2
-    once = cross(phi, v)
+    once = cross(phi, v)  # φ×v
     return plus(minus(v, times(0.5, once)), times(c, cross(phi, once)))

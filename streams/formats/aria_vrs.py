@@ -47,7 +47,7 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
         raise StrideTwinError(f"{path}: cannot be read: projectaria_tools finds no recording of Aria glasses in it")
     blocks: dict[str, Block[Sample]] = {}
     images: dict[str, ImageStream] = {}
-    for label, topic in IMUS.items():
+    for label, topic in IMUS.items():  # those that the file lacks, or that have no data, are passed over
         if (stream := provider.get_stream_id_from_label(label)) is not None and provider.get_num_data(stream):
             blocks[topic] = _read_imu(provider, stream, topic)
     for label, topic in CAMERAS.items():
@@ -61,7 +61,13 @@ def read_aria_vrs(path: Path, notes: Notes) -> Source:
 
 
 def _read_imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
-    """Reads all samples of an IMU stream: rates in rad/s, specific forces in m/s², both in the sensor's frame."""
+    """Reads all samples of an IMU stream: rates in rad/s, specific forces in m/s², both in the sensor's frame.
+
+    Args:
+        provider: The file, opened by Meta's package.
+        stream: Its ID of the stream.
+        topic: Topic of the samples.
+    """
     samples = [provider.get_imu_data_by_index(stream, i) for i in range(provider.get_num_data(stream))]
     t_ns = np.array([sample.capture_timestamp_ns for sample in samples], np.int64)
     columns = {
@@ -72,9 +78,16 @@ def _read_imu(provider: Any, stream: Any, topic: str) -> Block[Imu]:
 
 
 def _to_image_stream(provider: Any, stream: Any, t_ns: Stamps) -> ImageStream:
-    """A stream of 8-bit images with stamps (N,) ns, which Meta's package decodes one by one on request."""
+    """A stream of 8-bit images, which Meta's package decodes one by one on request.
+
+    Args:
+        provider: The file, opened by Meta's package.
+        stream: Its ID of the stream.
+        t_ns: (N,) stamps.
+    """
 
     def load(topic: str, i: int) -> Image:
+        """Decodes image `i` under a topic; what Meta's package returns beside it, its metadata, is not needed."""
         image, _ = provider.get_image_data_by_index(stream, i)
         return Image(topic=topic, t_ns=int(t_ns[i]), pixels=np.ascontiguousarray(image.to_numpy_array(), np.uint8))
 

@@ -17,7 +17,9 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
 
 BODY = "head"
+"""Body of a sensor whose topic does not imply another one."""
 GIVE = "give one with --rig FILE (Kalibr YAML)"
+"""What a warning of an assumed calibration recommends."""
 # Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
 # (10 °/h, 40 µg) in 100 s
 _GYRO_NOISE = math.radians(0.014)
@@ -54,32 +56,35 @@ def with_assumed_calibration(
         ConfigError: The images of a camera have another size than its calibration, unless lenient.
     """
     imus = {
-        t: rig.imus[t] if t in rig.imus else _assume_imu(t, b.t_ns, notes) for t, b in blocks.items() if b.kind is Imu
+        topic: rig.imus[topic] if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
+        for topic, block in blocks.items()
+        if block.kind is Imu
     }
-    colour = [t for t, p in images.items() if p.kind is Image]
-    depth = [t for t, p in images.items() if p.kind is Depth]
-    cameras = {t: _camera_or_default(rig, t, images[t], notes) for t in colour}
-    for topic in depth:
-        if not any(c.depth_topic == topic for c in cameras.values()):
+    colour_topics = [topic for topic, stream in images.items() if stream.kind is Image]
+    depth_topics = [topic for topic, stream in images.items() if stream.kind is Depth]
+    cameras = {topic: _camera_or_default(rig, topic, images[topic], notes) for topic in colour_topics}
+    for topic in depth_topics:
+        if not any(c.depth_topic == topic for c in cameras.values()):  # no camera refers to it
             _add_depth(rig, cameras, topic, images, notes, topic in registered)
-    cameras = {t: _drop_missing_references(c, imus, images) for t, c in cameras.items()}
+    cameras = {topic: _drop_missing_references(camera, imus, images) for topic, camera in cameras.items()}
     for camera in cameras.values():
         _check_intrinsics(camera, notes)
-    return Rig(
-        imus=imus, cameras=cameras, boards=rig.boards, others={t: o for t, o in rig.others.items() if t in blocks}
-    )
+    others = {topic: sensor for topic, sensor in rig.others.items() if topic in blocks}
+    return Rig(imus=imus, cameras=cameras, boards=rig.boards, others=others)
 
 
 def body_of(topic: str) -> str:
-    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`."""
+    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, else the head."""
     first = topic.strip("/").split("/")[0]
-    return {"chest": "torso"}.get(first, first if first.startswith("foot_") else BODY)
+    if first == "chest":
+        return "torso"
+    return first if first.startswith("foot_") else BODY
 
 
 def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
     """(width, height) of the first image, None if it cannot be read."""
     try:
-        first = images.load("", 0)
+        first = images.load("", 0)  # its topic does not matter
     except (StrideTwinError, ValueError, IndexError):
         return None
     shape = first.depth.shape if isinstance(first, Depth) else first.pixels.shape
@@ -95,7 +100,7 @@ def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
     return ImuCalibration(
         topic=topic,
         part="",
-        rate_hz=mean_rate(t_ns) or 1.0,
+        rate_hz=mean_rate(t_ns) or 1.0,  # the rate of one sample is 0, and not valid
         mount=Mount(body=body_of(topic)),
         gyroscope_noise_density=_GYRO_NOISE,
         gyroscope_random_walk=_GYRO_WALK,
@@ -115,7 +120,7 @@ def _camera_or_default(rig: Rig, topic: str, images: ImageStream, notes: Notes) 
     """
     size = read_first_image_size(images)
     if topic not in rig.cameras:
-        return _assume_camera(topic, images, size or (640, 480), notes)
+        return _assume_camera(topic, images, size or (640, 480), notes)  # any size, if the first image is damaged
     camera = rig.cameras[topic]
     if size is not None and size != (camera.width, camera.height):
         expected = f"{camera.width} x {camera.height}"
@@ -161,7 +166,8 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
     """Warns of a focal length or a principal point that no usual lens has for images of the camera's size."""
     fu, fv, pu, pv = camera.intrinsics
     is_lens = 0.2 < fu / camera.width < 5 and 0.5 < fu / fv < 2
-    if not (is_lens and 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8):
+    is_central = 0.2 < pu / camera.width < 0.8 and 0.2 < pv / camera.height < 0.8
+    if not (is_lens and is_central):
         size = f"{camera.width} x {camera.height}"
         notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
 
@@ -192,10 +198,10 @@ def _add_depth(
         cameras[registered_camera.topic] = _camera_or_default(rig, registered_camera.topic, images[topic], notes)
         return
     size = read_first_image_size(images[topic])
-    depth_camera = rig.cameras.get(topic)
+    depth_camera = rig.cameras.get(topic)  # the depth stream's own calibration; None if it is unknown
     for name, camera in cameras.items():
-        same = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
-        if not camera.depth_topic and size == (camera.width, camera.height) and same:
+        may_match = is_registered or depth_camera is None or np.allclose(depth_camera.intrinsics, camera.intrinsics)
+        if not camera.depth_topic and size == (camera.width, camera.height) and may_match:
             if depth_camera is None and not is_registered:
                 notes.warn(f"{topic}: assumed registered to {name} because of its size; {GIVE}")
             cameras[name] = replace(camera, depth_topic=topic)
@@ -210,7 +216,7 @@ def _drop_missing_references(
     camera: CameraCalibration, imus: Mapping[str, ImuCalibration], images: Mapping[str, ImageStream]
 ) -> CameraCalibration:
     """A camera without references to streams that are missing, and with an IMU of its own body if there is one."""
-    beside = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
-    imu = camera.imu_topic if camera.imu_topic in beside else (beside[0] if beside else "")
+    on_body = [t for t, imu in imus.items() if imu.mount.body == camera.mount.body]
+    imu = camera.imu_topic if camera.imu_topic in on_body else (on_body[0] if on_body else "")
     depth = camera.depth_topic if camera.depth_topic in images else ""
     return replace(camera, imu_topic=imu, depth_topic=depth)

@@ -23,15 +23,18 @@ from stridetwin.streams.recording.ros_types import Definitions, RosMessage, dese
 from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
 
+# names of topics: our own; those of foot sensors, of a side, of ground truth (the last four in lower case)
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
 _FOOT = re.compile(r"foot|shoe|ankle|heel|insole")
 _LEFT, _RIGHT = re.compile(r"left|(?<![a-z])l(?![a-z])"), re.compile(r"right|(?<![a-z])r(?![a-z])")
 _TRUE = re.compile(r"ground_?truth|(?<![a-z])gt(?![a-z])|vicon|mocap|optitrack|qualisys|truth")
+# names of the topics that are preferred as the head's camera, in order; the empty pattern at the end matches any
 _COLOUR = (re.compile(r"color|colour|rgb"), re.compile(r"cam_?0|left"), re.compile(r""))
 _DEPTH = (re.compile(r"aligned|registered"), re.compile(r""))
 _DEPTH_UNITS = re.compile(r"(.*)/option/Depth_Units/value")
 """Topic with the metres per unit of the depth images of a sensor, in RealSense's own files."""
 _INFRARED = re.compile(r"infra|(?<![a-z])ir(?![a-z])")
+"""What the topics of infrared cameras contain, which are no colour cameras."""
 
 
 def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
@@ -45,7 +48,7 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
         camera and depth camera become those of the head; a pose named as truth becomes the head's. Topics that already
         have our names, or have no counterpart, are omitted and keep their names.
     """
-    taken = {t for t in kinds if OURS.fullmatch(t)}
+    taken = {t for t in kinds if OURS.fullmatch(t)}  # our topics that a stream has or is given
     names: dict[str, str] = {}
 
     def assign(topic: str, ours: str) -> None:
@@ -57,11 +60,11 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     foreign_topics = [t for t in kinds if t not in taken]
     for topic in foreign_topics:
         if _FOOT.search(topic.lower()) and (side := side_of(topic.lower())):
-            sort = {Imu: "imu", Image: "camera"}.get(kinds[topic])
-            if sort:
-                assign(topic, f"/foot_{side}/{sort}")
+            sensor = {Imu: "imu", Image: "camera"}.get(kinds[topic])
+            if sensor:
+                assign(topic, f"/foot_{side}/{sensor}")
     head_topics = [t for t in foreign_topics if t not in names and not _FOOT.search(t.lower())]
-    for kind, ours, patterns in (
+    for kind, ours, patterns in (  # `patterns`: of names that are preferred, in order
         (Imu, "/head/imu", (re.compile(r""),)),
         (Accelerometer, "/head/accelerometer", (re.compile(r""),)),
         (Image, "/head/color", _COLOUR),
@@ -95,10 +98,10 @@ def pose_of(message: RosMessage) -> tuple[int, tuple[float, ...], tuple[float, .
         Stamp in ns (0 if the header has none), position (x, y, z) in m and quaternion (w, x, y, z) of the message's
         frame in its parent frame.
     """
-    if hasattr(message, "transform"):
+    if hasattr(message, "transform"):  # a TransformStamped
         p, q = message.transform.translation, message.transform.rotation
     else:
-        pose = getattr(message.pose, "pose", message.pose)
+        pose = getattr(message.pose, "pose", message.pose)  # with a covariance, the pose is one level below
         p, q = pose.position, pose.orientation
     stamp = message.header.stamp
     return stamp.sec * 1_000_000_000 + stamp.nanosec, (p.x, p.y, p.z), (q.w, q.x, q.y, q.z)
@@ -143,6 +146,7 @@ class Bag(Protocol[KeyT]):
 
 
 _FLOAT, _MILLIMETRE = "std_msgs/msg/Float32", 0.001
+"""Type of the messages with RealSense's depth units, and the unit of depth images in m, unless another one is given."""
 
 
 class _Stream(Generic[KeyT]):
@@ -159,7 +163,10 @@ class _Stream(Generic[KeyT]):
     """
 
     def __init__(self, channel: Channel) -> None:
-        """Begins without messages; only types that become samples have a reader."""
+        """Begins without messages of the topic of `channel`; only types that become samples have a reader.
+
+        The other types, which are read later, are calibrations, transforms and poses.
+        """
         self.channel = channel
         self.reader = (
             TopicReader(channel.topic, channel.typename, channel.encoding, channel.definition)
@@ -182,7 +189,8 @@ class _Stream(Generic[KeyT]):
         if not self.is_image or not self.payloads:
             self.payloads.append(payload)
         has_stamp = self.is_image and len(payload) >= SHORTEST_HEADER  # others are decoded later, with their stamps
-        self.times.append((read_header_stamp(payload) if has_stamp else 0) or log_time)
+        stamp = read_header_stamp(payload) if has_stamp else 0  # 0: none, or not set
+        self.times.append(stamp or log_time)
         self.keys.append(key)
 
 
@@ -208,12 +216,13 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
     calibration = BagCalibration(notes)
     depth_units = _read_depth_units(streams)
     for topic, stream in streams.items():
-        if not stream.times or _DEPTH_UNITS.fullmatch(topic):
+        if not stream.times or _DEPTH_UNITS.fullmatch(topic):  # without messages, or read already
             continue
         try:
             if stream.reader is None:
-                _read_extra(stream, calibration, blocks, notes)
+                _read_calibration_or_poses(stream, calibration, blocks, notes)
             elif stream.is_image:
+                # metres per unit of depth, by the sensor whose name the topic begins with
                 units = next((m for sensor, m in depth_units.items() if topic.startswith(f"{sensor}/")), _MILLIMETRE)
                 images[topic] = _to_image_stream(bag, stream, stream.reader, units)
             else:
@@ -221,16 +230,20 @@ def read_bag(bag: Bag[KeyT], kind: str, notes: Notes) -> Source:
         except ValueError as error:
             notes.add_problem(Problem(topic, stream.times[0], f"cannot be decoded: {error}", len(stream.times)))
     blocks = join_gyro_and_accel(blocks, notes)
-    frames = {t: _read_header_frame(s.payloads[0]) for t, s in streams.items() if s.payloads}
-    # a joined IMU has the frame of its gyroscope
-    frames |= {imu_name(t): f for t, f in frames.items() if t not in blocks and imu_name(t) in blocks}
+    # name of the coordinate frame of each topic's messages, for the mounts in /tf_static
+    frames = {topic: _read_header_frame(s.payloads[0]) for topic, s in streams.items() if s.payloads}
+    # a joined IMU, which has replaced the two streams in `blocks`, has the frame of its gyroscope
+    frames |= {
+        imu_name(topic): frame for topic, frame in frames.items() if topic not in blocks and imu_name(topic) in blocks
+    }
+    kinds = {topic: block.kind for topic, block in blocks.items()}
     return Source(
         kind=kind,
         blocks=blocks,
         images=images,
         rig=calibration.build_rig(blocks, images, frames),
         unread=unread,
-        names=assign_bag_topics({t: b.kind for t, b in blocks.items()} | {t: p.kind for t, p in images.items()}),
+        names=assign_bag_topics(kinds | {topic: stream.kind for topic, stream in images.items()}),
         assumed=calibration.assumed,
     )
 
@@ -280,10 +293,10 @@ def _read_depth_units(streams: Mapping[str, _Stream[KeyT]]) -> dict[str, float]:
     for topic, stream in streams.items():
         if stream.payloads and (matched := _DEPTH_UNITS.fullmatch(topic)):
             c = stream.channel
-            value = float(
-                deserialise(typestore_for(c.typename, c.encoding, c.definition), stream.payloads[-1], c.typename).data
-            )
-            units[matched[1]] = value if 0 < value < 1 else _MILLIMETRE
+            store = typestore_for(c.typename, c.encoding, c.definition)
+            value = float(deserialise(store, stream.payloads[-1], c.typename).data)
+            sensor = matched[1]
+            units[sensor] = value if 0 < value < 1 else _MILLIMETRE
     return units
 
 
@@ -309,7 +322,7 @@ def _to_image_stream(bag: Bag[KeyT], stream: _Stream[KeyT], reader: TopicReader,
     return ImageStream(kind=kind, t_ns=times, load=load)
 
 
-def _read_extra(
+def _read_calibration_or_poses(
     stream: _Stream[KeyT], calibration: BagCalibration, blocks: dict[str, Block[Sample]], notes: Notes
 ) -> None:
     """Reads messages that are not samples themselves.
@@ -331,14 +344,16 @@ def _read_extra(
         if c.typename in CALIBRATIONS:
             calibration.add_camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
         elif c.typename in TRANSFORMS:
-            if c.topic.endswith("tf_static"):
+            if c.topic.endswith("tf_static"):  # transforms that change are no mounts
                 for payload in stream.payloads:
                     calibration.add_transforms(deserialise(store, payload, c.typename))
         else:
-            rows = [pose_of(deserialise(store, p, c.typename)) for p in stream.payloads]
-            t = np.array([r[0] or time for r, time in zip(rows, stream.times)], np.int64)
-            p, q = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
-            blocks[c.topic] = to_odometry(c.topic, t, p, q, None, notes, f"{notes.path}: {c.topic}")
+            poses = [pose_of(deserialise(store, payload, c.typename)) for payload in stream.payloads]
+            stamps, positions, quaternions = zip(*poses)
+            # messages without a stamp have their log time
+            t_ns = np.array([stamp or log_time for stamp, log_time in zip(stamps, stream.times)], np.int64)
+            p, q = np.array(positions), np.array(quaternions)
+            blocks[c.topic] = to_odometry(c.topic, t_ns, p, q, None, notes, f"{notes.path}: {c.topic}")
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"not a {c.typename}: {error}") from error
 
@@ -352,6 +367,7 @@ def _read_header_frame(payload: bytes) -> str:
     order = "little" if len(payload) > 1 and payload[1] else "big"
     length = int.from_bytes(payload[12:16], order) if len(payload) >= 16 else 0  # type: ignore[arg-type]
     try:
+        # a longer name is none: the type has no header
         return payload[16 : 16 + length].rstrip(b"\0").decode() if length < 256 else ""
     except UnicodeDecodeError:
         return ""

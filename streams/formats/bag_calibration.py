@@ -23,8 +23,10 @@ from stridetwin.streams.samples import Array, Block, Imu, Sample
 Intrinsics = tuple[float, float, float, float]
 """fu, fv, pu, pv in pixels."""
 MOST_TERMS = 8
+"""Most coefficients of ROS's rational model."""
 _ACROSS = 41  # points along each side of the image
 _STEPS = 300
+"""Steps of the fixed-point iteration that undistorts the points."""
 _ENOUGH = 0.8  # of the image must correspond to rays
 _CLOSE = 0.01  # px, largest error of a ray's pixel
 
@@ -49,31 +51,34 @@ def fit_radtan(intrinsics: Intrinsics, distortion: Array, size: tuple[int, int])
     focal = np.array([fu, fv])
     d = np.zeros(MOST_TERMS)
     d[: len(distortion)] = distortion
-    # `seen`: distorted points of a grid of pixels, at z = 1; `rays`: the undistorted ones
+    # (N, 2) x and y at z = 1 of a grid of pixels: `distorted`, as the pixels show them, and `rays`, undistorted
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, _ACROSS), np.linspace(0, size[1] - 1, _ACROSS))
-    seen: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
-    rays = seen
+    distorted: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
+    rays = distorted
     with np.errstate(all="ignore"):  # divergence is detected below
-        for _ in range(_STEPS):  # fixed-point iteration: ray = (seen - tangential(ray)) / radial(ray)
-            radial, aside = _rational_distortion(rays, d)
-            rays = (seen - aside) / radial
-        radial, aside = _rational_distortion(rays, d)
-        has_ray = np.linalg.norm((rays * radial + aside - seen) * focal, axis=1) < _CLOSE
+        for _ in range(_STEPS):  # fixed-point iteration: ray = (distorted - tangential(ray)) / radial(ray)
+            radial, tangential = _rational_distortion(rays, d)
+            rays = (distorted - tangential) / radial
+        radial, tangential = _rational_distortion(rays, d)
+        # (N,) whether the ray of a pixel has been found: the model takes it back to the pixel
+        has_ray = np.linalg.norm((rays * radial + tangential - distorted) * focal, axis=1) < _CLOSE
     if has_ray.mean() < _ENOUGH:
         return d[:4], float("inf")
-    rays, seen = rays[has_ray], seen[has_ray]
+    rays, distorted = rays[has_ray], distorted[has_ray]
     x, y = rays.T
     r2 = x * x + y * y
-    # radtan's change of a ray is linear in its coefficients; in pixels, so that all points have equal weight
+    # radtan's change of a ray is linear in k1, k2, p1, p2: rows for u, then for v, and a column for each of the four;
+    # in pixels, so that all points have equal weight
     terms = np.concatenate(
         (
             fu * np.column_stack((x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x)),
             fv * np.column_stack((y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y)),
         )
     )
-    wanted = ((seen - rays) * focal).T.ravel()
-    coefficients: Array = np.linalg.lstsq(terms, wanted, rcond=None)[0]
-    return coefficients, float(np.linalg.norm((terms @ coefficients - wanted).reshape(2, -1), axis=0).max())
+    offset = ((distorted - rays) * focal).T.ravel()  # the change that the rational model makes, px
+    coefficients: Array = np.linalg.lstsq(terms, offset, rcond=None)[0]
+    residual = (terms @ coefficients - offset).reshape(2, -1)  # u and v of each point
+    return coefficients, float(np.linalg.norm(residual, axis=0).max())
 
 
 def _rational_distortion(rays: Array, d: Array) -> tuple[Array, Array]:
@@ -94,12 +99,13 @@ def _rational_distortion(rays: Array, d: Array) -> tuple[Array, Array]:
     r2 = x * x + y * y
     k1, k2, p1, p2, k3, k4, k5, k6 = d
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    aside = np.column_stack((2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y))
-    return radial[:, None], aside
+    tangential = np.column_stack((2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y))
+    return radial[:, None], tangential
 
 
 CALIBRATIONS = frozenset(["sensor_msgs/msg/CameraInfo"])
 TRANSFORMS = frozenset(["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])
+# our name of a distortion model, by its name in a CameraInfo in lower case
 _MODELS = {"plumb_bob": "radtan", "rational_polynomial": "radtan", "": "radtan", "equidistant": "equidistant"}
 _MODELS |= {"fisheye": "equidistant", "radtan": "radtan", "none": "radtan"}
 # names in RealSense's own .bag files; the ROS driver publishes all but the last as plumb_bob
@@ -130,7 +136,7 @@ class BagCalibration:
             topic: Topic of the message, such as `/camera/camera_info`.
             message: A CameraInfo of ROS 1 or ROS 2.
         """
-        K = np.asarray(message.k if hasattr(message, "k") else message.K, float)
+        K = np.asarray(message.k if hasattr(message, "k") else message.K, float)  # (9,) row by row: fu first, fv fifth
         if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
             # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
             self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = message
@@ -138,11 +144,14 @@ class BagCalibration:
             self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
 
     def add_transforms(self, message: RosMessage) -> None:
-        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
+        """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored.
+
+        `_parents` keeps each by the name of the child frame, with that of its parent.
+        """
         for stamped in message.transforms:
             r, p = stamped.transform.rotation, stamped.transform.translation
             q = np.array([r.w, r.x, r.y, r.z])
-            if 0.9 < float(np.linalg.norm(q)) < 1.1:
+            if 0.9 < float(np.linalg.norm(q)) < 1.1:  # else it is no rotation
                 T = np.eye(4)
                 from scipy.spatial.transform import Rotation  # takes long to import
 
@@ -165,7 +174,7 @@ class BagCalibration:
             The cameras by topic. Without a chain of transforms to the IMU, a camera is assumed at the IMU with its
             orientation, which `assumed` says.
         """
-        imus = [t for t, b in blocks.items() if b.kind is Imu]
+        imus = [topic for topic, block in blocks.items() if block.kind is Imu]
         cameras: dict[str, CameraCalibration] = {}
         for topic, stream in images.items():
             info = self._find_info(topic)
@@ -173,10 +182,11 @@ class BagCalibration:
                 continue
             # the IMU whose topic has the longest beginning in common with the camera's
             imu = max(imus, key=lambda t: len(PurePosixPath(os.path.commonpath([t, topic])).parts), default="")
-            T = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
-            if imu and T is None:
+            T_imu_camera = self._find_transform(frames.get(imu, ""), frames.get(topic, "")) if imu else None
+            if imu and T_imu_camera is None:
                 self._add_assumption(topic, "no mount in /tf_static; assumed at the IMU with the same orientation")
-            cameras[topic] = self._to_camera(topic, stream, info, np.eye(4) if T is None else T, imu)
+            pose = np.eye(4) if T_imu_camera is None else T_imu_camera
+            cameras[topic] = self._to_camera(topic, stream, info, pose, imu)
         return Rig(cameras=cameras)
 
     def _find_info(self, topic: str) -> RosMessage | None:
@@ -198,7 +208,7 @@ class BagCalibration:
             T: (4, 4) pose of the optical frame in the IMU's frame, m.
             imu: Topic of that IMU; "" without one.
         """
-        K, d = _read_field(info, "k"), _read_field(info, "d")
+        K, d = _read_field(info, "k"), _read_field(info, "d")  # camera matrix (9,) row by row, and distortion
         intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
         model = _MODELS.get(info.distortion_model.lower())
         if _RECTIFIED.search(topic.lower()):
@@ -221,7 +231,7 @@ class BagCalibration:
 
     def _read_rectified_intrinsics(self, topic: str, info: RosMessage, raw: Intrinsics) -> Intrinsics:
         """Intrinsics (fu, fv, pu, pv) in pixels of rectified images: those of the matrix P, or `raw` without one."""
-        P = _read_field(info, "p")
+        P = _read_field(info, "p")  # (12,) the matrix (3, 4) row by row
         if len(P) == 12 and np.isfinite(P).all() and P[0] > 0 and P[5] > 0:
             return float(P[0]), float(P[5]), float(P[2]), float(P[6])
         self._add_assumption(
@@ -252,17 +262,17 @@ class BagCalibration:
             Name of our model and its (4,) coefficients. A rational model is fitted by `fit_radtan`; of an unsupported
             one the first four are used. Both are reported as assumptions.
         """
-        sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)
+        sound = np.nan_to_num(d, posinf=0.0, neginf=0.0)  # numbers that are not finite as 0
         four = np.zeros(4)  # the first four coefficients
         four[: len(d[:4])] = sound[:4]
         what = f"distortion {model_name!r} with {len(d)} coefficients"
-        is_more = bool(np.any(np.abs(sound[4:]) > _BEYOND))
-        if model == "radtan" and is_more and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
+        has_more_terms = bool(np.any(np.abs(sound[4:]) > _BEYOND))
+        if model == "radtan" and has_more_terms and np.isfinite(d).all() and not np.any(sound[MOST_TERMS:]):
             fitted, worst = fit_radtan(intrinsics, sound[:MOST_TERMS], size)
             if np.isfinite(worst):
                 self._add_assumption(topic, f"{what} is fitted by radtan, up to {worst:.2g} px off; {GIVE}")
                 return model, fitted
-        if (model is None and np.any(d)) or is_more or not np.isfinite(d).all():
+        if (model is None and np.any(d)) or has_more_terms or not np.isfinite(d).all():
             self._add_assumption(
                 topic, f"{what} is not supported; its first four are used as {model or 'radtan'}; {GIVE}"
             )
@@ -270,23 +280,30 @@ class BagCalibration:
 
     def _find_transform(self, target: str, source: str) -> Array | None:
         """T_target_source along the tree of static transforms; None if they are not connected, or one is unnamed."""
-        a, b = self._transform_to_root(target.strip("/")), self._transform_to_root(source.strip("/"))
-        if a is None or b is None or a[0] != b[0] or not target or not source:
+        target_chain, source_chain = (self._transform_to_root(frame.strip("/")) for frame in (target, source))
+        if target_chain is None or source_chain is None or not target or not source:
             return None
+        (target_root, T_root_target), (source_root, T_root_source) = target_chain, source_chain
+        if target_root != source_root:
+            return None
+        R_target_root = T_root_target[:3, :3].T
         T = np.eye(4)  # T_root_target⁻¹ T_root_source
-        T[:3, :3] = a[1][:3, :3].T @ b[1][:3, :3]
-        T[:3, 3] = a[1][:3, :3].T @ (b[1][:3, 3] - a[1][:3, 3])
+        T[:3, :3] = R_target_root @ T_root_source[:3, :3]
+        T[:3, 3] = R_target_root @ (T_root_source[:3, 3] - T_root_target[:3, 3])
         return T
 
     def _transform_to_root(self, frame: str) -> tuple[str, Array] | None:
-        """The root of the tree of static transforms above a frame, and T_root_frame; None if they form a loop."""
-        T, seen = np.eye(4), {frame}
+        """The root of the tree of static transforms above a frame, and T_root_frame; None if they form a loop.
+
+        A frame that no transform leads up from is its own root.
+        """
+        T, visited = np.eye(4), {frame}
         while frame in self._parents:
-            frame, step = self._parents[frame]
-            T = step @ T
-            if frame in seen:
+            frame, T_parent_frame = self._parents[frame]
+            T = T_parent_frame @ T
+            if frame in visited:
                 return None
-            seen.add(frame)
+            visited.add(frame)
         return frame, T
 
 

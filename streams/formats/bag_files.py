@@ -37,6 +37,7 @@ from stridetwin.streams.recording.mcap_scan import (
 from stridetwin.streams.recording.ros_types import Definitions, check_types, definition, typestore
 
 _LOOSE = struct.Struct("<HIqq")
+"""What a message's record has before the payload: channel, sequence, log time and publish time."""
 
 
 class _Unpacker(Protocol):
@@ -82,7 +83,8 @@ class McapBag:
             unpacking = Unpacking(path)
             for opcode, _, body in self._read_records(path):
                 if opcode in (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL):
-                    for record in self._unpack_record(path, opcode, body, unpacking)[0]:
+                    definitions, _ = self._unpack_record(path, opcode, body, unpacking)
+                    for record in definitions:
                         self._register(i, record, schemas, channels)
         self.channels = list(channels.values())
 
@@ -97,14 +99,15 @@ class McapBag:
                         topic = self._topics[i].get(channel, "")
                         if topic in topics:
                             for k in range(len(messages)):
-                                at = int(messages.starts[k]), int(messages.lengths[k])
-                                yield topic, int(messages.log_time[k]), messages.payload(k), (i, offset, *at)
+                                key = i, offset, int(messages.starts[k]), int(messages.lengths[k])
+                                yield topic, int(messages.log_time[k]), messages.payload(k), key
                 elif opcode == Opcode.MESSAGE and len(body) >= _LOOSE.size:  # a message outside chunks
                     channel, _, log_time, _ = _LOOSE.unpack_from(body)
                     topic = self._topics[i].get(channel, "")
                     if topic in topics:
-                        at = offset + 9 + _LOOSE.size, len(body) - _LOOSE.size
-                        yield topic, log_time, body[_LOOSE.size :], (i, -1, *at)
+                        # the body begins after 9 bytes of opcode and length, the payload after `_LOOSE`
+                        key = i, -1, offset + 9 + _LOOSE.size, len(body) - _LOOSE.size
+                        yield topic, log_time, body[_LOOSE.size :], key
 
     def read_payload(self, topic: str, key: McapKey) -> bytes:
         """The CDR bytes of one message, read again from its file.
@@ -118,9 +121,11 @@ class McapBag:
             with self._paths[i].open("rb") as file:
                 file.seek(start)
                 return file.read(length)
-        if self._cached[0] != (i, chunk):
-            self._cached = (i, chunk), read_chunk(self._paths[i], chunk)
-        return self._cached[1][start : start + length]
+        cached_chunk, data = self._cached
+        if cached_chunk != (i, chunk):
+            data = read_chunk(self._paths[i], chunk)
+            self._cached = (i, chunk), data
+        return data[start : start + length]
 
     def _read_records(self, path: Path) -> Iterator[tuple[int, int, bytes]]:
         """Yields opcode, offset and body of the records of a file, as far as they can be read; damage is reported."""
@@ -173,17 +178,20 @@ class McapBag:
             text = schema.data.decode(errors="replace") if schema is not None else ""
             new = Channel(record.topic, name, schema.encoding if schema is not None else "", text)
             known = channels.setdefault(record.topic, new)
-            if replace(known, definition="") == replace(new, definition=""):
+            if replace(known, definition="") == replace(new, definition=""):  # texts of definitions do not matter
                 self._topics[i][record.id] = record.topic
             else:
                 self._notes.warn(f"{record.topic}: a second publisher of {name}, which is not read")
 
 
 _LONGEST_HEADER = 1 << 20
+"""Most bytes of the header of a record of a ROS 1 bag."""
 _MOST_CONNECTIONS = 2000
 _BYTES_PER_ENTRY = 12  # of an index
 _FREE_BYTES, _BYTES_PER_BYTE = 1 << 30, 200
+"""Bytes to which a ROS 1 bag may unpack: this many, and this many for each byte of the file."""
 _KINDS = {decompressors[kind.value]: kind for kind in Compression}
+"""Kind of compression, by the function of rosbags that unpacks it."""
 
 
 def check_index(path: Path) -> None:
@@ -195,18 +203,18 @@ def check_index(path: Path) -> None:
     """
     size = path.stat().st_size
     with path.open("rb") as file:
-        file.readline(100)
+        file.readline(100)  # the version of the format; the header of the bag follows
         header = _read_header(file, size)
         connections, chunks = header.get_uint32("conn_count"), header.get_uint32("chunk_count")
         if connections > _MOST_CONNECTIONS or chunks > size // 32:
             raise ValueError(f"{connections} connections and {chunks} chunks are more than the file can hold")
-        if not (index := header.get_uint64("index_pos")):
+        if not (index := header.get_uint64("index_pos")):  # where the index begins
             return  # a truncated file, which the library reports
         file.seek(index)
-        for _ in range(connections):
+        for _ in range(connections):  # each has a header, and data in the form of a header
             _read_header(file, size)
             _read_header(file, size)
-        for _ in range(chunks):
+        for _ in range(chunks):  # each has a header, and data of a length that is passed over
             if _read_header(file, size).get_uint32("count") > connections:
                 raise ValueError("a chunk with more connections than the bag has")
             length = int.from_bytes(file.read(4), "little")
@@ -237,15 +245,21 @@ class BoundedReader(rosbag1.Reader):
         chunk = super().read_chunk()
         if chunk.datasize > LARGEST_CHUNK:
             raise ValueError(f"a chunk of {chunk.datasize} bytes: expected up to {LARGEST_CHUNK}")
-        return chunk._replace(decompressor=partial(self._unpack, _KINDS[chunk.decompressor]))
+        return chunk._replace(
+            decompressor=partial(self._unpack, _KINDS[chunk.decompressor])
+        )  # instead of the library's
 
     def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
-        """Reads the index of one connection in one chunk.
+        """Reads the index of one connection in one chunk, after its entries are counted towards the limit.
+
+        Args:
+            pos: Place of the chunk in the file.
+            indexes: Entries by connection, extended.
 
         Raises:
             ValueError: All indexes together are longer than the file.
         """
-        assert self.bio is not None
+        assert self.bio is not None  # the file of the open bag
         here = self.bio.tell()
         # the last 4 of these 55 bytes are the length of the index
         self._entries -= int.from_bytes(self.bio.read(55)[51:], "little") // _BYTES_PER_ENTRY
@@ -257,6 +271,10 @@ class BoundedReader(rosbag1.Reader):
     def _unpack(self, kind: Compression, data: bytes) -> bytes:
         """Unpacks a chunk and counts its bytes towards the limit, again each time that alternating topics need it.
 
+        Args:
+            kind: How the chunk is compressed.
+            data: Its packed bytes.
+
         Raises:
             ValueError: The chunk is damaged or too large, or the total exceeds the limit.
         """
@@ -266,7 +284,7 @@ class BoundedReader(rosbag1.Reader):
         unpacked: bytes = unpacker.decompress(data, max_length=LARGEST_CHUNK)
         if not unpacker.eof:
             raise ValueError(f"a chunk that is damaged, or larger than {LARGEST_CHUNK} bytes unpacked")
-        self._bytes -= len(unpacked)
+        self._bytes -= len(unpacked)  # what is left of the limit
         if self._bytes < 0:
             raise ValueError("more bytes unpacked than a bag of this size can hold")
         return unpacked
@@ -275,17 +293,22 @@ class BoundedReader(rosbag1.Reader):
 def _read_header(file: BinaryIO, size: int) -> Header:
     """Reads the header of the record at the file's position, once its declared length is below the limits.
 
+    Args:
+        file: The open bag.
+        size: Bytes of the bag.
+
     Raises:
         ValueError: The header is longer than the file or than 1 MiB, which the library would allocate.
     """
     length = int.from_bytes(file.read(4), "little")
     if length > min(size, _LONGEST_HEADER):
         raise ValueError(f"a header of {length} bytes: expected up to {_LONGEST_HEADER}")
-    file.seek(-4, os.SEEK_CUR)
+    file.seek(-4, os.SEEK_CUR)  # back to the length, which the library reads itself
     return Header.read(file)
 
 
 _WITHOUT_SEQ = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+"""Types that ROS 2 defines otherwise than ROS 1, whose headers have a field `seq`."""
 
 
 class RosBag:
@@ -315,9 +338,10 @@ class RosBag:
             weakref.finalize(self, _close, self._reader)
             self._store = get_typestore(Stores.EMPTY)
             channels = [self._to_channel(c) for c in self._reader.connections]
+        # backwards, so that the first publisher of a topic replaces the later ones; then in the order of the bag again
         self.channels = list({c.topic: c for c in reversed(channels)}.values())[::-1]
         types = {c.topic: c.typename for c in self.channels}
-        self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]
+        self._connections = [c for c in self._reader.connections if types[c.topic] == c.msgtype]  # that are read
 
     def read_messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes, RosKey]]:
         """(topic, log time in ns, CDR bytes, key) of every message of the topics, in file order."""
@@ -337,8 +361,9 @@ class RosBag:
                     raise
                 self._notes.add_problem(Problem("", None, f"{error}; the part before can be read"))
                 return
-            nth = counts[connection.id, time] = counts.get((connection.id, time), -1) + 1
-            yield connection.topic, time, payload, (connection, time, nth)
+            number = counts.get((connection.id, time), -1) + 1
+            counts[connection.id, time] = number
+            yield connection.topic, time, payload, (connection, time, number)
 
     def read_payload(self, topic: str, key: RosKey) -> bytes:
         """The CDR bytes of one message, read again from the bag.
@@ -350,11 +375,11 @@ class RosBag:
         Raises:
             StrideTwinError: The bag has no such message any more.
         """
-        connection, time, nth = key
+        connection, time, number = key
         with self._convert_errors():
             messages = self._reader.messages(connections=[connection], start=time, stop=time + 1)
             for k, (_, _, raw) in enumerate(messages):
-                if k == nth:
+                if k == number:
                     return self._to_cdr(raw, connection.msgtype)
         raise StrideTwinError(f"{self.path}: {topic}: a previously read message is missing; has the file changed?")
 
@@ -377,8 +402,8 @@ class RosBag:
     def _to_ros2_definition(self, name: str, text: str) -> str:
         """A ROS 1 definition converted to ROS 2; "" if it cannot be parsed, which is reported if it is needed."""
         try:
-            if name not in self._store.fielddefs:
-                self._definitions.add(text)
+            if name not in self._store.fielddefs:  # of the types that are converted already
+                self._definitions.add(text)  # refuses texts that are too long together
                 types = get_types_from_msg(text, name)
                 check_types(types)
                 # the conversion to CDR drops a header's `seq`, so the types must not have it
@@ -419,10 +444,13 @@ def check_tables(path: Path) -> None:
         RecordingError: The file has other objects.
     """
     with suppress(sqlite3.Error), _open_database(path) as database:  # damaged files are reported by `sqlite_is_sound`
-        kinds = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
-        for name, kind, text in kinds:
+        # every table, view and trigger: its name, kind, and the text that creates it
+        objects = database.execute("SELECT name, type, sql FROM sqlite_master WHERE type != 'index'").fetchmany(1000)
+        for name, kind, text in objects:
             columns = database.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
-            if kind != "table" or "virtual" in text.lower().split()[:2] or any(hidden for (hidden,) in columns):
+            is_virtual = kind == "table" and "virtual" in text.lower().split()[:2]  # CREATE VIRTUAL TABLE
+            has_hidden_columns = any(hidden for (hidden,) in columns)  # such as computed ones
+            if kind != "table" or is_virtual or has_hidden_columns:
                 raise RecordingError(f"{path}: invalid {kind} {name[:60]!r}: expected tables of plain columns")
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 _UNIT = (0.9, 1.1)
+"""Between these norms a quaternion counts as a rounded unit quaternion."""
 
 
 def to_odometry(
@@ -57,12 +58,13 @@ def to_odometry(
     q = q / norm[:, None]
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
-    if T_body_source is not None and len(q):
+    if T_body_source is not None and len(q):  # the wanted frame: T_world_source T_source_body
         T_source_body = np.linalg.inv(T_body_source)
         rotation = Rotation.from_quat(q, scalar_first=True)
         p, v = p + rotation.apply(T_source_body[:3, 3]), None
         q = (rotation * Rotation.from_matrix(T_source_body[:3, :3])).as_quat(scalar_first=True)
     rates = np.zeros((2, len(t_ns), 3))
+    velocity, angular_rate = rates  # views, which get the numbers below
     rising = np.flatnonzero(is_increasing(t_ns))  # decreasing stamps are rejected or omitted later
     if len(rising) > 1:
         attitude = Rotation.from_quat(q[rising], scalar_first=True)
@@ -74,8 +76,8 @@ def to_odometry(
         columns={
             "p_frame_in_world": p,
             "q_world_frame": q,
-            "v_frame_in_world": rates[0] if v is None else v,
-            "angular_rate": rates[1],
+            "v_frame_in_world": velocity if v is None else v,
+            "angular_rate": angular_rate,
         },
     )
 
@@ -92,14 +94,16 @@ def _differentiate(t_ns: Stamps, p: Array, attitude: Rotation) -> Array:
         (2, N, 3): velocity in the world, m/s, and angular rate in the frame, rad/s.
     """
     i = np.arange(len(t_ns))
-    before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)
-    span = (t_ns[after] - t_ns[before])[:, None] * 1e-9
-    rotation = (attitude[before].inv() * attitude[after]).as_rotvec()
+    before, after = np.maximum(i - 1, 0), np.minimum(i + 1, len(t_ns) - 1)  # (N,) numbers of the two poses
+    span = (t_ns[after] - t_ns[before])[:, None] * 1e-9  # (N, 1) s between them
+    rotation = (attitude[before].inv() * attitude[after]).as_rotvec()  # (N, 3) rad, from the one to the other
     return np.stack(((p[after] - p[before]) / span, rotation / span))
 
 
 _GYRO = re.compile(r"gyro(?:/sample)?", re.IGNORECASE)
+"""What the topic of a stream of rates has in place of `accel` in that of the forces; RealSense adds `/sample`."""
 _JOINED = "imu"
+"""What the topic of the joined IMU has there."""
 
 
 def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[str, Block[Sample]]:
@@ -113,9 +117,9 @@ def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[
         accel_topic = _GYRO.sub(lambda m: m[0].replace("gyro", "accel").replace("Gyro", "Accel"), topic)
         accel = blocks.get(accel_topic)
         if accel_topic == topic or accel is None or gyro.kind is not Imu or accel.kind is not Imu:
-            continue
+            continue  # no stream of rates, or none of forces beside it
         if gyro.columns["specific_force"].any() or accel.columns["angular_rate"].any() or len(accel) < 2:
-            continue
+            continue  # one of them has numbers of the other, or there is nothing to interpolate between
         name = imu_name(topic)
         del result[topic], result[accel_topic]
         result[name] = join_at_gyro_stamps(name, gyro.as_kind(Imu), accel)
@@ -142,10 +146,11 @@ def join_at_gyro_stamps(name: str, gyro: Block[Imu], accel: Block[Sample]) -> Bl
     accel = accel[is_increasing(accel.t_ns)]
     t, force = accel.t_ns, accel.columns["specific_force"]
     within = (gyro.t_ns >= t[0]) & (gyro.t_ns <= t[-1])
-    since: Array = (gyro.t_ns[within] - t[0]) * 1e-9
-    known: Array = (t - t[0]) * 1e-9
+    # times of the rates and of the forces, s since the first force
+    gyro_s: Array = (gyro.t_ns[within] - t[0]) * 1e-9
+    accel_s: Array = (t - t[0]) * 1e-9
     columns = {
         "angular_rate": gyro.columns["angular_rate"][within],
-        "specific_force": np.column_stack([np.interp(since, known, force[:, k]) for k in range(3)]),
+        "specific_force": np.column_stack([np.interp(gyro_s, accel_s, force[:, k]) for k in range(3)]),
     }
     return Block(topic=name, kind=Imu, t_ns=gyro.t_ns[within], columns=columns)

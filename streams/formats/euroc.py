@@ -47,16 +47,21 @@ from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import parse_yaml
 
+# names and units of the layout's columns after the stamp: angular rate and specific force of an IMU; position,
+# quaternion and velocity of a ground truth (R: reference frame, S: sensor frame)
 IMU_COLUMNS = ("w_RS_S_x", "w_RS_S_y", "w_RS_S_z", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z")
 IMU_UNITS = ("rad s^-1",) * 3 + ("m s^-2",) * 3
 POSE_COLUMNS = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
 POSE_UNITS = ("m",) * 3 + ("",) * 4 + ("m s^-1",) * 3
 VELOCITY_COLUMNS = ("v_RS_R_x", "v_RS_R_y", "v_RS_R_z")
 GROUND_TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")
+"""Folders of a ground truth; the first that exists is read."""
 TRUTH_TOPIC = "/truth/head/imu/odometry"
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
+"""Our topic of a sensor, by its folder."""
 S = TypeVar("S", bound=BaseModel)
 _DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
+"""Our name of a distortion model, by that in a `sensor.yaml`."""
 
 
 def find_euroc_root(path: Path) -> Path | None:
@@ -93,18 +98,18 @@ def read_euroc(path: Path, notes: Notes) -> Source:
                 imus[topic] = imu.to_calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
             stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
-            if not len(stream.t_ns):
+            if not len(stream.t_ns):  # no image of the list exists
                 continue
             images[topic] = stream
             if (camera := _read_sensor(folder, _CameraSensor)) is not None:
                 cameras[topic] = camera.to_calibration(topic)
-    truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)
+    truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)  # the folder that is read
     if truth is not None:
         blocks[TRUTH_TOPIC] = _read_truth(root / truth / "data.csv", notes)
-    first = next(iter(imus), "")
-    rig = Rig(imus=imus, cameras={t: replace(c, imu_topic=first) for t, c in cameras.items()})
-    known = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
-    unread = {f"/{f.name}": "folder" for f in folders if f.name not in known}
+    first_imu = next(iter(imus), "")
+    rig = Rig(imus=imus, cameras={topic: replace(cam, imu_topic=first_imu) for topic, cam in cameras.items()})
+    read_names = {"imu0", "cam0", truth} | {f.name for f in folders if re.fullmatch(r"(imu|cam)\d+", f.name)}
+    unread = {f"/{f.name}": "folder" for f in folders if f.name not in read_names}
     return Source(kind="euroc", blocks=blocks, images=images, rig=rig, unread=unread)
 
 
@@ -127,6 +132,7 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     """
     header, rows = read_text_rows(file, ",")
     names = [_split_unit(word)[0] for word in header]
+    # a row without velocities has a stamp and the pose
     has_velocity = VELOCITY_COLUMNS[0] in names or (not names and _count_columns(rows) > len(POSE_COLUMNS) + 3)
     wanted = (*POSE_COLUMNS, *VELOCITY_COLUMNS) if has_velocity else POSE_COLUMNS
     columns = _find_columns(file, header, wanted, POSE_UNITS, notes)
@@ -136,9 +142,11 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
 
 
 def _read_marker(folder: Path) -> Array | None:
-    """T_BS of the sensor of a ground truth, such as Vicon's marker; None if its poses are the body's own."""
+    """T_BS (4, 4), m, pose in the body of a ground truth's sensor, such as Vicon's marker; None if it is the body."""
     marker = _read_sensor(folder, _Marker)
-    return None if marker is None or marker.T_BS is None or np.array_equal(marker.T_BS, np.eye(4)) else marker.T_BS
+    if marker is None or marker.T_BS is None or np.array_equal(marker.T_BS, np.eye(4)):
+        return None
+    return marker.T_BS
 
 
 def _find_columns(
@@ -170,10 +178,10 @@ def _find_columns(
             if names.count(name) != 1:
                 raise ConfigError(file, "header", ",".join(header), f"one column {name}")
             unit = header_units[names.index(name)]
-            if unit and unit.replace("/s", " s^-1") != valid:
+            if unit and unit.replace("/s", " s^-1") != valid:  # `rad/s` is accepted for `rad s^-1`
                 raise ConfigError(file, f"header, unit of {name}", unit, valid)
         return [(name, names.index(name)) for name in wanted]
-    return [(name, 1 + i) for i, name in enumerate(wanted)]
+    return [(name, 1 + i) for i, name in enumerate(wanted)]  # after the stamp
 
 
 def _split_unit(word: str) -> tuple[str, str]:
@@ -188,7 +196,10 @@ def _count_columns(rows: list[TextRow]) -> int:
 
 
 def _to_matrix_rows(node: object) -> object:
-    """Rows of a matrix; OpenCV lists its 16 numbers under `data`."""
+    """The four rows of a matrix in a `sensor.yaml`, which OpenCV writes as 16 numbers under `data`.
+
+    Anything else is returned as it is, for the validation to accept (rows) or refuse.
+    """
     data = node.get("data") if isinstance(node, dict) else None
     return [data[i : i + 4] for i in range(0, 16, 4)] if isinstance(data, list) and len(data) == 16 else node
 
@@ -262,6 +273,7 @@ def _read_sensor(folder: Path, kind: type[S]) -> S | None:
 
 
 BASELINE_M = (0.001, 1.0)
+"""Least and largest distance of the cameras of a stereo pair."""
 
 
 def make_right_camera(left: CameraCalibration, baseline_m: float, topic: str) -> CameraCalibration:
@@ -311,15 +323,16 @@ def render_right_view(
     rows: Any
     columns: Any
     rows, columns = np.indices(disparity.shape)
-    seen = np.full(disparity.shape, -np.inf)  # disparity in the right image; the largest, of the nearest surface, stays
-    for reach in (np.floor, np.ceil):  # both columns next to a warped pixel, so that slopes leave no cracks
-        target = reach(columns - disparity).astype(np.int64)
+    # (H, W) disparity of each pixel of the right image; the largest, which is that of the nearest surface, stays
+    right_disparity = np.full(disparity.shape, -np.inf)
+    for to_whole in (np.floor, np.ceil):  # both columns next to a warped pixel, so that slopes leave no cracks
+        target = to_whole(columns - disparity).astype(np.int64)  # column in the right image
         inside = (target >= 0) & (target < width)
-        np.maximum.at(seen, (rows[inside], target[inside]), disparity[inside])
-    seen[~np.isfinite(seen)] = np.nan
-    from_column = _find_background(seen)
+        np.maximum.at(right_disparity, (rows[inside], target[inside]), disparity[inside])
+    right_disparity[~np.isfinite(right_disparity)] = np.nan  # holes, which no pixel of the left image has reached
+    from_column = _find_background(right_disparity)
     # (H, W) column of the left image that each pixel of the right one comes from
-    x = from_column + np.nan_to_num(np.take_along_axis(seen, from_column, axis=1))
+    x = from_column + np.nan_to_num(np.take_along_axis(right_disparity, from_column, axis=1))
     right = cv2.remap(
         left, x.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
@@ -340,13 +353,15 @@ def _find_background(disparity: Array) -> NDArray[np.int64]:
     # column of the nearest pixel with a disparity to the left and to the right; -1 and the width without one
     before = np.maximum.accumulate(np.where(known, at, -1), axis=1)
     after = np.minimum.accumulate(np.where(known, at, len(at))[:, ::-1], axis=1)[:, ::-1]
+    # disparities of these; beyond the ends of a row they are infinite, so that the other neighbour is taken
     padded = np.pad(np.where(known, disparity, np.inf), ((0, 0), (1, 1)), constant_values=np.inf)
     left, right = (np.take_along_axis(padded, i + 1, axis=1) for i in (before, after))
-    nearest = np.where(left <= right, before, after)
-    return np.asarray(np.where(np.isfinite(np.minimum(left, right)), nearest, at), np.int64)
+    farther = np.where(left <= right, before, after)  # the surface of the smaller disparity is farther away
+    return np.asarray(np.where(np.isfinite(np.minimum(left, right)), farther, at), np.int64)
 
 
 RIGHT_SUFFIX = "_right"
+"""What the topic of a right camera has after that of its left camera."""
 
 
 def write_euroc(
@@ -376,12 +391,13 @@ def write_euroc(
     root = folder / "mav0"
     counts = {"imu0": _write_imu(recording, imu, root / "imu0")}
     cameras = [camera]
-    right = f"{camera.topic}{RIGHT_SUFFIX}"
+    right_topic = f"{camera.topic}{RIGHT_SUFFIX}"
     if stereo_baseline_m is not None:
-        cameras.append(make_right_camera(camera, stereo_baseline_m, right))
+        cameras.append(make_right_camera(camera, stereo_baseline_m, right_topic))
         counts |= _write_stereo(recording, cameras[0], cameras[1], imu, root)
     else:
-        cameras += [recording.rig.cameras[right]] if right in recording.topics else []
+        if right_topic in recording.topics:  # a stereo pair was recorded
+            cameras.append(recording.rig.cameras[right_topic])
         for i, each in enumerate(cameras):
             images = (s for s in recording.samples([each.topic]) if isinstance(s, Image))
             counts[f"cam{i}"] = _write_camera(images, each, imu, root / f"cam{i}")
@@ -470,7 +486,7 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
     lines = [
         "sensor_type: camera",
         f"comment: {_quote(camera.part)}",
-        _format_transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),
+        _format_transform(np.linalg.inv(imu.mount.T_body_sensor) @ camera.mount.T_body_sensor),  # T_imu_camera
         f"rate_hz: {camera.rate_hz!r}",
         f"resolution: [{camera.width}, {camera.height}]",
         "camera_model: pinhole",
@@ -483,10 +499,18 @@ def _write_camera(images: Iterable[Image], camera: CameraCalibration, imu: ImuCa
 
 
 def _write_truth(recording: Recording, topic: str, folder: Path) -> int:
-    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows."""
+    """Writes the true states of the IMU's frame, with biases of 0; returns the number of rows.
+
+    A row has the stamp, position, quaternion and velocity, and the biases of gyroscope and accelerometer.
+
+    Args:
+        recording: The recording.
+        topic: Topic of the true odometry of the IMU's frame.
+        folder: The folder, which is made.
+    """
     c = recording.block(topic).columns
     t_ns = recording.block(topic).t_ns
-    biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]
+    biases = [f"b_{sensor}_RS_S_{axis}" for sensor in "wa" for axis in "xyz"]  # w: gyroscope, a: accelerometer
     units = ["m"] * 3 + [""] * 4 + ["m s^-1"] * 3 + ["rad s^-1"] * 3 + ["m s^-2"] * 3
     names = [*POSE_COLUMNS, *VELOCITY_COLUMNS, *biases]
     header = ["timestamp [ns]", *(f"{n} [{u}]" for n, u in zip(names, units))]
@@ -505,11 +529,17 @@ def _write_csv(folder: Path, header: list[str], t_ns: Stamps, *columns: Array) -
 
 
 def _with_both_names(rig: Rig, imu: ImuCalibration, cameras: list[CameraCalibration]) -> Rig:
-    """IMU and cameras under their own topics, and under the topics that an import of this layout uses."""
-    read_as = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
-    imus = [imu, replace(imu, topic=NAMES["imu0"])]
-    # the topics of the layout come last, because they take precedence on import
-    return Rig(imus={i.topic: i for i in imus}, cameras={c.topic: c for c in (*cameras, *read_as)}, boards=rig.boards)
+    """A rig with the IMU and the cameras twice: under their own topics, and under those of an import of this layout.
+
+    Args:
+        rig: Rig of the recording, whose boards are kept.
+        imu: IMU that is written.
+        cameras: Cameras that are written as `cam0` and `cam1`.
+    """
+    as_imported = [replace(c, topic=NAMES[f"cam{i}"], imu_topic=NAMES["imu0"]) for i, c in enumerate(cameras)]
+    all_imus = [imu, replace(imu, topic=NAMES["imu0"])]
+    all_cameras = [*cameras, *as_imported]  # those of the import last, because they take precedence there
+    return Rig(imus={i.topic: i for i in all_imus}, cameras={c.topic: c for c in all_cameras}, boards=rig.boards)
 
 
 def _format_transform(T: Array) -> str:

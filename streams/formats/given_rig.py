@@ -24,6 +24,7 @@ from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Oth
 from stridetwin.streams.samples import Array, Image, Imu
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
+"""What drivers add to the topic of a sensor for one form of its messages."""
 Calibration = ImuCalibration | CameraCalibration | OtherSensor
 CalibrationT = TypeVar("CalibrationT", ImuCalibration, CameraCalibration, OtherSensor)
 
@@ -58,26 +59,29 @@ class Streams:
             number: Kalibr's name of the section, such as `cam0`, if it may be used.
         """
         name = "/" + rostopic.strip("/")
-        ours = {t: t for t in self.topics.values()}
-        defaults = {default: self.topics[n] for n, default in self.names.items()}
-        by_topic = defaults | dict(self.topics)
-        for table in (ours, by_topic) if as_read else (by_topic, ours):
+        # tables of our topic: by itself; by the source's name or its default topic; by the name without endings
+        by_ours = {t: t for t in self.topics.values()}
+        by_default = {default: self.topics[n] for n, default in self.names.items()}
+        by_source = by_default | dict(self.topics)
+        for table in (by_ours, by_source) if as_read else (by_source, by_ours):
             if name in table:
                 return table[name]
-        bare = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
-        if (topic := bare.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
+        by_bare_name = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
+        if (topic := by_bare_name.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
             return topic
+        # Kalibr's number, which may also be the first part of the topic: the sensor that EuRoC's layout calls so, or
+        # the only IMU or colour camera of the source
         for section in (name.split("/")[1], number):
-            if (target := NAMES.get(section, f"/{section}")) in by_topic:
-                return by_topic[target]
-            alone = {"imu0": self.imus, "cam0": self.cameras}.get(section, ())
-            if len(alone) == 1:
-                return alone[0]
+            if (target := NAMES.get(section, f"/{section}")) in by_source:
+                return by_source[target]
+            candidates = {"imu0": self.imus, "cam0": self.cameras}.get(section, ())
+            if len(candidates) == 1:
+                return candidates[0]
         return None
 
 
 def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Streams:
-    """The mapping of a source's streams to our topics, as `match_rig` needs it.
+    """The mapping of a source's streams to our topics, by which `match_rig` finds the stream of a calibration.
 
     Args:
         source: The imported source.
@@ -86,9 +90,9 @@ def streams_of(source: Source, topics: Mapping[str, str], numbered: bool) -> Str
     """
     return Streams(
         topics=topics,
-        names={n: source.names.get(n, n) for n in topics},
-        imus=tuple(topics[n] for n, b in source.blocks.items() if b.kind is Imu),
-        cameras=tuple(topics[n] for n, p in source.images.items() if p.kind is Image),
+        names={name: source.names.get(name, name) for name in topics},
+        imus=tuple(topics[name] for name, block in source.blocks.items() if block.kind is Imu),
+        cameras=tuple(topics[name] for name, stream in source.images.items() if stream.kind is Image),
         numbered=numbered,
     )
 
@@ -109,12 +113,13 @@ def rename_rig(rig: Rig, topic_of: Callable[[str], str], bodies_are_known: bool)
         if not bodies_are_known or body_of(topic) != body_of(item.topic):
             body = body_of(topic)
         changes: dict[str, Any] = {"topic": topic, "mount": replace(item.mount, body=body)}
-        for link in ("depth_topic", "imu_topic"):
+        for link in ("depth_topic", "imu_topic"):  # attributes of cameras that refer to other streams
             if getattr(item, link, ""):
                 changes[link] = topic_of(getattr(item, link))
         return replace(item, **changes)
 
     def rename_all(items: Mapping[str, CalibrationT]) -> dict[str, CalibrationT]:
+        """Several sensors of one kind, by their new topics."""
         return {new.topic: new for new in map(rename, items.values())}
 
     return Rig(
@@ -137,35 +142,39 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     Returns:
         The rig, and the file's names of sensors that match no stream; these are omitted.
     """
+    # sensors of the file, by what Kalibr calls their sections; "" for those that it has no sections for
     sensors: dict[str, Mapping[str, Calibration]] = {"cam": rig.cameras, "imu": rig.imus, "": rig.others}
     topic_of: dict[str, str] = {}  # our topic of each sensor of the file that matches a stream
     for stem in ("imu", "cam", ""):
         for i, item in enumerate(sensors[stem].values()):
-            number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""
+            number = f"{stem}{i}" if item.mount.body == PLAIN_BODY else ""  # only a plain Kalibr file goes by numbers
             target = streams.find(item.topic, as_read, number)
             depth = getattr(item, "depth_topic", "")
             if target is None and depth and streams.find(depth, as_read) is not None:
                 target = item.topic  # a camera that has depth alone
-            if target is not None and target not in topic_of.values():
+            if target is not None and target not in topic_of.values():  # of two for one stream the first counts
                 topic_of[item.topic] = target
     # depth streams that only a camera refers to, and our topics of them
     links = {c.depth_topic for c in rig.cameras.values()} - {""} - topic_of.keys()
     linked = {link: streams.find(link, as_read) or link for link in links}
     matched = Rig(
-        imus={t: i for t, i in rig.imus.items() if t in topic_of},
-        cameras={t: c for t, c in rig.cameras.items() if t in topic_of},
+        imus={name: imu for name, imu in rig.imus.items() if name in topic_of},
+        cameras={name: camera for name, camera in rig.cameras.items() if name in topic_of},
         boards=rig.boards,
-        others={t: o for t, o in rig.others.items() if t in topic_of},
+        others={name: sensor for name, sensor in rig.others.items() if name in topic_of},
     )
-    renamed = rename_rig(matched, lambda t: topic_of.get(t) or linked.get(t, t), bodies_are_known=True)
-    # sensors of a plain Kalibr file, whose body is the IMU itself: they are mounted on the known body
-    plain = {topic_of[t] for t, i in matched.imus.items() if i.mount.body == PLAIN_BODY}
-    plain |= {topic_of[t] for t, c in matched.cameras.items() if c.mount.body == PLAIN_BODY}
-    imus = {t: _mount_imu(i, known.imus.get(t)) if t in plain else i for t, i in renamed.imus.items()}
-    mounts = {t: i.mount for t, i in {**known.imus, **imus}.items()}
+    renamed = rename_rig(matched, lambda name: topic_of.get(name) or linked.get(name, name), bodies_are_known=True)
+    # our topics of the sensors of a plain Kalibr file, whose body is the IMU itself: they go onto the known body
+    plain = {topic_of[name] for name, imu in matched.imus.items() if imu.mount.body == PLAIN_BODY}
+    plain |= {topic_of[name] for name, camera in matched.cameras.items() if camera.mount.body == PLAIN_BODY}
+    imus = {
+        topic: _mount_imu(imu, known.imus.get(topic)) if topic in plain else imu for topic, imu in renamed.imus.items()
+    }
+    # of all IMUs; the file's take precedence
+    mounts = {topic: imu.mount for topic, imu in {**known.imus, **imus}.items()}
     cameras = {
-        t: _mount_camera(c, known.cameras.get(t), mounts, streams.imus) if t in plain else c
-        for t, c in renamed.cameras.items()
+        topic: _mount_camera(camera, known.cameras.get(topic), mounts, streams.imus) if topic in plain else camera
+        for topic, camera in renamed.cameras.items()
     }
     unmatched = [item.topic for table in sensors.values() for item in table.values() if item.topic not in topic_of]
     return Rig(imus=imus, cameras=cameras, boards=renamed.boards, others=renamed.others), unmatched
@@ -189,7 +198,7 @@ def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: St
     if streams.numbered:
         names += ["/cam0, /imu0, ..."]
     valid = f"an existing stream: {', '.join(names)}"
-    if unmatched and len(unmatched) == len(rig.imus) + len(rig.cameras) + len(rig.others):
+    if unmatched and len(unmatched) == len(rig.imus) + len(rig.cameras) + len(rig.others):  # all of them
         notes.add_error(ConfigError(file, "rostopic", ", ".join(unmatched), valid))
     elif unmatched:
         notes.warn(f"{file}: {', '.join(unmatched)}: no stream of this name; its calibration is not used")
@@ -207,6 +216,8 @@ def _mount_camera(
 ) -> CameraCalibration:
     """A camera of a plain calibration, which gives its pose in the IMU's frame, as mounted on the body.
 
+    The IMU is the one that the file names, else the camera's known one, else the first one of the source on its body.
+
     Args:
         camera: The given calibration.
         known: Known calibration of the camera, whose rate, depth stream and read-out time are kept.
@@ -219,13 +230,13 @@ def _mount_camera(
         *(t for t in imus if body_of(t) == camera.mount.body),
     ]
     imu = next((t for t in candidates if t in imus or t in mounts), "")
-    T: Array = camera.mount.T_body_sensor
-    mount = mounts.get(imu, Mount(body=body_of(camera.topic)))
-    mount = Mount(body=mount.body, T_body_sensor=mount.T_body_sensor @ T)
+    T_imu_cam: Array = camera.mount.T_body_sensor  # the body of a plain file is the IMU
+    imu_mount = mounts.get(imu, Mount(body=body_of(camera.topic)))
+    mount = Mount(body=imu_mount.body, T_body_sensor=imu_mount.T_body_sensor @ T_imu_cam)
     shift = camera.timeshift_cam_imu_s
     if known is None:
         return replace(camera, imu_topic=imu, mount=mount)
-    if np.array_equal(T, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
+    if np.array_equal(T_imu_cam, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
         mount, shift = known.mount, shift or known.timeshift_cam_imu_s
     return replace(
         camera,

@@ -22,7 +22,9 @@ from stridetwin.streams.rig import CameraCalibration
 from stridetwin.streams.samples import Depth, Image
 
 NONE = (0, 65535)
+"""The two numbers of a depth image of 16 bits that mean no depth."""
 _PNG = b"\x89PNG\r\n\x1a\n"
+"""First bytes of a PNG."""
 
 
 def read_image(path: Path, topic: str, t_ns: int) -> Image:
@@ -34,12 +36,19 @@ def read_image(path: Path, topic: str, t_ns: int) -> Image:
     raw = _read_pixels(path)
     if raw.dtype not in (np.uint8, np.uint16):
         raise ConfigError(path, "pixels", str(raw.dtype), "8 or 16 bits")
+    # (H, W) grey or (H, W, C) BGR of 8 bits
     pixels = raw.view(np.uint8) if raw.dtype == np.uint8 else (raw.view(np.uint16) >> 8).astype(np.uint8)
     return Image(topic=topic, t_ns=t_ns, pixels=pixels if pixels.ndim == 2 else rgb_from_bgr(pixels))
 
 
 def read_depth(path: Path, topic: str, t_ns: int, per_metre: float) -> Depth:
     """Reads a depth image of 16 bits; 0 and 65535 both mean no depth.
+
+    Args:
+        path: The file.
+        topic: Topic of the sample.
+        t_ns: Its stamp.
+        per_metre: Units of the image per metre.
 
     Raises:
         StrideTwinError: The file is missing, damaged or does not have 16 bits.
@@ -60,20 +69,24 @@ def write_image(path: Path, sample: Image) -> None:
 def write_depth(path: Path, sample: Depth, per_metre: float) -> None:
     """Writes depth as a PNG of 16 bits with `per_metre` units per metre; depth out of its range becomes 0, none."""
     units = np.rint(sample.depth * np.float32(per_metre))
-    _write_pixels(path, np.where((units > 0) & (units < NONE[1]), units, 0).astype(np.uint16))
+    is_in_range = (units > 0) & (units < NONE[1])
+    _write_pixels(path, np.where(is_in_range, units, 0).astype(np.uint16))
 
 
 def png_is_sound(data: bytes) -> bool:
-    """Whether the CRC of every chunk of a PNG is correct: OpenCV decodes some damaged ones with just a warning."""
-    at = len(_PNG)
+    """Whether the CRC of every chunk of a PNG is correct: OpenCV decodes some damaged ones with just a warning.
+
+    A chunk is the length of its contents (4 bytes), its kind (4), the contents, and the CRC of kind and contents (4).
+    """
+    at = len(_PNG)  # place of the next chunk
     while at + 12 <= len(data):
-        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")  # of the contents
         if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
             return False
         if data[at + 4 : at + 8] == b"IEND":
             return True
         at = end + 4
-    return False
+    return False  # cut off before the last chunk
 
 
 def _read_pixels(path: Path) -> NDArray[np.generic]:
@@ -128,6 +141,7 @@ def read_image_list(
     listed: list[tuple[int, Path]] = []
     for row in rows:
         try:
+            # a separator in the name has split it into several cells
             path = _to_image_path(file, folder, row.line, (separator or " ").join(row.cells[1:]))
             listed.append((parse_row_stamp(file, row.line, row.cells[0], stamp), path))
         except ConfigError as error:
@@ -164,6 +178,7 @@ def open_image_stream(files: list[tuple[int, Path]], per_metre: float | None = N
     """
 
     def load(topic: str, i: int) -> Image | Depth:
+        """Reads image `i` under a topic."""
         t_ns, path = files[i]
         return read_image(path, topic, t_ns) if per_metre is None else read_depth(path, topic, t_ns, per_metre)
 
@@ -173,6 +188,12 @@ def open_image_stream(files: list[tuple[int, Path]], per_metre: float | None = N
 
 def _to_image_path(file: Path, folder: Path, line: int, name: str) -> Path:
     """The path of an image that a list names.
+
+    Args:
+        file: The list, for errors.
+        folder: Folder that the name is relative to.
+        line: Number of the line in the list, for errors.
+        name: The name.
 
     Raises:
         ConfigError: The name is empty, absolute, or leads out of the folder.

@@ -12,9 +12,8 @@ from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
-_GAP = (
-    1.6  # periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter
-)
+_GAP = 1.6
+"""Periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter."""
 _FEWEST = 10  # samples needed to know a period
 SampleT = TypeVar("SampleT", bound=Sample)
 
@@ -43,7 +42,7 @@ def bridge_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT
 
 def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Leaves out each row that equals the row before it in its stamp and in every column."""
-    same = np.diff(block.t_ns) == 0
+    same = np.diff(block.t_ns) == 0  # (N - 1,) whether each row but the first repeats the row before it
     for column in block.columns.values():
         same &= np.all(np.diff(column, axis=0).reshape(len(same), -1) == 0, axis=1)
     if not same.any():
@@ -61,17 +60,16 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
         notes: Collects the report.
     """
     t_ns = block.t_ns
-    # of each group of rows with one stamp: its first row, and its number of rows
-    first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))
-    if len(first) == len(t_ns):
+    first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))  # first row of each group of one stamp
+    if len(first) == len(t_ns):  # no stamp is repeated
         return block
-    counts = np.diff(np.append(first, len(t_ns)))
+    edges = np.append(first, len(t_ns))  # these, and the row after the last one
+    counts = np.diff(edges)  # rows of each group
     period = float(np.median(np.diff(t_ns[first]) / counts[:-1]))
-    # time of the first row of each group, and of the row after the last one, ns since the first row
-    known = np.append(t_ns[first], t_ns[-1] + round(period * counts[-1])) - t_ns[0]
-    at = np.interp(np.arange(len(t_ns)), np.append(first, len(t_ns)), known.astype(np.float64))
+    edge_times = np.append(t_ns[first], t_ns[-1] + round(period * counts[-1])) - t_ns[0]  # ns since the first row
+    spread = np.interp(np.arange(len(t_ns)), edges, edge_times.astype(np.float64))  # of every row, likewise
     notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
-    return replace(block, t_ns=t_ns[0] + np.rint(at).astype(np.int64))
+    return replace(block, t_ns=t_ns[0] + np.rint(spread).astype(np.int64))
 
 
 def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
@@ -89,10 +87,11 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
     period = float(np.median(steps))
     # each step together with those before and after it, ns
     around = np.convolve(np.pad(steps, 1, constant_values=round(period)), np.ones(3), "valid")
-    wide = (steps > _GAP * period) & (around > (_GAP + 2) * period)  # after a late stamp, the next step is short
-    short = wide & (steps <= LONGEST_S * 1e9)
-    if (long := wide & ~short).any():
-        at = int(np.argmax(long))
+    # a gap is still long together with the two steps around it; after a late stamp, the next step is short
+    is_gap = (steps > _GAP * period) & (around > (_GAP + 2) * period)
+    short = is_gap & (steps <= LONGEST_S * 1e9)  # the gaps that are filled
+    if (long := is_gap & ~short).any():
+        at = int(np.argmax(long))  # the first of them
         report = f"{int(long.sum())} gaps of more than {LONGEST_S:g} s are not bridged"
         notes.warn(f"{name}: {report}, the first of them {steps[at] * 1e-9:.3g} s at {t_ns[at] * 1e-9:.6f} s")
     if not short.any():
@@ -109,7 +108,7 @@ def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]
 def _insert_stamps(t_ns: Stamps, missing: Stamps) -> Stamps:
     """The stamps (N,) with `missing` (N - 1,) evenly spaced ones inserted after each but the last, ns."""
     places = np.concatenate(([0], np.cumsum(missing + 1)))  # row of each known stamp in the result
-    since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))
+    since = np.interp(np.arange(places[-1] + 1), places, (t_ns - t_ns[0]).astype(np.float64))  # ns since the first row
     stamps = t_ns[0] + np.rint(since).astype(np.int64)
     stamps[places] = t_ns  # exactly
     return np.asarray(stamps, np.int64)
@@ -117,6 +116,7 @@ def _insert_stamps(t_ns: Stamps, missing: Stamps) -> Stamps:
 
 def _interpolate(stamps: Stamps, t_ns: Stamps, column: Array) -> Array:
     """Values of a column (N, ...) at the given stamps (M,) ns, linear between those at `t_ns` (N,): (M, ...)."""
+    # both kinds of stamps, ns since the first row
     since, known = (stamps - t_ns[0]).astype(np.float64), (t_ns - t_ns[0]).astype(np.float64)
     flat = column.reshape(len(t_ns), -1)
     values = np.column_stack([np.interp(since, known, flat[:, k]) for k in range(flat.shape[1])])

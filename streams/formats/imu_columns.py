@@ -60,10 +60,13 @@ _SPELLINGS = {
     "degrees/second": "deg/s",
     "mdps": "mdeg/s",
 }
+"""Name of a unit in `UNITS`, by another spelling in lower case."""
 AXES = "xyz"
 OPTION = "--columns"
+"""Option of the command line that names the columns, and an example of its text, for errors."""
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
 _NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
+"""Names of the column of an axis that errors suggest."""
 
 
 Dialect = Mapping[str, str]
@@ -111,6 +114,8 @@ class Columns:
     signals: tuple[Signal, ...] = field(default_factory=tuple)
 
 
+# names of columns, as `_split_unit` gives them: of times, the first of which counts; of an axis of each quantity; of an
+# axis of a quantity that the name leaves open; and of forces without gravity
 _TIME = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "epoc", "epoch")
 _PREFIX = {
     ACCEL: re.compile(r"(?:accel|accelerometer|acceleration|acc|a|total_acceleration)_?([xyz])(?:_axis)?"),
@@ -121,6 +126,7 @@ _PREFIX = {
 _BARE = re.compile(r"([xyz])(?:_axis)?")
 _WITHOUT_GRAVITY = re.compile(r"(?:free|linear|lin|user)_?acc|^freeacc|^linear")
 _UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
+"""A header's cell with a unit in brackets, of either form: the name and the unit."""
 
 
 def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
@@ -138,23 +144,23 @@ def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (),
     Raises:
         ConfigError: An axis or a unit is missing.
     """
-    named = [_split_unit(cell) for cell in header]
+    named = [_split_unit(cell) for cell in header]  # name and unit of each column
     names = [name for name, _ in named]
-    dialect = _find_dialect(names, bool(sensors))
-    owners = list(sensors) or [""] * len(names)
+    dialect = _find_dialect(names, bool(sensors))  # units that the header leaves out
+    sensor_of_column = list(sensors) or [""] * len(names)
     # index of the column, by sensor and quantity and then by axis
     axes_by_signal: dict[tuple[str, str], dict[str, int]] = {}
     for at, (name, unit) in enumerate(named):
         kind, axis = _classify_column(name, unit, quantity, names)
-        if kind:
-            axes_by_signal.setdefault((owners[at], kind), {}).setdefault(axis, at)
+        if kind:  # of two columns of one axis the first counts
+            axes_by_signal.setdefault((sensor_of_column[at], kind), {}).setdefault(axis, at)
     signals = tuple(
         _to_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in axes_by_signal.items()
     )
-    time = next((names.index(name) for name in _TIME if name in names), None)
+    time = next((names.index(name) for name in _TIME if name in names), None)  # index of the column
     if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
-    known = unit_of(named[time][1]) if time is not None else None
+    known = unit_of(named[time][1]) if time is not None else None  # quantity and unit in the header
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
     return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
 
@@ -170,18 +176,20 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
     Raises:
         ConfigError: An unknown column or unit, or only some axes of a quantity; names what is valid.
     """
-    places: dict[str, int] = {}
-    units: dict[str, str] = {}
+    places: dict[str, int] = {}  # index of the column, by `t` and `ax` ... `gz`
+    units: dict[str, str] = {}  # its unit in the usual spelling, by the same keys
+    bare_header = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]  # names without units
     for key, text in mapping.items():
         quantity = TIME if key == "t" else ACCEL if key[0] == "a" else GYRO
         matched = _UNIT.fullmatch(text)
         name, unit = (matched[1], matched[2]) if matched else (text, "")
-        bare = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]  # names without units
-        at = next((names.index(w) for names in (list(header), bare) for w in (text, name) if w in names), None)
+        # the header as it is is searched first, then that without units; each for the whole text, then for its name
+        candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
+        at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
         if at is None:
             raise ConfigError(path, f"{OPTION} {key}", name, f"one of the columns {', '.join(header)}")
         header_unit = _UNIT.fullmatch(header[at])
-        known = unit_of(unit or (header_unit[2] if header_unit else ""))
+        known = unit_of(unit or (header_unit[2] if header_unit else ""))  # quantity and unit
         if known is None or known[0] != quantity:
             raise ConfigError(
                 path,
@@ -197,7 +205,7 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
             if lacking := [key for key in keys if key not in places]:
                 raise ConfigError(path, OPTION, ",".join(mapping), f"also {lacking[0]}, as in {EXAMPLE}")
             x, y, z = (places[key] for key in keys)
-            factor = UNITS[quantity][units[keys[0]]]
+            factor = UNITS[quantity][units[keys[0]]]  # the unit of x is that of y and z
             signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factor))
     return Columns(names=tuple(header), time=places.get("t"), time_unit=units.get("t", ""), signals=tuple(signals))
 
@@ -225,15 +233,22 @@ def unit_of(text: str) -> tuple[str, str] | None:
     Args:
         text: As in a header, of any case but for `G`, which is also gauss.
     """
-    word = text.strip().replace("μ", "µ").replace(" ", "").replace("**", "^")
-    if word == "G":
+    spelling = text.strip().replace("μ", "µ").replace(" ", "").replace("**", "^")  # Greek μ becomes the micro sign µ
+    if spelling == "G":
         return None
-    word = _SPELLINGS.get(word.lower(), word.lower())
-    return next(((quantity, word) for quantity, units in UNITS.items() if word in units), None)
+    unit = _SPELLINGS.get(spelling.lower(), spelling.lower())
+    return next(((quantity, unit) for quantity, units in UNITS.items() if unit in units), None)
 
 
 def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
-    """The error for a table without an axis of a quantity."""
+    """The error to raise about a table without an axis of a quantity; it suggests names of the column.
+
+    Args:
+        path: The table.
+        quantity: `accel` or `gyro`.
+        axis: `x`, `y` or `z`.
+        header: Names of the columns that the table has.
+    """
     names = [name.format(axis) for name in _NAMES[quantity]]
     columns = ", ".join(header) or "none"
     valid = f"a column {' or '.join(names)}; the table has {columns}; other names: {OPTION} {EXAMPLE}"
@@ -269,14 +284,14 @@ def _classify_column(name: str, unit: str, quantity: str, names: Sequence[str]) 
         quantity: What bare columns `x`, `y`, `z` are.
         names: Names of all columns.
     """
-    known = unit_of(unit)
+    known = unit_of(unit)  # quantity and unit; None for an unknown unit
     if _WITHOUT_GRAVITY.search(name):
         return "", ""
     for kind, pattern in _PREFIX.items():
         if (matched := pattern.fullmatch(name)) and (known is None or known[0] == kind):
             return kind, matched[1]
     if matched := _BARE.fullmatch(name):
-        if known is not None and known[0] in (ACCEL, GYRO):
+        if known is not None and known[0] in (ACCEL, GYRO):  # the unit tells the quantity
             return known[0], matched[1]
         if not unit and (quantity or "gx" in names):  # Movesense: x, y, z, gx, gy, gz
             return quantity or ACCEL, matched[1]
@@ -309,9 +324,9 @@ def _to_signal(
     if lacking := [axis for axis in AXES if axis not in axes]:
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
-    known = {unit_of(named[at][1]) for at in (x, y, z)}
+    known = {unit_of(named[at][1]) for at in (x, y, z)}  # quantity and unit of each axis; None for an unknown unit
     units = {unit[1] for unit in known if unit is not None} or {dialect.get(kind, "")}
-    if len(units) != 1 or not (unit := units.pop()):
+    if len(units) != 1 or not (unit := units.pop()):  # different units, or none
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
         raise ConfigError(path, f"header, unit of {header[x]}", named[x][1] or None, valid)
     return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=UNITS[kind][unit])

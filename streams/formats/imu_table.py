@@ -24,8 +24,11 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Imu, Stamps
 
 MIN_ROWS = 20
+"""Fewest rows of a table."""
 _FREE_BYTES, _BYTES_PER_BYTE = 16 << 20, 20
+"""Bytes to which an array of a `.npz` may unpack: this many, and this many for each packed byte."""
 _COLUMNS = {ACCEL: "specific_force", GYRO: "angular_rate"}
+"""Field of an `Imu` by quantity."""
 
 
 def read_imu_table(path: str | Path, topic: str = "/foot/imu", request: TableRequest | None = None) -> Block[Imu]:
@@ -34,7 +37,7 @@ def read_imu_table(path: str | Path, topic: str = "/foot/imu", request: TableReq
     Args:
         path: `.npz` with `t` (N,), `accel` (N, 3) and `gyro` (N, 3), or a text table with a header.
         topic: Topic of the samples.
-        request: See `TableRequest`.
+        request: Columns and rate of a table whose header leaves them open; None: by the header.
 
     Returns:
         One sample per row, m/s² and rad/s. Times are rounded to ns.
@@ -53,8 +56,8 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
     """Reads all IMUs of a table or a folder of tables.
 
     Args:
-        path: `.npz`, a text table (`imu_text.SUFFIXES`), or a folder of text tables.
-        request: See `TableRequest`.
+        path: `.npz`, a text table (`.csv`, `.txt`, `.sto`), or a folder of text tables.
+        request: Columns and rate of a table whose header leaves them open.
         notes: Collects what was assumed and bridged.
 
     Returns:
@@ -68,12 +71,15 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
         parts = read_folder_parts(path, request, notes)
     elif path.suffix == ".npz":
         t, accel, gyro = _read_npz(path)
-        parts = [TablePart(file=path, sensor="", quantity=q, t=t, values=v) for q, v in ((ACCEL, accel), (GYRO, gyro))]
+        parts = [
+            TablePart(file=path, sensor="", quantity=ACCEL, t=t, values=accel),
+            TablePart(file=path, sensor="", quantity=GYRO, t=t, values=gyro),
+        ]
     elif path.suffix in SUFFIXES:
         parts = read_text_table(path, request, notes)
     else:
         raise ConfigError(path, "", path.suffix, "a table .npz, .csv, .txt or .sto")
-    by_sensor: dict[str, dict[str, TablePart]] = {}
+    by_sensor: dict[str, dict[str, TablePart]] = {}  # force and rate, by sensor and quantity
     for part in parts:
         by_sensor.setdefault(part.sensor, {})[part.quantity] = part
     if not by_sensor:
@@ -116,19 +122,16 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
         block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(rate.t), columns=columns)
         block = bridge_gaps(name, block, notes)
     else:
-        blocks = [
-            bridge_gaps(
-                f"{name} ({p.quantity})",
-                Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(p.t), columns={_COLUMNS[p.quantity]: p.values}),
-                notes,
-            )
-            for p in (rate, force)
-        ]
+        blocks: list[Block[Imu]] = []  # of the rate and of the force, each with a column of its own alone
+        for part in (rate, force):
+            columns = {_COLUMNS[part.quantity]: part.values}
+            single: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(part.t), columns=columns)
+            blocks.append(bridge_gaps(f"{name} ({part.quantity})", single, notes))
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
-    for implausible in find_implausible_values(block):
+    for implausible in find_implausible_values(block):  # the first one is the error
         raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
     return block
 
@@ -158,9 +161,10 @@ def _read_npz(path: Path) -> tuple[Array, Array, Array]:
         if name not in columns:
             raise ConfigError(path, name, None, f"an array {name} {shape}; the table has {', '.join(names) or 'none'}")
         count = columns["t"].size
-        want = (count,) if name == "t" else (count, 3)
-        if columns[name].shape != want or columns[name].dtype.kind not in "fiu":
-            raise ConfigError(path, name, f"{columns[name].dtype} {columns[name].shape}", f"numbers of shape {want}")
+        valid_shape = (count,) if name == "t" else (count, 3)
+        if columns[name].shape != valid_shape or columns[name].dtype.kind not in "fiu":  # floats or integers
+            valid = f"numbers of shape {valid_shape}"
+            raise ConfigError(path, name, f"{columns[name].dtype} {columns[name].shape}", valid)
     return tuple(columns[n].astype(np.float64) for n in ("t", "accel", "gyro"))  # type: ignore[return-value]
 
 
@@ -183,7 +187,7 @@ def _check_numbers(part: TablePart) -> None:
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
-        bad = np.argwhere(~np.isfinite(values))
+        bad = np.argwhere(~np.isfinite(values))  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]
             column = name if name == "t" else f"{name}_{AXES[axis]}"
@@ -195,7 +199,7 @@ def _check_times(part: TablePart) -> None:
     path, t = part.file, part.t
     step = np.diff(t)
     if np.any(step < 0):
-        row = int(np.argmax(step < 0)) + 1
+        row = int(np.argmax(step < 0)) + 1  # index of the first time that is before the previous one
         raise ConfigError(
             path, f"t, row {row + 1}", float(t[row]), f"a time after that of the previous row, {t[row - 1]:g} s"
         )
@@ -225,4 +229,5 @@ def write_imu_table(path: Path, block: Block[Imu]) -> None:
             np.savez_compressed(file, t=t, accel=accel, gyro=gyro)
         else:
             rows = np.column_stack([t, accel, gyro])
-            np.savetxt(file, rows, fmt=["%.9f"] + ["%.9g"] * 6, delimiter=",", header=_HEADER, comments="")
+            formats = ["%.9f"] + ["%.9g"] * 6  # times to 1 ns, the six numbers to nine digits
+            np.savetxt(file, rows, fmt=formats, delimiter=",", header=_HEADER, comments="")

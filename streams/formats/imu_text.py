@@ -37,23 +37,31 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array
 
 SUFFIXES = (".csv", ".txt", ".sto")
+"""Endings of the files of text tables."""
 RATE = "--rate"
+"""Option of the command line for the rate of a table without stamps, as errors name it."""
 _TICK_S = 1e-4  # of Xsens' SampleTimeFine
 _COUNTERS = {"packetcounter": 2**16, "sampletimefine": 2**32}
+"""Number of counts after which each of Xsens' counters begins again, by the name of its column in lower case."""
 _RATE_COMMENT = re.compile(r"//\s*update rate:\s*([0-9.]+)\s*hz", re.IGNORECASE)
+"""The line in the head of Xsens' tables that gives the rate."""
+# what the name of a file or folder with forces, or with rates, contains
 _QUANTITIES = (
     (ACCEL, re.compile(r"acc(?:el|_|$)|_acc", re.IGNORECASE)),
     (GYRO, re.compile(r"gyr|angular|rotation_?rate", re.IGNORECASE)),
 )
 
+# what the names of files with forces without gravity contain, and those of files that are neither forces nor rates
 _WITHOUT_GRAVITY = re.compile(r"linear(?!_?accelerations?\.sto)|user", re.IGNORECASE)
 _OTHER = re.compile(r"gravity|uncalibrated|metadata|magnet|orientation|annotation", re.IGNORECASE)
+# the part of a file's name that says what it contains, with what follows; the rest names the sensor
 _WORDS = re.compile(
     r"[\W_]*(?:linear_accelerations?|angular_velocity|(?:total)?accel\w*?(?:eration|erometer)|gyr(?:o|oscope)?|acc(?:el)?"
     r"|rotation_?rate)(?![a-z]).*",
     re.IGNORECASE,
 )
 _TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.csv"
+"""Files of Sensor Logger: forces with gravity, gravity alone (both m/s²), and properties of the phone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +69,7 @@ class TableRequest:
     """How to read tables whose header leaves something open.
 
     Attributes:
-        columns: Column and unit of `t`, `ax` ... `gz`, see `imu_columns.map_columns`; empty: by the header.
+        columns: Column and unit in brackets, such as `Acc X[g]`, of `t` and `ax` ... `gz`; empty: by the header.
         rate_hz: Rate of a table without stamps; None: from the table.
     """
 
@@ -93,7 +101,7 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
 
     Args:
         path: The table.
-        request: See `TableRequest`.
+        request: Columns and rate that the user gives.
         notes: Collects what was assumed.
         quantity: What columns named `x`, `y`, `z` alone are: `accel`, `gyro` or ""; None: what the file's name implies.
 
@@ -142,7 +150,8 @@ def _read_scalars(
     head = next(rows, None)
     sensors: list[str] = []
     if head is not None and any(head[1:]) and not any(map(_is_number, head)):
-        sensors, header = header, [cell.strip() for cell in head]  # gaitmap: sensor, axis
+        # a second row of names, as gaitmap writes: the first row has the sensors, the second the axes
+        sensors, header = header, [cell.strip() for cell in head]
         head = next(rows, None)
     if request.columns:
         columns = map_columns(path, header, request.columns)
@@ -153,23 +162,24 @@ def _read_scalars(
     counter, rate_hz = _find_counter(columns, comments, request)
     # index of the column of times or of the counter, in a list; empty without one, or with a rate in the request
     at = [c for c in (columns.time if counter is None else counter,) if c is not None and request.rate_hz is None]
-    wanted = [*at, *(index for signal in columns.signals for index in signal.at)]
+    wanted = [*at, *(index for signal in columns.signals for index in signal.at)]  # first times, then x, y, z of each
     body = chain([head], rows) if head is not None else rows
     table = _read_numbers(path, header, body, wanted, decimal="," if separator == ";" else "")
-    if at:
-        t = _unwrap_counter(table[:, 0], header[at[0]]) / rate_hz if counter is not None else table[:, 0]
-        if counter is None:
-            t = t * _find_time_factor(path, columns, t, notes)
+    if at and counter is not None:
+        t = _unwrap_counter(table[:, 0], header[counter]) / rate_hz
+    elif at:
+        t = table[:, 0] * _find_time_factor(path, columns, table[:, 0], notes)
     elif request.rate_hz is not None:
         t = np.arange(len(table)) / request.rate_hz
     else:
         columns_text = ", ".join(header) or "none"
         raise ConfigError(path, "t", None, f"a column of time; the table has {columns_text}; without one: {RATE} HZ")
-    values = table[:, len(at) :]
-    return [
-        TablePart(file=path, sensor=s.sensor, quantity=s.quantity, t=t, values=s.factor * values[:, 3 * k : 3 * k + 3])
-        for k, s in enumerate(columns.signals)
-    ]
+    parts: list[TablePart] = []
+    for k, signal in enumerate(columns.signals):
+        x_column = len(at) + 3 * k  # in `table`; those of y and z follow
+        values = signal.factor * table[:, x_column : x_column + 3]
+        parts.append(TablePart(file=path, sensor=signal.sensor, quantity=signal.quantity, t=t, values=values))
+    return parts
 
 
 def quantity_of(name: str) -> str:
@@ -179,7 +189,16 @@ def quantity_of(name: str) -> str:
 
 
 def _find_counter(columns: Columns, comments: Sequence[str], request: TableRequest) -> tuple[int | None, float]:
-    """Column of Xsens' counter of packets or ticks, and its counts per second; (None, 0) for a table with stamps."""
+    """Finds the counter of packets or ticks that stands for the time in Xsens' tables.
+
+    Args:
+        columns: The columns of the table.
+        comments: Lines above the table, one of which may give the rate of packets.
+        request: What the user gives; columns that the user names take precedence.
+
+    Returns:
+        Index of the counter's column, and its counts per second; (None, 0) for a table with stamps or without counter.
+    """
     names = [name.strip().lower() for name in columns.names]
     rate_hz = next((float(m[1]) for line in comments if (m := _RATE_COMMENT.match(line))), 0.0)
     if request.columns or columns.time is not None:
@@ -190,7 +209,12 @@ def _find_counter(columns: Columns, comments: Sequence[str], request: TableReque
 
 
 def _unwrap_counter(counts: Array, name: str) -> Array:
-    """Counts (N,) since the first row, from a counter `name` that overflows at 2¹⁶ (packets) or 2³² (ticks)."""
+    """Counts (N,) since the first row, from a counter that overflows at 2¹⁶ (packets) or 2³² (ticks).
+
+    Args:
+        counts: (N,) values of the counter.
+        name: Header of its column, which says where it overflows.
+    """
     size = _COUNTERS[name.strip().lower()]
     steps = np.diff(counts)
     steps = np.where(steps < -size / 2, steps + size, steps)  # a large step back is an overflow
@@ -202,8 +226,14 @@ def _find_time_factor(path: Path, columns: Columns, t: Array, notes: Notes) -> f
 
     Without a unit it is the first of s, ms, µs and ns that gives a rate of an IMU, which is reported.
 
+    Args:
+        path: Named by errors.
+        columns: The columns of the table.
+        t: (N,) stamps in the table's unit.
+        notes: Collects the unit that is assumed.
+
     Raises:
-        ConfigError: No unit does, or the column only numbers the rows.
+        ConfigError: No unit gives such a rate, or the column only numbers the rows.
     """
     if columns.time_unit:
         return UNITS[TIME][columns.time_unit]
@@ -235,18 +265,19 @@ def _read_numbers(
     Raises:
         ConfigError: A cell is missing or no number.
     """
-    table, row = array("d"), 0
-    for line in rows:
-        if not any(line):
+    numbers = array("d")  # row after row
+    count = 0  # rows so far that are not empty
+    for cells in rows:
+        if not any(cells):
             continue
-        row += 1
+        count += 1
         for at in wanted:
             try:
-                table.append(float(line[at].replace(decimal, ".") if decimal else line[at]))
+                numbers.append(float(cells[at].replace(decimal, ".") if decimal else cells[at]))
             except (ValueError, IndexError):
-                value = line[at] if at < len(line) else None
-                raise ConfigError(path, f"{header[at]}, row {row}", value, "a number") from None
-    return np.array(table).reshape(row, len(wanted))
+                value = cells[at] if at < len(cells) else None
+                raise ConfigError(path, f"{header[at]}, row {count}", value, "a number") from None
+    return np.array(numbers).reshape(count, len(wanted))
 
 
 def _is_number(cell: str) -> bool:
@@ -265,6 +296,9 @@ def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TableP
         path: Named by errors.
         text: Lines of the file.
         quantity: `accel` or `gyro`, which the file's name tells; "" is refused.
+
+    Raises:
+        ConfigError: The table has no vectors, its quantity is unknown, or a row is invalid.
     """
     keys: dict[str, str] = {}  # of the file's head, which ends with `endheader`
     for line in text:
@@ -276,8 +310,8 @@ def _read_vectors(path: Path, text: Iterator[str], quantity: str) -> list[TableP
     if kind.lower() != "vec3" or not quantity:
         valid = "Vec3, in files named ...linear_accelerations.sto and ...angular_velocity.sto"
         raise ConfigError(path, "DataType", kind, f"{valid}; orientations alone are no IMU")
-    header = next(text, "").split()
-    vectors: dict[str, list[list[float]]] = {name: [] for name in header[1:]}
+    header = next(text, "").split()  # `time` and the names of the sensors
+    vectors: dict[str, list[list[float]]] = {name: [] for name in header[1:]}  # (x, y, z) of each row, by sensor
     t: list[float] = []
     for row, line in enumerate((line for line in text if line.strip()), 1):
         cells = line.split()
@@ -308,7 +342,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
 
     Args:
         path: The folder.
-        request: See `TableRequest`.
+        request: Columns and rate that the user gives.
         notes: Collects what was assumed.
 
     Raises:
@@ -319,6 +353,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
         sensor = _WORDS.sub("", file.stem)  # what the name of the file says beside the quantity
         for part in read_text_table(file, request, notes):
             name = part.sensor or sensor
+            # of two tables with the same quantity of one sensor the first counts
             if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
                 parts.append(replace(part, sensor=name))
     if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
@@ -332,7 +367,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
     if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
         notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
         parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
-    if len({part.sensor for part in parts}) == 1:
+    if len({part.sensor for part in parts}) == 1:  # the only sensor needs no name
         parts = [replace(part, sensor="") for part in parts]
     return parts
 
@@ -357,10 +392,20 @@ def _list_tables(path: Path) -> list[Path]:
 
 
 def _is_raw_iphone(file: Path) -> bool:
-    """Whether Sensor Logger's metadata name an iPhone whose frames are not those of Android."""
+    """Whether Sensor Logger's metadata name an iPhone whose forces have Apple's sign, opposite to Android's.
+
+    The app can write both platforms' measurements alike; the metadata then say that they are standardised.
+
+    Args:
+        file: `Metadata.csv`: a row of names and a row of values.
+
+    Raises:
+        StrideTwinError: The file cannot be read.
+    """
     try:
         rows = list(csv.reader(read_lines(file, "utf-8-sig")))
     except csv.Error as error:
         raise StrideTwinError(f"{file}: cannot be read: {error}") from error
-    row = dict(zip(*rows[:2])) if len(rows) > 1 else {}
-    return row.get("platform", "").lower() == "ios" and row.get("standardisation", "").lower() != "true"
+    properties = dict(zip(*rows[:2])) if len(rows) > 1 else {}  # value by name
+    is_iphone = properties.get("platform", "").lower() == "ios"
+    return is_iphone and properties.get("standardisation", "").lower() != "true"

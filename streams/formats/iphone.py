@@ -41,15 +41,24 @@ from stridetwin.streams.validation import validate
 COLOR, DEPTH, IMU = "/head/color", "/head/depth", "/head/imu"
 """Topics of a scan."""
 R_ZUP_YUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation from ARKit's world, y up, to ours, z up."""
 R_ARKIT_OPTICAL = np.diag([1.0, -1.0, -1.0])
+"""Rotation from our optical frame of the camera to ARKit's frame of it."""
 R_DEVICE_OPTICAL = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Rotation from the optical frame to the axes of the device."""
 PER_METRE = 1000.0
+"""Units of StrayScanner's depth images per metre."""
 ODOMETRY, MATRIX, VIDEO, INERTIAL = "odometry.csv", "camera_matrix.csv", "rgb.mp4", "imu.csv"
+"""Files of StrayScanner."""
+# columns of its tables: position in m and quaternion; forces; rates in rad/s, which have one of two groups of names
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _FORCE, _RATES = ("a_x", "a_y", "a_z"), (("alpha_x", "alpha_y", "alpha_z"), ("w_x", "w_y", "w_z"))
 _MOST_IN_G = 3.0
+"""Forces whose median magnitude is below this number are in g."""
 _METADATA = ("metadata.json", "metadata")
+"""Names of Record3D's file of metadata."""
 _LZFSE = (b"bvx2", b"bvx1", b"bvxn", b"bvx-")
+"""First bytes of data that are compressed with LZFSE."""
 
 
 def is_stray_scanner(path: Path) -> bool:
@@ -74,14 +83,15 @@ def read_stray_scanner(path: Path, notes: Notes, per_metre: float = PER_METRE) -
     file = path / ODOMETRY
     header, rows = _read_table(file)
     t_ns, table = read_numbers(file, rows, _find_columns(file, header, ("frame", *_POSE)), parse_seconds, notes)
+    frame_numbers, p, q = table[:, 0], table[:, 1:4], table[:, [7, 4, 5, 6]]  # the quaternion as w, x, y, z
     images: dict[str, ImageStream] = {}
     if (path / VIDEO).is_file():
         frames = _Frames(path / VIDEO, t_ns)
         images[COLOR] = ImageStream(kind=Image, t_ns=t_ns, load=frames.load_image)
-    listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), table[:, 0].tolist())]
+    listed = [(t, path / "depth" / f"{int(i):06d}.png") for t, i in zip(t_ns.tolist(), frame_numbers.tolist())]
     if (path / "depth").is_dir() and (depth_files := select_existing("depth", path / "depth", listed, notes)):
         images[DEPTH] = open_image_stream(depth_files, per_metre)
-    poses = _to_path(images, t_ns, table[:, 1:4], table[:, [7, 4, 5, 6]], True, notes, file)
+    poses = _to_camera_odometry(images, t_ns, p, q, True, notes, file)
     blocks: dict[str, Block[Sample]] = {poses.topic: poses}
     if (path / INERTIAL).is_file() and (imu := _read_imu(path / INERTIAL, notes)) is not None:
         blocks[IMU] = imu
@@ -110,10 +120,10 @@ def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
     """Reads `imu.csv`: specific forces in m/s² with the sign that an IMU has, and rates in rad/s, in the device's axes.
 
     The file's forces have the opposite sign. They are in g if their median magnitude is below `_MOST_IN_G`, else in
-    m/s²; which one is reported.
+    m/s²; which one is reported. A table without rows gives None.
     """
     header, rows = _read_table(file)
-    rates = next((names for names in _RATES if names[0] in header), _RATES[0])
+    rates = next((names for names in _RATES if names[0] in header), _RATES[0])  # names of the columns
     places = _find_columns(file, header, (*_FORCE, *rates))
     if not rows:
         return None
@@ -126,7 +136,13 @@ def _read_imu(file: Path, notes: Notes) -> Block[Imu] | None:
 
 
 def _read_stray_rig(path: Path, images: dict[str, ImageStream], imu: bool) -> Rig:
-    """The calibration of a StrayScanner folder: its camera matrix, for the image size of the video."""
+    """The calibrations of a StrayScanner folder's cameras, from its camera matrix for the image size of the video.
+
+    Args:
+        path: The folder.
+        images: Colour and depth, as far as they exist.
+        imu: Whether there is an IMU, which is at the camera in the axes of the device.
+    """
     fu, fv, pu, pv = read_camera_matrix(path / MATRIX, ",")
     # without the video, the centre of the image is all that gives its size
     size = (read_first_image_size(images[COLOR]) if COLOR in images else None) or (round(2 * pu), round(2 * pv))
@@ -153,6 +169,8 @@ class _Frames:
 
     def _decode_frame(self, number: int) -> NDArray[np.uint8]:
         """Decodes frame `number`: (H, W, 3) RGB; the last frame is kept for a second request.
+
+        The frames before it, from number `_next` on, are decoded on the way. A frame behind that needs a new start.
 
         Raises:
             StrideTwinError: The video cannot be decoded, or has fewer frames.
@@ -239,7 +257,8 @@ def read_record3d(path: Path, notes: Notes) -> Source:
     t = np.array(timestamps) if timestamps else np.arange(count) / metadata.fps
     if not timestamps:
         notes.warn(f"{file.name}: no stamp for each frame; {metadata.fps:g} Hz assumed")
-    t_ns = np.rint(1e9 * (t - min(0.0, float(t.min(initial=0.0))))).astype(np.int64)
+    start = min(0.0, float(t.min(initial=0.0)))  # s; stamps that begin below 0 are moved to begin at 0
+    t_ns = np.rint(1e9 * (t - start)).astype(np.int64)
     poses = np.array(metadata.poses, float).reshape(count, 7)
     images: dict[str, ImageStream] = {}
     for topic, suffix in ((COLOR, "jpg"), (DEPTH, "depth")):
@@ -250,8 +269,9 @@ def read_record3d(path: Path, notes: Notes) -> Source:
                 if topic == COLOR
                 else _to_depth_stream(image_files, (metadata.dh, metadata.dw))
             )
-    block = _to_path(images, t_ns, poses[:, 4:], poses[:, [3, 0, 1, 2]], False, notes, file)
-    fu, fv, pu, pv = (metadata.K[i] for i in (0, 4, 6, 7))  # by columns
+    p, q = poses[:, 4:], poses[:, [3, 0, 1, 2]]  # the quaternion as w, x, y, z
+    block = _to_camera_odometry(images, t_ns, p, q, False, notes, file)
+    fu, fv, pu, pv = (metadata.K[i] for i in (0, 4, 6, 7))  # the camera matrix is listed column by column
     rig = _to_rig(images, (fu, fv, pu, pv), (metadata.w, metadata.h), imu=False)
     return Source(kind="record3d", blocks={block.topic: block}, images=images, rig=rig)
 
@@ -273,12 +293,16 @@ def _to_depth_stream(files: list[tuple[int, Path]], shape: tuple[int, int]) -> I
 def _read_depth(file: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     """Reads a depth file of float32: (H, W) m, NaN where there is none.
 
+    Args:
+        file: The file.
+        shape: (height, width) of the image.
+
     Raises:
         StrideTwinError: The file is damaged or of another size, or is compressed with LZFSE and `lzfse` is not
             installed.
     """
-    size = 4 * shape[0] * shape[1]
-    data = read_bytes(file, size + 4096)
+    size = 4 * shape[0] * shape[1]  # bytes of the image, unpacked
+    data = read_bytes(file, size + 4096)  # compression adds a little to data that it cannot reduce
     if data.startswith(_LZFSE):
         with explain_import_error(f"{file}: depth compressed with LZFSE", "record3d"):
             import lzfse
@@ -291,7 +315,7 @@ def _read_depth(file: Path, shape: tuple[int, int]) -> NDArray[np.float32]:
     return np.frombuffer(data, "<f4").reshape(shape)
 
 
-def _to_path(
+def _to_camera_odometry(
     images: dict[str, ImageStream], t_ns: Stamps, p: Array, q: Array, optical: bool, notes: Notes, file: object
 ) -> Block[Odometry]:
     """ARKit's estimate of the camera's path as odometry of the optical frame in a world with z up.
@@ -311,11 +335,12 @@ def _to_path(
     topic = f"{COLOR if COLOR in images else DEPTH}/odometry"
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
-    block = to_odometry(topic, t_ns, p, q, None, notes, file)
+    block = to_odometry(topic, t_ns, p, q, None, notes, file)  # leaves out invalid rows, still in ARKit's axes
     R = Rotation.from_matrix(R_ZUP_YUP) * Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
     if not optical:
         R = R * Rotation.from_matrix(R_ARKIT_OPTICAL)
     p = block.columns["p_frame_in_world"] @ R_ZUP_YUP.T
+    # again, for velocities and rates in the new axes
     return to_odometry(topic, block.t_ns, p, R.as_quat(scalar_first=True), None, notes, file)
 
 
@@ -335,13 +360,13 @@ def _to_rig(
     cameras: dict[str, CameraCalibration] = {}
     for topic, stream in images.items():
         stream_size = read_first_image_size(stream) or size
-        su, sv = stream_size[0] / size[0], stream_size[1] / size[1]
+        su, sv = stream_size[0] / size[0], stream_size[1] / size[1]  # scale of the columns and of the rows
         fu, fv, pu, pv = intrinsics
         scaled = (su * fu, sv * fv, su * (pu + 0.5) - 0.5, sv * (pv + 0.5) - 0.5)
         camera = make_pinhole(topic, stream_size, scaled, mean_rate(stream.t_ns), DEPTH if topic == DEPTH else "")
-        if imu:
-            T = np.eye(4)
-            T[:3, :3] = R_DEVICE_OPTICAL
-            camera = replace(camera, mount=replace(camera.mount, T_body_sensor=T))
+        if imu:  # the body then has the axes of the device, as the IMU
+            T_body_camera = np.eye(4)
+            T_body_camera[:3, :3] = R_DEVICE_OPTICAL
+            camera = replace(camera, mount=replace(camera.mount, T_body_sensor=T_body_camera))
         cameras[topic] = camera
     return Rig(cameras=cameras)

@@ -41,19 +41,25 @@ def write_recording(recording: Recording, path: Path, progress: Callable[[float]
 
 
 def _write_samples(recording: Recording, path: Path, progress: Callable[[float], None]) -> None:
-    """Writes the samples second by second, so that a recording of any length needs the memory of its small streams."""
-    blocks = [recording.block(t) for t, i in recording.topics.items() if i.kind not in (Image, Depth)]
-    topics = [t for t, i in recording.topics.items() if i.kind in (Image, Depth)]
-    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, topics)])
-    images = recording.samples(topics)
+    """Writes the samples second by second, so that a recording of any length needs the memory of its small streams.
+
+    Args:
+        recording: The recording, with at least one topic.
+        path: The MCAP file.
+        progress: Called after each second with the share of the recording that is written.
+    """
+    blocks = [recording.block(topic) for topic, info in recording.topics.items() if info.kind not in (Image, Depth)]
+    image_topics = [topic for topic, info in recording.topics.items() if info.kind in (Image, Depth)]
+    times = np.concatenate([*(b.t_ns for b in blocks), *map(recording.image_times, image_topics)])  # of all samples, ns
+    images = recording.samples(image_topics)
     image = next(images, None)  # the next image that is not written yet
     with RecordingWriter(path, recording.rig, recording.metadata, depth_encoding="32FC1", jpeg_quality=None) as writer:
-        for second in np.unique(times // _SECOND_NS).tolist():
+        for second in np.unique(times // _SECOND_NS).tolist():  # every second that has samples
             since, until = second * _SECOND_NS, (second + 1) * _SECOND_NS
             for block in blocks:
-                first, last = np.searchsorted(block.t_ns, (since, until))
-                if first < last:
-                    writer.write(block[first:last])
+                first, end = np.searchsorted(block.t_ns, (since, until))  # rows of this second
+                if first < end:
+                    writer.write(block[first:end])
             while image is not None and image.t_ns < until:
                 writer.write(image)
                 image = next(images, None)
@@ -61,6 +67,7 @@ def _write_samples(recording: Recording, path: Path, progress: Callable[[float],
 
 
 STORAGES = ("mcap", "sqlite3")
+"""ROS 2's names of the formats of a bag's files."""
 _VERSION: Literal[9] = 9  # of the bag's metadata, as ROS 2 Jazzy writes it
 
 
@@ -85,7 +92,7 @@ def write_rosbag2(recording: Recording, folder: Path, name: str, storage: str = 
         raise ConfigError("export", "--storage", storage, " or ".join(STORAGES))
     with TemporaryDirectory(dir=folder) as temporary:
         source = recording.path
-        if not recording.is_mcap:
+        if not recording.is_mcap:  # another tool's files, or streams under other topics: first as one MCAP file
             source = Path(temporary) / "whole.mcap"
             write_recording(recording, source)
         bag = McapBag([source], Notes(source, recording.lenient))
@@ -114,6 +121,7 @@ def _write_mcap(bag: McapBag, source: Path, folder: Path, name: str) -> dict[str
     for topic, t_ns, _, _ in bag.read_messages(set(counts)):
         counts[topic] += 1
         first, last = min(first, t_ns), max(last, t_ns)
+    # entries of `metadata.yaml` that the whole bag and its only file share
     span = {"duration": {"nanoseconds": max(0, last - first)}, "message_count": sum(counts.values())}
     start = {"starting_time": {"nanoseconds_since_epoch": first if span["message_count"] else 0}}
     information = {

@@ -38,11 +38,12 @@ def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
     """
     rate, force = block.columns["angular_rate"], block.columns["specific_force"]
     rate_hz = median_rate(block.t_ns)
-    rest_window = _find_rest(rate, force, max(round(REST_S * rate_hz), 8))
-    gyro, accel, bias = 0.0, 0.0, 0.0
-    if rest_window is not None:
-        gyro, accel = (_estimate_noise_density(x[rest_window], measure_resolution(x), rate_hz) for x in (rate, force))
-        mean = float(np.linalg.norm(rate[rest_window].mean(axis=0)))
+    rest = _find_rest(rate, force, max(round(REST_S * rate_hz), 8))  # rows of the quietest window, or None
+    gyro, accel, bias = 0.0, 0.0, 0.0  # noise densities of both, and bias of the gyroscope
+    if rest is not None:
+        gyro = _estimate_noise_density(rate[rest], measure_resolution(rate), rate_hz)
+        accel = _estimate_noise_density(force[rest], measure_resolution(force), rate_hz)
+        mean = float(np.linalg.norm(rate[rest].mean(axis=0)))
         bias = mean if mean > SWAY_RADPS else 0.0
     return ImuCalibration(
         topic=topic,
@@ -60,10 +61,19 @@ def measure_imu(block: Block[Imu], topic: str, body: str) -> ImuCalibration:
 
 
 def _find_rest(rate: Array, force: Array, n: int) -> slice | None:
-    """The window of `n` samples with the least spread of the rate; None if the sensor moves even then."""
+    """Finds the window with the least spread of the rate; None if the sensor moves even then.
+
+    Args:
+        rate: (N, 3) angular rate, rad/s.
+        force: (N, 3) specific force, m/s².
+        n: Samples of a window; two neighbouring windows overlap by half.
+
+    Returns:
+        The rows of the window.
+    """
     starts = range(0, len(rate) - n + 1, max(n // 2, 1))
-    spread = [float(rate[i : i + n].std(axis=0).max()) for i in starts]
-    if not spread:
+    spread = [float(rate[i : i + n].std(axis=0).max()) for i in starts]  # of the axis that moves most
+    if not spread:  # fewer samples than a window has
         return None
     first = starts[int(np.argmin(spread))]
     window = slice(first, first + n)
@@ -74,7 +84,12 @@ def _find_rest(rate: Array, force: Array, n: int) -> slice | None:
 def _estimate_noise_density(x: Array, count: float, rate_hz: float) -> float:
     """Density of the white noise of samples (N, 3), in their unit per √Hz.
 
-    It is sd(x[k+1] - x[k]) / √2 / √rate; quantisation by steps of `count` sets the least noise, count / √12.
+    It is sd(x[k+1] - x[k]) / √2 / √rate, the mean of the three channels; quantisation sets the least noise.
+
+    Args:
+        x: (N, 3) samples at rest.
+        count: Step of the quantisation, in the unit of the samples; its noise is count / √12.
+        rate_hz: Rate of the samples.
     """
     white = np.diff(x, axis=0).std(axis=0).mean() / np.sqrt(2.0)
     return float(max(white, count / np.sqrt(12.0)) / np.sqrt(rate_hz))
@@ -82,7 +97,7 @@ def _estimate_noise_density(x: Array, count: float, rate_hz: float) -> float:
 
 def measure_resolution(x: Array) -> float:
     """The quantisation step of samples (N, 3): the least difference within a channel, the largest of the three."""
-    steps = [np.diff(np.unique(channel)) for channel in x.T]
+    steps = [np.diff(np.unique(channel)) for channel in x.T]  # between neighbouring values; none if all are equal
     return float(max((step.min() for step in steps if len(step)), default=0.0))
 
 
@@ -93,5 +108,7 @@ def _find_range(x: Array, full_scales: tuple[float, ...]) -> float:
     share `PILE` of that magnitude, which is returned.
     """
     largest = float(abs(x).max())
-    usual = any(abs(largest / full_scale - 1.0) <= FULL_SCALE_ERROR for full_scale in full_scales)
-    return PILE * largest if usual and np.count_nonzero(abs(x) >= PILE * largest) >= LEAST_LIMITED else 0.0
+    is_full_scale = any(abs(largest / full_scale - 1.0) <= FULL_SCALE_ERROR for full_scale in full_scales)
+    if is_full_scale and np.count_nonzero(abs(x) >= PILE * largest) >= LEAST_LIMITED:
+        return PILE * largest
+    return 0.0

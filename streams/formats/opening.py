@@ -34,7 +34,9 @@ from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, I
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
+"""Topic of the only IMU of a table."""
 _BAGS = ("mcap", "rosbag1", "rosbag2")
+"""Formats whose streams have topics of their own."""
 _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
 _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
@@ -56,7 +58,9 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "record3d": iphone.read_record3d,
     "vrs": read_aria_vrs,
 }
+"""The reader of each kind that is neither a bag nor a table."""
 _WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
+"""Formats whose reader takes the units of depth images per metre."""
 _EVENTS = (Footprint, Point)  # irregular events
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
@@ -104,7 +108,8 @@ def recognise(path: Path) -> str:
             return kind
     if path.suffix == ".vrs":
         return "vrs"
-    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or head.startswith((b"//", b"PacketCounter"))):
+    is_xsens = head.startswith((b"//", b"PacketCounter"))  # the only text files `.txt` that are tables
+    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or is_xsens):
         return "table"
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
@@ -132,7 +137,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     if options.kind is not None and options.kind not in FILE_FORMATS:
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
     kind = options.kind or recognise(path)
-    is_plain = not options.names and options.rig is None
+    is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
+    # the file of a recording that StrideTwin has written; None for another tool's source
     own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
@@ -142,25 +148,25 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         if own_file is not None:
             # first, because recordings of newer releases are rejected
             rig, metadata = read_calibration(own_file, notes)
-        source = _read(path, kind, options, notes)
+        source = _read_source(path, kind, options, notes)
     except OSError as error:
         raise read_error(Path(error.filename or path), error) from error
-    if own_file is not None:
+    if own_file is not None:  # its own calibration and topics, not those that are derived from messages
         source = replace(source, rig=rig, names={}, assumed={})
-    topics = _assign_topics(source, options.names)
-    streams = streams_of(source, topics, numbered=kind not in _BAGS)
-    registered = _find_registered(source, topics)
+    topics = _assign_topics(source, options.names)  # our topic, by the source's name
+    streams = streams_of(source, topics, numbered=kind not in _BAGS)  # by which calibrations find their streams
+    registered = _find_registered(source, topics)  # our topics of depth that is registered to colour
     source = _rename_topics(source, topics, bodies_are_known=own_file is not None)
     if own_file is None and kind != "table":  # a table's IMUs are bridged before they are joined
         source = replace(
             source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
         )
-    better = _read_better_rig(path, source.rig, options, streams, notes)
+    better = _read_better_rig(path, source.rig, options, streams, notes)  # calibrations from files
     rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, text in source.assumed.items():
-        if topic in rig.cameras and topic not in better.cameras:
+        if topic in rig.cameras and topic not in better.cameras:  # no better calibration replaces the assumed one
             notes.warn(f"{topic}: {text}")
-    if own_file is None:  # our own recordings are not checked when read without options
+    if own_file is None:  # units and clocks of our own recordings are not in doubt
         _check_plausible(source, notes)
     contents = ImportedContents(source.blocks, source.images, rig, metadata, source.unread, notes)
     if own_file is None:
@@ -205,7 +211,7 @@ def _recognise_folder(path: Path) -> str:
     for kind, has_layout in _LAYOUTS.items():
         if has_layout(path):
             return kind
-    kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")
+    kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
     raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
 
 
@@ -215,8 +221,15 @@ def imu_topic(name: str) -> str:
     return f"/foot_{side}/imu" if side else f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
 
 
-def _read(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
-    """Reads a source of a known kind with the reader of that kind; topics are still the source's own."""
+def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
+    """Reads a source of a known kind with the reader of that kind; topics are still the source's own.
+
+    Args:
+        path: File or folder.
+        kind: One of `FILE_FORMATS`.
+        options: What the user gives, of which the table's header and the scale of depth matter here.
+        notes: Collects problems and assumptions.
+    """
     if kind == "table":
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
@@ -237,11 +250,9 @@ def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
             `Recording` gives the best error message.
     """
     files = _list_bag_files(path) if path.is_dir() else [path]
-    return (
-        files[0]
-        if len(files) == 1 and files[0].suffix != ".db3" and is_stridetwin_recording(files[0], is_plain)
-        else None
-    )
+    if len(files) != 1 or files[0].suffix == ".db3":  # ours are single files, and no SQLite
+        return None
+    return files[0] if is_stridetwin_recording(files[0], if_damaged=is_plain) else None
 
 
 def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
@@ -253,7 +264,7 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
     files = _list_bag_files(path) if path.is_dir() else [path]
     if files and all(f.suffix == ".mcap" for f in files):
         return read_bag(McapBag(files, notes), kind, notes)
-    for file in files:
+    for file in files:  # before rosbags runs queries on them
         if file.suffix != ".db3":
             continue
         check_tables(file)
@@ -301,26 +312,35 @@ def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, st
         ConfigError: An unknown name, an invalid topic, or one topic for two streams.
     """
     names = [*source.blocks, *source.images]
-    defaults = {name: source.names.get(name, name) for name in names}
+    defaults = {name: source.names.get(name, name) for name in names}  # topics without the user's wishes
     for old, new in requested.items():
         if old not in defaults and old not in defaults.values():
             raise ConfigError("import", "--map", old, f"one of {', '.join(names)}")
         if not new.startswith("/") or len(new) < 2:
             raise ConfigError("import", "--map", new, "a topic that begins with /")
+    # a wish for the name in the source counts before one for its default topic
     topics = {n: requested.get(n, requested.get(default, default)) for n, default in defaults.items()}
-    twice = next((t for t in topics.values() if list(topics.values()).count(t) > 1), None)  # a topic of two streams
-    if twice is not None:
-        same = " and ".join(n for n, t in topics.items() if t == twice)
-        raise ConfigError("import", "--map", twice, f"a topic of its own for each of {same}")
+    ours = list(topics.values())
+    shared = next((topic for topic in ours if ours.count(topic) > 1), None)  # a topic of two streams
+    if shared is not None:
+        same = " and ".join(name for name, topic in topics.items() if topic == shared)
+        raise ConfigError("import", "--map", shared, f"a topic of its own for each of {same}")
     return topics
 
 
 def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: bool) -> Source:
-    """The source with its streams, assumptions and calibrations under `topics`, by their names in the source."""
-    blocks = {topics[n]: replace(b, topic=topics[n]) for n, b in source.blocks.items()}
-    images = {topics[n]: p for n, p in source.images.items()}
-    assumed = {topics.get(n, n): text for n, text in source.assumed.items()}
-    rig = rename_rig(source.rig, lambda t: topics.get(t, t), bodies_are_known)
+    """The source with its streams, assumptions and calibrations under our topics.
+
+    Args:
+        source: The source, with its own names.
+        topics: Our topic of each of these.
+        bodies_are_known: Whether the rig knows the body of each sensor; otherwise the new topics imply it.
+    """
+    blocks = {topics[name]: replace(block, topic=topics[name]) for name, block in source.blocks.items()}
+    images = {topics[name]: stream for name, stream in source.images.items()}
+    assumed = {topics.get(name, name): text for name, text in source.assumed.items()}
+    # a rig may also have sensors that are no streams, which keep their names
+    rig = rename_rig(source.rig, lambda name: topics.get(name, name), bodies_are_known)
     return replace(source, blocks=blocks, images=images, rig=rig, assumed=assumed)
 
 
@@ -340,14 +360,16 @@ def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
         topics: Our topic of each of these.
     """
     cameras = source.rig.cameras
-    colour = [cameras[n] for n, p in source.images.items() if p.kind is Image and n in cameras]
+    # the colour cameras with a calibration
+    colour = [cameras[name] for name, stream in source.images.items() if stream.kind is Image and name in cameras]
     registered: set[str] = set()
     for name, images in source.images.items():
+        if images.kind is not Depth:
+            continue
         by_name = source.kind in _REGISTERED_KINDS or bool(_REGISTERED.search(name.lower()))
-        camera = cameras.get(name)
-        if images.kind is Depth and (
-            by_name or (camera is not None and any(np.allclose(camera.intrinsics, c.intrinsics) for c in colour))
-        ):
+        camera = cameras.get(name)  # None if the source has no calibration of it
+        has_colour_intrinsics = camera is not None and any(np.allclose(camera.intrinsics, c.intrinsics) for c in colour)
+        if by_name or has_colour_intrinsics:
             registered.add(topics[name])
     return registered
 
@@ -399,12 +421,16 @@ def _check_plausible(source: Source, notes: Notes) -> None:
     """Rejects implausible units and rates, which would silently corrupt an estimate."""
     for topic, block in source.blocks.items():
         if block.kind in (Imu, Accelerometer):
-            sound = block[is_increasing(block.t_ns) & block.finite]
-            for implausible in find_implausible_values(sound) if len(sound) >= _FEWEST else ():
+            sound = block[is_increasing(block.t_ns) & block.finite]  # invalid samples are reported elsewhere
+            if len(sound) < _FEWEST:
+                continue
+            for implausible in find_implausible_values(sound):
                 notes.add_problem(Problem(topic, int(sound.t_ns[0]), str(implausible)))
     for topic, images in source.images.items():
         rising = images.t_ns[is_increasing(images.t_ns)]
-        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ) if len(rising) >= _FEWEST else ():
+        if len(rising) < _FEWEST:
+            continue
+        for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ):
             notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
 
 
@@ -418,7 +444,7 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
     for topic, info in contents.topics.items():
         # by how much the stream begins late and ends early, and how much of that is allowed, ns
         late, early = info.first_ns - longest.first_ns, longest.last_ns - info.last_ns
-        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)
+        period = (info.last_ns - info.first_ns) / max(1, info.count - 1)  # mean time between its samples, ns
         slack = _SHORT * (longest.last_ns - longest.first_ns) + 2 * period
         if info.count > 1 and info.kind not in _EVENTS and max(late, early) > slack:
             notes.warn(

@@ -20,7 +20,10 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 
 MOTION, LOADS, TIES = "motion.mot", "ground_reactions.mot", "external_loads.xml"
+"""Files that are written: motion, loads of the ground, and which columns of these act on which foot."""
 _R_OPENSIM_WORLD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+"""Rotation from our world (x forward, y left, z up) to OpenSim's ground frame (x forward, y up, z right)."""
+# OpenSim's coordinate and its sign by the twin's joint, without the suffix of the side for limbs
 _TRUNK = {
     "lumbar_flexion": ("lumbar_extension", -1.0),
     "lumbar_bending": ("lumbar_bending", 1.0),
@@ -61,7 +64,11 @@ class Model:
 
 
 def _mirror_coordinates(limbs: Mapping[str, tuple[str, float]]) -> dict[str, tuple[str, float]]:
-    """Coordinates of the trunk and of both sides' limbs, with the sides' suffixes on joint and coordinate."""
+    """Coordinates of the trunk and of both sides' limbs, with the sides' suffixes on joint and coordinate.
+
+    Args:
+        limbs: Coordinate and sign by joint, of one side and without its suffix.
+    """
     both = {f"{joint}_{s}": (f"{coordinate}_{s}", sign) for joint, (coordinate, sign) in limbs.items() for s in _SIDES}
     return _TRUNK | both
 
@@ -113,10 +120,11 @@ def _write_motion(recording: Recording, model: Model, path: Path) -> int:
     """
     joints, pelvis = recording.block("/truth/joints"), recording.block("/truth/pelvis/odometry")
     at = np.clip(np.searchsorted(pelvis.t_ns, joints.t_ns), 0, len(pelvis) - 1)
-    keep = pelvis.t_ns[at] == joints.t_ns
-    at = at[keep]
+    keep = pelvis.t_ns[at] == joints.t_ns  # stamps that both have
+    at = at[keep]  # rows of the pelvis
     R = Rotation.from_quat(pelvis.columns["q_world_frame"][at], scalar_first=True).as_matrix()
-    R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T
+    R = _R_OPENSIM_WORLD @ R @ _R_OPENSIM_WORLD.T  # OpenSim's axes of the pelvis in its ground frame
+    # the twin's pelvis is between the hips; OpenSim's is moved from there by the model's offset
     p = pelvis.columns["p_frame_in_world"][at] @ _R_OPENSIM_WORLD.T - R @ np.array(model.p_hips_in_pelvis)
     # the model's pelvis rotates about its own z (tilt), then x (list), then y (rotation)
     angles = Rotation.from_matrix(R).as_euler("ZXY")
@@ -135,9 +143,10 @@ def _write_loads(recording: Recording, model: Model, sides: list[str], path: Pat
     names: list[str] = []
     columns: list[Array] = []
     for side in sides:
+        # `v` is the vector of the force, `p` its point
         names += [f"{model.force[side]}{what}{axis}" for what in ("v", "p") for axis in "xyz"]
         names += [f"{model.torque[side]}{axis}" for axis in "xyz"]
-        columns += [part @ _R_OPENSIM_WORLD.T for part in _compute_loads(recording, side, t_ns)]
+        columns += [vectors @ _R_OPENSIM_WORLD.T for vectors in _compute_loads(recording, side, t_ns)]
     return _write_mot(path, "ground_reactions", names, t_ns, np.column_stack(columns), in_degrees=False)
 
 
@@ -156,16 +165,26 @@ def _compute_loads(recording: Recording, side: str, t_ns: np.ndarray) -> tuple[A
     wrench, foot = recording.block(f"/truth/foot_{side}/wrench"), recording.block(f"/truth/foot_{side}/odometry")
     cop = recording.block(f"/truth/foot_{side}/cop")
     common = np.intersect1d(np.intersect1d(t_ns, wrench.t_ns), np.intersect1d(foot.t_ns, cop.t_ns))
-    rows, w, f, c = (np.searchsorted(t, common) for t in (t_ns, wrench.t_ns, foot.t_ns, cop.t_ns))
-    force[rows] = wrench.columns["force_in_world"][w]
-    point[rows] = cop.columns["p_in_world"][c]
-    lever = foot.columns["p_frame_in_world"][f] - point[rows]
-    torque[rows] = wrench.columns["torque_in_world"][w] + np.cross(lever, force[rows])
+    # where these stamps are in the result and in each stream
+    rows, at_wrench, at_foot, at_cop = (np.searchsorted(t, common) for t in (t_ns, wrench.t_ns, foot.t_ns, cop.t_ns))
+    force[rows] = wrench.columns["force_in_world"][at_wrench]
+    point[rows] = cop.columns["p_in_world"][at_cop]
+    lever = foot.columns["p_frame_in_world"][at_foot] - point[rows]  # p - c
+    torque[rows] = wrench.columns["torque_in_world"][at_wrench] + np.cross(lever, force[rows])
     return force, point, torque
 
 
 def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, table: Array, *, in_degrees: bool) -> int:
-    """Writes a table (N, K) with OpenSim's header and times in s; returns N."""
+    """Writes a table with OpenSim's header and times in s; returns its number of rows.
+
+    Args:
+        path: The file.
+        name: Name of the table in its header.
+        columns: (K,) names of the columns after the time.
+        t_ns: (N,) stamps.
+        table: (N, K) numbers.
+        in_degrees: Whether its angles are in degrees.
+    """
     head = [name, "version=1", f"nRows={len(t_ns)}", f"nColumns={1 + len(columns)}"]
     head += [f"inDegrees={'yes' if in_degrees else 'no'}", "endheader", "\t".join(["time", *columns])]
     with path.open("w", encoding="ascii") as file:
@@ -175,7 +194,14 @@ def _write_mot(path: Path, name: str, columns: list[str], t_ns: np.ndarray, tabl
 
 
 def _format_external_loads(model: Model, sides: list[str]) -> str:
-    """The XML text that tells OpenSim which columns of `ground_reactions.mot` act on which foot."""
+    """The XML text that tells OpenSim which columns of `ground_reactions.mot` act on which foot.
+
+    A foot is the model's body `calcn_r` or `calcn_l`. The columns are named by their common prefixes.
+
+    Args:
+        model: The model, which has the prefixes.
+        sides: `r` and `l`, as far as there are loads.
+    """
     forces = "".join(
         f"<ExternalForce name={quoteattr('ground_' + s)}><applied_to_body>calcn_{s}</applied_to_body>"
         "<force_expressed_in_body>ground</force_expressed_in_body>"

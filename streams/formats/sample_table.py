@@ -19,8 +19,10 @@ TIME = "t_s"
 def write_sample_table(path: Path, block: Block[Sample]) -> None:
     """Writes the samples of a stream, whole or not at all.
 
-    An IMU is written as `write_imu_table` does. Of another stream, the first column is the time `t_s` in s, and the
-    others are named as in `Block.split_columns`, in SI units: `position_hip_l`, `force_heel`.
+    An IMU is written as a table with the columns that imports of IMU tables read: `t`, `accel_x`, ... and `gyro_x`, ...
+    (`write_imu_table`). Of another stream, the first column is the time `t_s` in s, and the others are the numbers of a
+    sample in SI units, each named after its field and component (`Block.split_columns`): `position_hip_l`,
+    `force_heel`.
 
     Args:
         path: A `.csv`, or a `.npz` with one array per column.
@@ -38,6 +40,7 @@ def write_sample_table(path: Path, block: Block[Sample]) -> None:
     with atomic_file(path) as temporary:
         if path.suffix == ".npz":
             with temporary.open("wb") as file:
+                # Python's texts as NumPy's, since others would be pickled
                 texts = {name: values.astype(str) for name, values in columns.items() if values.dtype.kind == "O"}
                 np.savez_compressed(file, **columns | texts)
             return

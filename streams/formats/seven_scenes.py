@@ -25,6 +25,7 @@ RATE_HZ = 30.0
 PER_METRE = 1000.0
 COLOR, DEPTH, TRUTH_TOPIC = "/head/color", "/head/depth", "/truth/head/color/odometry"
 _FRAME = re.compile(r"frame-(\d{1,9})\.(color\.(?:png|jpg|jpeg)|depth\.png|pose\.txt)")
+"""A file of a frame: the number of the frame, and what the file contains with its ending."""
 _PUBLISHED = (585.0, 585.0, 320.0, 240.0)  # of the Kinect that took the published scenes, 640 x 480
 
 
@@ -53,17 +54,19 @@ def read_seven_scenes(path: Path, notes: Notes, per_metre: float = PER_METRE) ->
     folder = find_frames_folder(path)
     if folder is None:
         raise ConfigError(path, "", "no frame-*.depth.png", "a folder in the 7-Scenes layout")
+    # files by what they contain and by the number of the frame
     frame_files: dict[str, dict[int, Path]] = {"color": {}, "depth": {}, "pose": {}}
     for file in sorted(folder.iterdir()):
         if name := _FRAME.fullmatch(file.name):
-            frame_files[name[2].partition(".")[0]][int(name[1])] = file
+            content, frame = name[2].partition(".")[0], int(name[1])
+            frame_files[content][frame] = file
     notes.warn(f"the 7-Scenes layout has no time stamps: {RATE_HZ:g} Hz assumed")
     _warn_about_missing(frame_files, notes)
-    images = {
-        topic: open_image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
-        for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre))
-        if files
-    }
+    images: dict[str, ImageStream] = {}
+    # with the units per metre, which colour does not have
+    for topic, files, scale in ((COLOR, frame_files["color"], None), (DEPTH, frame_files["depth"], per_metre)):
+        if files:
+            images[topic] = open_image_stream([(_to_stamp(frame), file) for frame, file in files.items()], scale)
     blocks: dict[str, Block[Sample]] = {}
     if frame_files["pose"]:
         blocks[TRUTH_TOPIC] = _read_poses(frame_files["pose"], notes)
@@ -85,7 +88,12 @@ def _to_stamp(frame: int) -> int:
 
 
 def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Sample]:
-    """Reads the pose files, by frame number, as odometry of the camera in the world."""
+    """Reads the pose files as odometry of the camera in the world; invalid files are left out, when lenient.
+
+    Args:
+        files: File of each pose, by the number of the frame.
+        notes: Collects problems.
+    """
     stamps: list[int] = []
     poses: list[Array] = []
     for frame, file in sorted(files.items()):
@@ -94,7 +102,7 @@ def _read_poses(files: dict[int, Path], notes: Notes) -> Block[Sample]:
             stamps.append(_to_stamp(frame))
         except StrideTwinError as error:
             notes.add_error(error)
-    T = np.array(poses).reshape(-1, 4, 4)
+    T = np.array(poses).reshape(-1, 4, 4)  # T_world_camera of each, m
     from scipy.spatial.transform import Rotation  # takes long to import: only where it is needed
 
     q = Rotation.from_matrix(T[:, :3, :3]).as_quat(scalar_first=True) if len(T) else np.zeros((0, 4))
@@ -115,7 +123,15 @@ def _read_pose(file: Path) -> Array:
 
 
 def _read_rig(path: Path, folder: Path, images: dict[str, ImageStream]) -> Rig:
-    """The camera's calibration, from `camera-intrinsics.txt` or, for images of 640 x 480, as published; else empty."""
+    """The camera's calibration, from `camera-intrinsics.txt` or, for images of 640 x 480, as published; else empty.
+
+    The camera is that of colour if its images have the size of depth, or if there is no depth; else that of depth.
+
+    Args:
+        path: The folder that the user names, whose file counts if there is none in `folder`.
+        folder: The folder of the frames.
+        images: Colour and depth, as far as they exist.
+    """
     depth_size = read_first_image_size(images[DEPTH]) if DEPTH in images else None
     color_size = read_first_image_size(images[COLOR]) if COLOR in images else None
     size = depth_size or color_size

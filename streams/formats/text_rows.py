@@ -16,6 +16,7 @@ from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Stamps
 
 LONGEST_STAMP = 19
+"""Most digits of a stamp in ns: those of 2⁶³."""
 
 
 class TextRow(NamedTuple):
@@ -50,10 +51,10 @@ def read_text_rows(path: Path, separator: str | None) -> tuple[list[str], list[T
     header: list[str] = []
     rows: list[TextRow] = []
     for number, line in enumerate(read_lines(path, "utf-8-sig"), 1):
-        content, mark, comment = line.partition("#")
+        content, mark, comment = line.partition("#")  # `mark` is "" without a comment
         if content := content.strip():
             rows.append(TextRow(number, content, separator))
-        elif mark and not rows:
+        elif mark and not rows:  # a comment above all rows
             header = TextRow(number, comment.strip(), separator).cells
     return header, rows
 
@@ -82,7 +83,7 @@ def read_numbers(
         try:
             values = [float(cells[at]) for _, at in columns]
         except (ValueError, IndexError):
-            values = [math.nan]
+            values = [math.nan]  # a cell is no number or is missing: an error below
         try:
             if not all(map(math.isfinite, values)):
                 raise _invalid_number_error(path, row, columns)
@@ -130,8 +131,8 @@ def read_matrix(path: Path, separator: str | None, size: int, valid: str = "") -
     _, rows = read_text_rows(path, separator)
     try:
         matrix = np.array([[float(word) for word in row.cells] for row in rows])
-    except ValueError:
-        matrix = np.zeros(0)
+    except ValueError:  # a word is no number, or the rows differ in length
+        matrix = np.zeros(0)  # of the wrong shape: an error below
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
         raise ConfigError(
             path, "matrix", [row.text for row in rows[:size]], valid or f"{size} rows of {size} finite numbers"
@@ -165,8 +166,14 @@ def parse_nanoseconds(word: str) -> int:
 
 
 def _invalid_number_error(path: Path, row: TextRow, columns: Sequence[tuple[str, int]]) -> ConfigError:
-    """The error about the first of these columns that is not a finite number."""
-    cells = dict(enumerate(row.cells))
+    """The error to raise about the first cell of a row that is not a finite number.
+
+    Args:
+        path: What the error calls the file.
+        row: The row.
+        columns: Name and index of each column that is read; one of them has such a cell.
+    """
+    cells = dict(enumerate(row.cells))  # by index, as a short row lacks some
     name, at = next((name, at) for name, at in columns if not _is_finite(cells.get(at, "")))
     return ConfigError(path, f"line {row.line}, {name}", cells.get(at), "a finite number")
 

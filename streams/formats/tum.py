@@ -16,12 +16,14 @@ from stridetwin.streams.trajectory import Trajectory
 LATEST_S = 9e9  # range of 64-bit nanoseconds
 _FARTHEST_M = 1e9  # beyond it squared errors overflow
 _COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+"""Time in s, position in m, and quaternion of a row."""
 
 
 def write_tum(trajectory: Trajectory, path: str | Path) -> None:
-    """Writes a trajectory, atomically. Its covariance is not part of the format."""
+    """Writes a trajectory, atomically: rows `t x y z qx qy qz qw`, t in s and x, y, z in m, without its covariance."""
     check_type("write_tum", "trajectory", trajectory, Trajectory, "a Trajectory, such as the path of a PathEstimate")
-    poses = np.column_stack((trajectory.p_frame_in_world, trajectory.q_world_frame[:, [1, 2, 3, 0]]))
+    q_xyzw = trajectory.q_world_frame[:, [1, 2, 3, 0]]
+    poses = np.column_stack((trajectory.p_frame_in_world, q_xyzw))
     with atomic_file(path) as temporary, temporary.open("w", encoding="ascii") as file:
         for t, pose in zip(trajectory.t_ns.tolist(), poses.tolist()):
             file.write(f"{format_seconds(t)} {' '.join(f'{v:.9g}' for v in pose)}\n")
@@ -42,12 +44,12 @@ def parse_seconds(word: str) -> int:
     try:
         value = float(word)
     except ValueError:
-        value = math.nan
+        value = math.nan  # out of any range
     if not 0 <= value < LATEST_S:
         raise ValueError("seconds from 0 on")
     if word.isascii() and integer.isdecimal() and (fraction.isdecimal() or not fraction):
-        return int(integer) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
-    return round(value * 1e9)
+        return int(integer) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))  # further digits are cut off
+    return round(value * 1e9)  # other forms, such as 1.5e3
 
 
 def read_tum(path: str | Path) -> Trajectory:
@@ -70,7 +72,7 @@ def read_tum(path: str | Path) -> Trajectory:
     if not rows:
         raise StrideTwinError(f"{path}: no pose: expected rows of {' '.join(_COLUMNS)}")
     table = np.array(rows)
-    q = table[:, [7, 4, 5, 6]]
+    q = table[:, [7, 4, 5, 6]]  # w, x, y, z
     return Trajectory(
         t_ns=np.array(stamps, np.int64),
         p_frame_in_world=table[:, 1:4],
@@ -79,7 +81,12 @@ def read_tum(path: str | Path) -> Trajectory:
 
 
 def _parse_row(path: str | Path, number: int, cells: list[str]) -> list[float]:
-    """The eight numbers of a row.
+    """The eight numbers of a row: time in s, position in m, and quaternion (x, y, z, w).
+
+    Args:
+        path: Named by errors.
+        number: Number of the line in the file.
+        cells: The words of the line.
 
     Raises:
         ConfigError: Another number of cells, a number out of range, or no unit quaternion.
@@ -91,7 +98,7 @@ def _parse_row(path: str | Path, number: int, cells: list[str]) -> list[float]:
         try:
             values.append(float(word))
         except ValueError:
-            values.append(np.nan)
+            values.append(np.nan)  # out of any range
         most = LATEST_S if name == "t" else _FARTHEST_M
         if not abs(values[-1]) < most:
             raise ConfigError(path, f"line {number}, {name}", word, f"a finite number, {-most:g} to {most:g}")

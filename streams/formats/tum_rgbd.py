@@ -30,11 +30,14 @@ from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image
 from stridetwin.streams.trajectory import Trajectory
 
 PER_METRE = 5000.0
+"""Units of the layout's depth images per metre."""
 COLOR, DEPTH, ACCELEROMETER, IMU = "/head/color", "/head/depth", "/head/accelerometer", "/head/imu"
 TRUTH_TOPIC = "/truth/head/color/odometry"
+# names of the columns after the stamp: angular rate in rad/s, specific force in m/s², position in m and quaternion
 _RATE, _FORCE = ("wx", "wy", "wz"), ("ax", "ay", "az")
 _POSE = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _PLAUSIBLE_M = (0.25, 15.0)
+"""Between these is the median depth of an image at the right scale."""
 
 
 def is_tum_rgbd(path: Path) -> bool:
@@ -69,24 +72,25 @@ def read_tum_rgbd(path: Path, notes: Notes, per_metre: float = PER_METRE) -> Sou
     if file.is_file():
         _, rows = read_text_rows(file, None)
         t_ns, table = read_numbers(file, rows, [(n, i + 1) for i, n in enumerate(_POSE)], parse_seconds, notes)
-        blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, [6, 3, 4, 5]], None, notes, file)
+        p, q = table[:, :3], table[:, [6, 3, 4, 5]]  # the quaternion as w, x, y, z
+        blocks[TRUTH_TOPIC] = to_odometry(TRUTH_TOPIC, t_ns, p, q, None, notes, file)
     return Source(kind="tum", blocks=blocks, images=images, rig=_read_rig(path, images), unread={})
 
 
 def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
     """Reads the accelerometer, and an IMU from `imu.txt` or from `gyroscope.txt` with the accelerometer's forces."""
     blocks: dict[str, Block[Sample]] = {}
-    force, rate, both = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
-    if force.is_file():
-        t_ns, table = _read_columns(force, _FORCE, notes)
+    force_file, rate_file, imu_file = (path / f"{name}.txt" for name in ("accelerometer", "gyroscope", "imu"))
+    if force_file.is_file():
+        t_ns, table = _read_columns(force_file, _FORCE, notes)
         columns = {"specific_force": table}
         blocks[ACCELEROMETER] = Block(topic=ACCELEROMETER, kind=Accelerometer, t_ns=t_ns, columns=columns)
-    if both.is_file():
-        t_ns, table = _read_columns(both, (*_RATE, *_FORCE), notes)
+    if imu_file.is_file():
+        t_ns, table = _read_columns(imu_file, (*_RATE, *_FORCE), notes)
         columns = {"angular_rate": table[:, :3], "specific_force": table[:, 3:]}
         blocks[IMU] = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns=columns)
-    elif rate.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:
-        t_ns, table = _read_columns(rate, _RATE, notes)
+    elif rate_file.is_file() and len(blocks.get(ACCELEROMETER, ())) > 1:  # two forces, to interpolate between
+        t_ns, table = _read_columns(rate_file, _RATE, notes)
         gyro = Block(topic=IMU, kind=Imu, t_ns=t_ns, columns={"angular_rate": table})
         blocks[IMU] = join_at_gyro_stamps(IMU, gyro, blocks[ACCELEROMETER])
         notes.warn("gyroscope.txt and accelerometer.txt are joined, the force interpolated to the stamps of the rate")
@@ -96,8 +100,8 @@ def _read_inertial(path: Path, notes: Notes) -> dict[str, Block[Sample]]:
 def _read_columns(file: Path, names: tuple[str, ...], notes: Notes) -> tuple[Stamps, Array]:
     """Stamps (N,) ns and (N, K) columns of a file, by the names in its header, or in this order after the stamp."""
     header, rows = read_text_rows(file, None)
-    named = all(name in header for name in names)
-    places = [(name, header.index(name) if named else i) for i, name in enumerate(names, 1)]
+    has_names = all(name in header for name in names)
+    places = [(name, header.index(name) if has_names else i) for i, name in enumerate(names, 1)]
     return read_numbers(file, rows, places, parse_seconds, notes)
 
 
@@ -107,8 +111,9 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
         first = images.load(DEPTH, 0)
     except (StrideTwinError, IndexError):
         return  # reported when the image is read
-    seen = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)
-    if len(seen) and not _PLAUSIBLE_M[0] < (median := float(np.median(seen))) < _PLAUSIBLE_M[1]:
+    measured = first.depth[first.depth > 0] if isinstance(first, Depth) else np.zeros(0)  # m, pixels with depth
+    least, most = _PLAUSIBLE_M
+    if len(measured) and not least < (median := float(np.median(measured))) < most:
         notes.warn(
             f"depth: {median:.3g} m in the median of the first image at {per_metre:g} units per metre; "
             "if the images have another unit, give it with --depth-scale"
@@ -116,7 +121,11 @@ def _check_depth(images: ImageStream, per_metre: float, notes: Notes) -> None:
 
 
 def _read_rig(path: Path, images: dict[str, ImageStream]) -> Rig:
-    """The camera's calibration in `calibration.txt`, in pixels; empty without the file.
+    """A rig of the camera in `calibration.txt`; without sensors if there is no such file, or no image that is readable.
+
+    Args:
+        path: The folder.
+        images: Colour and depth, as far as they exist; the camera is that of colour, or else that of depth.
 
     Raises:
         ConfigError: The file has other contents than fx fy cx cy.
@@ -199,7 +208,7 @@ def find_camera_path(recording: Recording, camera: CameraCalibration) -> Traject
     from scipy.spatial.transform import Rotation
 
     R = Rotation.from_quat(block.columns["q_world_frame"], scalar_first=True)
-    return Trajectory(
+    return Trajectory(  # T_world_cam = T_world_frame T_frame_cam
         t_ns=block.t_ns,
         p_frame_in_world=block.columns["p_frame_in_world"] + R.apply(T_frame_cam[:3, 3]),
         q_world_frame=(R * Rotation.from_matrix(T_frame_cam[:3, :3])).as_quat(scalar_first=True),
@@ -207,10 +216,15 @@ def find_camera_path(recording: Recording, camera: CameraCalibration) -> Traject
 
 
 def _with_both_names(camera: CameraCalibration, imu: ImuCalibration | None) -> Rig:
-    """Camera and IMU under their own topics, and under the topics that an import of this layout uses."""
-    read_as = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
+    """A rig with the camera and its IMU twice: under their own topics, and under those of an import of this layout.
+
+    Args:
+        camera: Camera that is written.
+        imu: Its IMU; None without one.
+    """
+    as_imported = replace(camera, topic=COLOR, depth_topic=DEPTH, imu_topic=IMU if imu else "")
     imus = {i.topic: i for i in (imu, replace(imu, topic=IMU))} if imu else {}
-    return Rig(cameras={c.topic: c for c in (camera, read_as)}, imus=imus)
+    return Rig(cameras={c.topic: c for c in (camera, as_imported)}, imus=imus)
 
 
 def _write_images(recording: Recording, topic: str, folder: Path, name: str) -> int:

@@ -43,7 +43,7 @@ def rank_of(kind: type[Sample]) -> int:
 
 
 class MessageEncoder:
-    """Converts samples to ROS 2 messages, as `Sender` sends them.
+    """Converts single samples to the ROS 2 messages that a `Sender` sends, of the types that recordings have.
 
     Args:
         rig: Its noise and ranges are part of the messages, as in recordings.
@@ -89,7 +89,8 @@ class MessageEncoder:
         block = block_of([sample])
         if sample.topic not in self._templates:
             mapping = SAMPLE_MAPPINGS[type(sample)]
-            self._templates[sample.topic] = mapping, *mapping.build_template(sample.topic, self._rig, block.constants)
+            template, layout = mapping.build_template(sample.topic, self._rig, block.constants)
+            self._templates[sample.topic] = mapping, template, layout
         mapping, template, layout = self._templates[sample.topic]
         payload = bytearray(template)
         fill_rows(np.frombuffer(payload, layout.dtype), mapping, block)
@@ -113,7 +114,7 @@ class MessageDecoder:
             expected = ", ".join(sorted(READABLE))
             raise ValueError(f"{topic}: unsupported type {typename[:60]!r}: expected one of {expected}")
         self.topic, self.typename = topic, typename
-        # layout and mapping of the last message, which most often are those of the next one
+        # of the last message, and most often of the next one, too: where its numbers are, and the mapping to a sample
         self._previous: tuple[MessageLayout, SampleMapping] | None = None
 
     def decode(self, message: Message) -> Sample | None:
@@ -126,17 +127,17 @@ class MessageDecoder:
         """
         if self.typename in ros_images.IMAGES:
             return self._decode_image(message)
-        known = self._previous
+        known = self._previous  # layout and mapping of the message before
         if known is None or not known[0].fits_message(message.payload):
             self._previous = known = self._parse_layout(message.payload)
         layout, mapping = known
-        rows = np.frombuffer(message.payload, layout.dtype)
+        rows = np.frombuffer(message.payload, layout.dtype)  # (1,) the message as a record
         try:
             columns = mapping.read(rows)
         except (IndexError, KeyError) as error:
             raise ValueError(f"{self.topic}: a {self.typename} with an invalid value: {error}") from error
         t_ns = int(read_stamps(rows, np.array([message.t_ns]))[0])
-        values = {name: column[0] for name, column in columns.items()}
+        values = {name: column[0] for name, column in columns.items()}  # the fields of the one sample
         for value in values.values():
             if isinstance(value, np.ndarray | np.floating) and not np.isfinite(value).all():
                 return None
@@ -145,14 +146,19 @@ class MessageDecoder:
     def _parse_layout(self, payload: bytes) -> tuple[MessageLayout, SampleMapping]:
         """Finds where the numbers of a message are, and the kind of sample that they are.
 
+        Returns:
+            Layout of the message, and the mapping by which its numbers become a sample.
+
         Raises:
             ValueError: The bytes are no message of the type, or the kind differs from that of earlier messages.
         """
         layout = layout_of(payload, self.typename, typestore())
         mapping = find_mapping(self.typename, np.frombuffer(payload, layout.dtype))
-        if self._previous is not None and mapping.kind is not self._previous[1].kind:
-            before = self._previous[1].kind.__name__
-            raise ValueError(f"{self.topic}: invalid {mapping.kind.__name__}: expected {before} as before")
+        if self._previous is not None:
+            _, previous_mapping = self._previous
+            if mapping.kind is not previous_mapping.kind:
+                before = previous_mapping.kind.__name__
+                raise ValueError(f"{self.topic}: invalid {mapping.kind.__name__}: expected {before} as before")
         return layout, mapping
 
     def _decode_image(self, message: Message) -> Image | Depth:
@@ -170,7 +176,7 @@ class MessageDecoder:
                 width, height = decoded.width, decoded.height
             check_pixels(width, height, MOST_PIXELS)
             stamp = decoded.header.stamp
-            t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns
+            t_ns = stamp.sec * 1_000_000_000 + stamp.nanosec or message.t_ns  # a stamp of 0 was not set
             return ros_images.read_image_message(message.payload, self.typename, typestore(), self.topic, t_ns)
         except ValueError as error:
             raise ValueError(f"{self.topic}: {error}") from error
@@ -220,13 +226,13 @@ class LiveRecorder:
 
         Call it before the first message, and again when further senders connect.
         """
-        known = rig_to_yaml(rig), dict(metadata)
-        if known == self._previous:
+        rig_yaml, texts = rig_to_yaml(rig), dict(metadata)
+        if (rig_yaml, texts) == self._previous:
             return
-        self._previous = known
-        self._file.append_attachment(RIG_NAME, "application/yaml", known[0].encode())
-        self._file.append_metadata(METADATA_NAME, known[1])
-        self._infos.rig = rig
+        self._previous = rig_yaml, texts
+        self._file.append_attachment(RIG_NAME, "application/yaml", rig_yaml.encode())
+        self._file.append_metadata(METADATA_NAME, texts)
+        self._infos.rig = rig  # the cameras whose intrinsics are written beside their images
 
     def write(self, message: Message, t_ns: int) -> None:
         """Appends a message, and periodically with images the camera's intrinsics.
@@ -251,15 +257,20 @@ def to_messages(recording: Recording, topics: Sequence[str]) -> Iterator[Message
             is in float metres.
         topics: Topics to return.
     """
-    if not recording.is_mcap:
-        rig = recording.rig if recording.has_rig else Rig()
-        encoder = MessageEncoder(rig, depth_encoding="32FC1", jpeg_quality=None)
-        yield from _sort_by_rank(map(encoder.encode, recording.samples(topics)), recording)
+    if recording.is_mcap:
+        yield from recording.raw_messages(topics, rank_of)
         return
-    yield from recording.raw_messages(topics, rank_of)
+    rig = recording.rig if recording.has_rig else Rig()
+    encoder = MessageEncoder(rig, depth_encoding="32FC1", jpeg_quality=None)
+    yield from _sort_by_rank(map(encoder.encode, recording.samples(topics)), recording)
 
 
 def _sort_by_rank(messages: Iterator[Message], recording: Recording) -> Iterator[Message]:
-    """Messages in time order; those of one instant by rank."""
-    for _, group in groupby(messages, key=lambda m: m.t_ns):
-        yield from sorted(group, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))
+    """Yields messages that come in time order, those of one instant by the rank of their kind, and then by topic.
+
+    Args:
+        messages: The messages; those of one stamp are in any order.
+        recording: Says the kind of samples of each topic.
+    """
+    for _, of_one_instant in groupby(messages, key=lambda m: m.t_ns):
+        yield from sorted(of_one_instant, key=lambda m: (rank_of(recording.topics[m.topic].kind), m.topic))

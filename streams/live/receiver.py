@@ -29,10 +29,13 @@ if TYPE_CHECKING:
     import zenoh
 
 MOST_SENDERS, MOST_TOPICS = 8, 64
+"""Most senders that are connected at once, and most topics of each."""
 INBOX_BYTES, INBOX_COUNT = 64 << 20, 4096
 """Limits of the inbox; an image counts with its decoded pixels."""
 _REFUSALS_KEPT = 100
+"""Most refusals whose reasons are kept."""
 _SENDERS_KNOWN = 1000
+"""Most senders that are gone whose counts are remembered, for when they come back."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,7 +78,7 @@ class _Sender:
 
     Attributes:
         epoch_ns: System time at stamp 0, ns since 1970; None if unknown.
-        expected: Number of the next sample, by topic.
+        expected: Number of the next sample, by topic; senders number the samples of each topic from 0.
         received: Samples that arrived, by topic.
         is_connected: Whether it may send.
     """
@@ -153,7 +156,7 @@ class Receiver:
             items = [item for item, _ in self._inbox]
             self._inbox.clear()
             self._bytes = 0
-            self._changed.notify_all()
+            self._changed.notify_all()  # threads that wait for room in the inbox go on
         return items
 
     @property
@@ -199,15 +202,15 @@ class Receiver:
             WireError: The hello or its rig is invalid, or there are `MOST_SENDERS` already.
         """
         hello = parse_json(type_adapter(Hello), body, "hello")
-        _ = hello.calibration  # an invalid one is refused
+        _ = hello.calibration  # parsed here, so that the sender of an invalid one is refused
         with self._changed:
             if self._count_connected() >= MOST_SENDERS:
                 raise WireError(f"{MOST_SENDERS} senders are there already")
             sender = self._senders.pop(name, None) or _Sender(expected=dict(hello.next))
-            gone = [known for known, sender_state in self._senders.items() if not sender_state.is_connected]
-            for known in gone[: max(0, len(gone) - _SENDERS_KNOWN)]:
-                del self._senders[known]
-            self._senders[name] = sender
+            gone = [other for other, state in self._senders.items() if not state.is_connected]  # IDs, the oldest first
+            for other in gone[: max(0, len(gone) - _SENDERS_KNOWN)]:
+                del self._senders[other]
+            self._senders[name] = sender  # now the last one
             sender.epoch_ns, sender.is_connected = hello.epoch_ns, True
             self._enqueue(hello)
         return sender
@@ -233,7 +236,7 @@ class Receiver:
             if sender.is_connected:  # not one that was refused
                 for topic, number in numbers.items():
                     self._count_gap(sender, topic, number)
-                self._has_ended = True
+                self._has_ended = True  # the receiver ends once no sender is connected and its inbox is empty
         return sender
 
     def _on_sample(self, name: str, item: zenoh.Sample) -> None:
@@ -246,7 +249,7 @@ class Receiver:
             name: ID of the sender.
             item: The Zenoh sample with the message.
         """
-        since_ns, system_ns = time.perf_counter_ns(), time.time_ns()
+        since_ns, system_ns = time.perf_counter_ns(), time.time_ns()  # when the sample arrived, on two clocks
         sender = self._senders.get(name)
         if sender is None or not sender.is_connected:
             return  # not greeted, or refused
@@ -257,6 +260,7 @@ class Receiver:
                 raise WireError(f"{message.topic}: invalid stamp {sample.t_ns} ns: expected 0 to {LATEST_NS}")
             with self._changed:
                 if self._count_sample(sender, message.topic, number, sample) and sample is not None:
+                    # the stamp counts from the sender's epoch
                     travel_ns = None if sender.epoch_ns is None else system_ns - sender.epoch_ns - sample.t_ns
                     arrival = Arrival(sample=sample, message=message, since_ns=since_ns, travel_ns=travel_ns)
                     self._enqueue(arrival, _size_in_bytes(arrival))
@@ -276,7 +280,7 @@ class Receiver:
             Whether the sample is passed on: its numbers are finite and its stamp is after the previous one.
         """
         self._count_gap(sender, topic, number)
-        sender.expected[topic] = max(number + 1, sender.expected.get(topic, 0))
+        sender.expected[topic] = max(number + 1, sender.expected.get(topic, 0))  # a late sample changes nothing
         sender.received[topic] += 1
         traffic = self._traffic_of(topic)
         if sample is None:
@@ -290,7 +294,10 @@ class Receiver:
         return False
 
     def _count_gap(self, sender: _Sender, topic: str, number: int) -> None:
-        """Counts as lost the samples of a topic from the expected number up to the given one."""
+        """Counts the samples of a topic that a sender had before number `number` and that did not arrive, as lost.
+
+        These are the samples from the number that is expected next. Then `number` is the one that is expected.
+        """
         expected = sender.expected.get(topic, 0)
         if number > expected:
             self._traffic_of(topic).lost += number - expected
@@ -318,13 +325,13 @@ class Receiver:
         """
         topic = message.topic
         with self._changed:
-            if self._owner.setdefault(topic, name) != name:
+            if self._owner.setdefault(topic, name) != name:  # `_owner`: ID of the sender that provides each topic
                 raise WireError(f"{topic}: another sender provides it already")
             if sum(owner == name for owner in self._owner.values()) > MOST_TOPICS:
                 raise WireError(f"more than {MOST_TOPICS} topics")
             known = self._decoders.get(topic)
-            if known is None:
-                self._traffic_of(topic)
+            if known is None:  # the first message of the topic
+                self._traffic_of(topic)  # refuses it if there are too many topics
                 self._decoders[topic] = known = MessageDecoder(topic, message.typename)
         if known.typename != message.typename:
             raise WireError(f"{topic}: invalid type {message.typename[:60]}: expected {known.typename} as before")
@@ -339,7 +346,7 @@ class Receiver:
         while (self._bytes + size > INBOX_BYTES or len(self._inbox) >= INBOX_COUNT) and self._inbox:
             if self._is_closed:
                 return
-            self._changed.wait()
+            self._changed.wait()  # releases the lock until something changes
         self._inbox.append((item, size))
         self._bytes += size
         self._changed.notify_all()
@@ -349,12 +356,21 @@ class Receiver:
         with self._changed:
             if name in self._senders:
                 self._senders[name].is_connected = False
+            # `_owner`: ID of the sender that provides each topic
             self._owner = {topic: owner for topic, owner in self._owner.items() if owner != name}
             self._changed.notify_all()
 
     def _refuse(self, name: str, error: Exception) -> str:
-        """Takes nothing more from a sender because of an error; returns the reason as text."""
-        is_expected = isinstance(error, StrideTwinError | ValueError)
+        """Takes nothing more from a sender because of an error, and lists it among the refused ones.
+
+        Args:
+            name: ID of the sender.
+            error: The error, such as that of an invalid message.
+
+        Returns:
+            The reason as text, which the sender gets.
+        """
+        is_expected = isinstance(error, StrideTwinError | ValueError)  # the message of any other needs its type
         reason = str(error) if is_expected else f"{type(error).__name__}: {error}"
         with self._changed:
             self.refusals += 1
@@ -373,10 +389,10 @@ def _size_in_bytes(arrival: Arrival) -> int:
 
 
 def _find_free_port(host: str) -> int:
-    """A port at the host that no program listens at."""
+    """A port at the host that no program listens at: one that the system gives for port 0, and that is closed again."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.create_server((host, 0), family=family) as taken:
-        port: int = taken.getsockname()[1]
+    with socket.create_server((host, 0), family=family) as server:
+        port: int = server.getsockname()[1]  # of host and port, and further numbers for IPv6
     return port
 
 
@@ -407,23 +423,25 @@ class Reorder:
     def add(self, arrival: Arrival) -> None:
         """Buffers a sample until `release_due` yields it; within a stream, stamps increase."""
         t_ns, topic = arrival.sample.t_ns, arrival.sample.topic
-        if t_ns < self._released_ns:
+        if t_ns < self._released_ns:  # a newer one has been released already
             self.late[topic] += 1
         self._newest[topic] = t_ns
         self._count += 1
         heapq.heappush(self._heap, ((t_ns, rank_of(type(arrival.sample)), topic), self._count, arrival))
 
     def release_due(self, now_ns: int) -> Iterator[Arrival]:
-        """Yields the samples that are released, in the order of their stamps.
+        """Yields the samples that need not wait any longer for older ones, in the order of their stamps.
 
         Args:
             now_ns: Present time on the clock of `Arrival.since_ns`, `time.perf_counter_ns()`.
         """
         while self._heap:
-            t_ns, since_ns = self._heap[0][0][0], self._heap[0][2].since_ns
-            # no stream can deliver an older one, or one stream is ahead by the window
-            passed = min(self._newest.values()) >= t_ns or max(self._newest.values()) - t_ns >= self._window_ns
-            if not passed and now_ns - since_ns < self._window_ns:
+            (t_ns, _, _), _, oldest = self._heap[0]
+            newest = self._newest.values()  # stamp of the newest sample of each stream
+            no_older_comes = min(newest) >= t_ns  # as the stamps of each stream increase
+            is_ahead = max(newest) - t_ns >= self._window_ns  # one stream is ahead of it by the window
+            has_waited = now_ns - oldest.since_ns >= self._window_ns
+            if not (no_older_comes or is_ahead or has_waited):
                 return
             yield self._pop()
 
@@ -433,11 +451,18 @@ class Reorder:
             yield self._pop()
 
     def compute_wait_s(self, now_ns: int) -> float | None:
-        """Seconds until the oldest sample is released; None if the buffer is empty."""
-        return max(0.0, (self._heap[0][2].since_ns + self._window_ns - now_ns) * 1e-9) if self._heap else None
+        """Seconds until the oldest sample has waited for a window and is released; None if the buffer is empty.
+
+        Args:
+            now_ns: Present time on the clock of `Arrival.since_ns`, `time.perf_counter_ns()`.
+        """
+        if not self._heap:
+            return None
+        _, _, oldest = self._heap[0]
+        return max(0.0, (oldest.since_ns + self._window_ns - now_ns) * 1e-9)
 
     def _pop(self) -> Arrival:
         """Takes the sample with the earliest stamp; later arrivals with an earlier stamp count as late."""
-        arrival = heapq.heappop(self._heap)[2]
+        _, _, arrival = heapq.heappop(self._heap)
         self._released_ns = max(self._released_ns, arrival.sample.t_ns)
         return arrival

@@ -32,6 +32,7 @@ from stridetwin.streams.validation import type_adapter
 IMAGES_HELD, SAMPLES_HELD = 8, 2048
 """Most queued messages of a topic while a receiver is slow or disconnected; then the oldest is dropped."""
 _POLL_S = 0.2
+"""Longest time for which the sending thread waits before it looks again."""
 
 
 class Sender:
@@ -108,7 +109,7 @@ class Sender:
             self._ending = True
             if error is not None:  # nothing more is sent, and the end names no messages beyond those sent
                 self._queues.clear()
-                self._numbers = Counter(self._next)
+                self._numbers = Counter(self._next)  # number of the next message of each topic, as the end tells it
             self._changed.notify_all()
         self._thread.join()
         if error is None:
@@ -125,7 +126,8 @@ class Sender:
         """
         message = item if isinstance(item, Message) else self._encoder.encode(item)
         check_message(message)
-        topic, most = message.topic, IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD
+        topic = message.topic
+        most = IMAGES_HELD if message.typename in IMAGES else SAMPLES_HELD  # messages in the queue of the topic
         with self._changed:
             queue = self._queues.setdefault(topic, deque())
             while self._lossless and len(queue) >= most and not self._failure:
@@ -172,7 +174,7 @@ class Sender:
         with self._changed:
             since = time.monotonic()
             while not self._receiver and not self._failure:
-                gives_up = self._ending or not self._greeted_receiver
+                gives_up = self._ending or not self._greeted_receiver  # none was there yet, or nothing more will come
                 if gives_up and time.monotonic() - since > self._patience_s:
                     self._fail(f"no `stridetwin live` of this version listens at {self._address_text}")
                 self._changed.wait(min(_POLL_S, self._patience_s))
@@ -199,7 +201,8 @@ class Sender:
                 self._changed.wait(_POLL_S)
                 return False
             if is_greeted and waiting:
-                topic = min(waiting, key=lambda t: self._queues[t][0][0])  # whose first message is the oldest of all
+                # the topic whose first message is the oldest of all; a queue has (order, number, message)
+                topic = min(waiting, key=lambda t: self._queues[t][0][0])
                 _, number, message = self._queues[topic].popleft()
                 self.sent[topic] += 1
                 self._put_counts[topic] += 1
@@ -221,9 +224,10 @@ class Sender:
         """
         with self._changed:
             self._is_greeted = True  # until the receiver disappears
-            if self._receiver != self._greeted_receiver:  # another one than before
+            if self._receiver != self._greeted_receiver:  # another one than before, which has received nothing yet
                 self._put_counts.clear()
-                self._greeted_receiver, self._first = self._receiver, dict(self._next)
+                self._greeted_receiver = self._receiver
+                self._first = dict(self._next)  # number of the first sample for this receiver, by topic
             hello = self._hello.model_copy(update={"next": self._first})
         if not self._count_losses(link.query(f"{link.name}/hello", hello.model_dump_json())):
             self._is_greeted = False
@@ -241,7 +245,7 @@ class Sender:
             return False
         received = parse_json(type_adapter(Counts), answer, "answer")
         with self._changed:
-            missing = self._put_counts - Counter(received)
+            missing = self._put_counts - Counter(received)  # by topic: sent to this receiver and not received
             self.sent -= missing
             self._put_counts -= missing
             self.dropped += missing
@@ -256,8 +260,9 @@ class Sender:
         """
         name = key.rpartition("/")[2]
         with self._changed:
-            if is_present or self._receiver == name:
-                self._receiver, self._is_greeted = name if is_present else "", False
+            if is_present or self._receiver == name:  # that another one than the present receiver leaves is ignored
+                self._receiver = name if is_present else ""
+                self._is_greeted = False
                 self._changed.notify_all()
 
     def _on_refusal(self, reason: str) -> None:

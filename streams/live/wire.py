@@ -36,7 +36,9 @@ if TYPE_CHECKING:
     import zenoh
 
 VERSION: Literal[2] = 2
+"""Version of the protocol."""
 PORT = 7365
+"""Port of a receiver, unless another one is given."""
 LARGEST = 10 << 20
 """Bytes of a message: a depth image of 1920 × 1200 in float metres."""
 LARGEST_HELLO = 1 << 19
@@ -44,9 +46,14 @@ LARGEST_HELLO = 1 << 19
 LARGEST_SMALL = 1 << 16
 """Bytes of a message without an image."""
 _TOPIC = re.compile(r"(/[^/*$?#\s]+)+")
+"""A valid topic: names, each after a slash, without the characters that mean something in Zenoh's keys."""
 _ROOT, _CDR = "stridetwin", "application/cdr;"
+"""First part of every key, and the beginning of the encoding of a message, which its ROS 2 type follows."""
 _MARK = struct.Struct("<qQ")
+"""Attachment of a message: its stamp in ns, and its number among those of its topic."""
 _ANSWER_S = 60.0
+"""How long a query waits for its answer."""
+# Zenoh's settings: connections to one address alone, and limits for what a peer may send
 _CONFIG: Mapping[str, object] = {
     "mode": "peer",
     "scouting/multicast/enabled": False,
@@ -160,8 +167,8 @@ def read_message(sample: zenoh.Sample) -> tuple[Message, int]:
     Raises:
         WireError: The sample has another form, or the message is invalid.
     """
-    topic = "/" + str(sample.key_expr).split("/", 3)[3]
-    mark, encoding = bytes(sample.attachment or b""), str(sample.encoding)
+    topic = "/" + str(sample.key_expr).split("/", 3)[3]  # of a key `stridetwin/ID/samples/TOPIC`
+    mark, encoding = bytes(sample.attachment or b""), str(sample.encoding)  # `mark`: stamp and number, packed
     if len(mark) != _MARK.size or not encoding.startswith(_CDR):
         raise WireError(f"{topic[:40]}: invalid sample: expected {_CDR}TYPE with stamp and number")
     t_ns, number = _MARK.unpack(mark)
@@ -198,9 +205,11 @@ class ZenohLink:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
-            reason = re.split(r" \(os error| at /", str(error).partition("[")[2] or str(error))[0]  # no lines of Rust
-            where = listen or connect or ("", 0)
-            raise StrideTwinError(f"cannot listen at {where[0]}:{where[1]}: {reason.rpartition(': ')[2]}") from error
+            # of Zenoh's text only the system's reason, without the places in its Rust code
+            text = str(error)
+            reason = re.split(r" \(os error| at /", text.partition("[")[2] or text)[0].rpartition(": ")[2]
+            host, port = listen or connect or ("", 0)
+            raise StrideTwinError(f"cannot listen at {host}:{port}: {reason}") from error
         self.name = str(self._session.zid())
         self._tokens: list[zenoh.LivelinessToken] = []  # kept, as a token ends when it is garbage collected
 
@@ -228,12 +237,18 @@ class ZenohLink:
         self._session.put(f"{_ROOT}/{key}", text)
 
     def subscribe(self, key: str, act: Callable[[str, zenoh.Sample], None]) -> None:
-        """Calls `act` with the sender's ID and the sample for each sample whose key matches."""
-        self._session.declare_subscriber(f"{_ROOT}/{key}", self._to_callback(lambda s: act(_sender_id(s.key_expr), s)))
+        """Calls `act` with the sender's ID and the sample for each sample from now on whose key matches.
+
+        Args:
+            key: The key without its first part `stridetwin/`; it may have wildcards.
+            act: Function of the ID, which the sample's key contains, and of the sample.
+        """
+        handler = self._to_callback(lambda sample: act(_sender_id(sample.key_expr), sample))
+        self._session.declare_subscriber(f"{_ROOT}/{key}", handler)
 
     def on_disconnect(self, act: Callable[[str], None]) -> None:
         """Calls `act` with the Zenoh ID of each peer whose connection ends."""
-        put = self._zenoh.SampleKind.PUT
+        put = self._zenoh.SampleKind.PUT  # the event of a new connection
         handler = self._to_callback(lambda event: None if event.kind == put else act(str(event.transport.zid)))
         self._session.info.declare_transport_events_listener(handler)
 
@@ -242,8 +257,14 @@ class ZenohLink:
         self._tokens.append(self._session.liveliness().declare_token(f"{_ROOT}/{key}"))
 
     def watch_presence(self, key: str, act: Callable[[str, bool], None]) -> None:
-        """Calls `act` with the key of each liveliness token that appears (true) or disappears (false)."""
-        put = self._zenoh.SampleKind.PUT
+        """Calls `act` with the key of each liveliness token that appears (true) or disappears (false).
+
+        Args:
+            key: The key without its first part `stridetwin/`, which may have wildcards; tokens that are there already
+                count as well.
+            act: Function of a token's key without `stridetwin/`, and of whether the token has appeared.
+        """
+        put = self._zenoh.SampleKind.PUT  # the event of a token that appears
         handler = self._to_callback(lambda s: act(str(s.key_expr).removeprefix(f"{_ROOT}/"), s.kind == put))
         self._session.liveliness().declare_subscriber(f"{_ROOT}/{key}", handler, history=True)
 
@@ -258,11 +279,10 @@ class ZenohLink:
 
         def reply(query: zenoh.Query) -> None:
             """Answers one query by what `act` returns: with a reply if it succeeded, else with an error."""
-            answer, done = act(  # without a body, `act` gets no bytes
-                _sender_id(query.key_expr), query.payload.to_bytes() if query.payload is not None else b""
-            )
+            body = query.payload.to_bytes() if query.payload is not None else b""
+            answer, has_succeeded = act(_sender_id(query.key_expr), body)
             with query:  # at its end the asking side gets to know that no further reply follows
-                if done:
+                if has_succeeded:
                     query.reply(query.key_expr, answer)
                 else:
                     query.reply_err(answer)
@@ -272,8 +292,12 @@ class ZenohLink:
     def query(self, key: str, body: str) -> bytes | None:
         """Sends a query, and waits up to a minute for the answer.
 
+        Args:
+            key: The key without its first part `stridetwin/`.
+            body: The text of the query.
+
         Returns:
-            The answer; None if the connection was lost.
+            The answer; None without one, as when the connection was lost.
 
         Raises:
             WireError: The receiver refuses; the message is its reason.
@@ -304,13 +328,18 @@ def _sender_id(key: zenoh.KeyExpr) -> str:
 
 
 def parse_address(text: str, flag: str) -> tuple[str, int]:
-    """Host and port of `HOST:PORT`, `HOST`, `:PORT` or `[HOST6]:PORT`.
+    """Host and port of `HOST:PORT`, `HOST`, `:PORT` or `[HOST6]:PORT`; by default 127.0.0.1 and `PORT`.
+
+    Args:
+        text: The address.
+        flag: Name of the command line's option, for errors.
 
     Raises:
         StrideTwinError: The text is not an address.
     """
+    # an IPv6 address in brackets, or a name or IPv4 address; and a port of up to five digits, which may be missing
     match = re.fullmatch(r"(\[[0-9a-fA-F.]*:[0-9a-fA-F:.]*\]|[^][:/ \0?#]*)(?::(\d{0,5}))?", text)
-    host, port = (match[1].strip("[]"), int(match[2] or PORT)) if match else ("", -1)
+    host, port = (match[1].strip("[]"), int(match[2] or PORT)) if match else ("", -1)  # port -1: no address
     try:
         host.encode("idna")  # rejects empty or too long parts of a name
     except UnicodeError:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
 ENCAPSULATION = 4
+"""Bytes of the header before a message; the second one is 1 for little-endian numbers and 0 for big-endian ones."""
 
 _CODES = {
     "bool": "u1",
@@ -39,6 +40,7 @@ _CODES = {
     "float32": "f4",
     "float64": "f8",
 }
+"""NumPy's code, without byte order, of each ROS type of a number."""
 
 _Form = np.dtype[np.generic] | tuple[np.dtype[np.generic], tuple[int, ...]]
 """NumPy type of a field: of one number, or of an array with its shape."""
@@ -64,8 +66,8 @@ class MessageLayout:
     @cached_property
     def marks(self) -> tuple[tuple[int, bytes], ...]:
         """Offset and 4 bytes of the values that determine the layout: the encapsulation header and every length."""
-        word = "<I" if self.head[1] else ">I"
-        return ((0, self.head), *((at, struct.pack(word, value)) for at, value in self.lengths))
+        u32 = "<I" if self.head[1] else ">I"  # in the byte order that the header says
+        return ((0, self.head), *((at, struct.pack(u32, value)) for at, value in self.lengths))
 
     def fits(self, messages: NDArray[np.void]) -> bool:
         """Whether all of `messages`, (N,) raw items of this item size, have this layout: equal lengths everywhere."""
@@ -107,8 +109,8 @@ class _LayoutParser:
         self.strings: dict[str, str | list[str]] = {}
 
     def align_to(self, size: int) -> None:
-        """Moves to the next multiple of `size` bytes after the encapsulation header."""
-        self.at += -(self.at - ENCAPSULATION) % size
+        """Moves to the next multiple of `size` bytes after the encapsulation header, unless it is at one."""
+        self.at += -(self.at - ENCAPSULATION) % size  # bytes that are missing up to the multiple
 
     def read_length(self) -> int:
         """Reads the length of a string or sequence, u32, and records its offset.
@@ -118,7 +120,7 @@ class _LayoutParser:
         """
         self.align_to(4)
         (value,) = struct.unpack_from(self.order + "I", self.payload, self.at)
-        if value > len(self.payload):
+        if value > len(self.payload):  # before anything loops over so many items
             raise ValueError(f"a length of {value} in a message of {len(self.payload)} bytes")
         self.lengths.append((self.at, value))
         self.at += 4
@@ -139,17 +141,23 @@ class _LayoutParser:
             base: ROS type of each number, such as `float64`.
             shape: Shape of the array; empty for one number.
         """
-        form = np.dtype(self.order + _CODES[base])
-        count = int(np.prod(shape))
-        if count:
-            self.align_to(form.itemsize)
-        self.fields[path] = ((form, shape) if shape else form, self.at)
-        self.at += count * form.itemsize
+        number = np.dtype(self.order + _CODES[base])
+        count = int(np.prod(shape))  # 1 for an empty shape
+        if count:  # CDR does not align an empty array
+            self.align_to(number.itemsize)
+        self.fields[path] = ((number, shape) if shape else number, self.at)
+        self.at += count * number.itemsize
 
     def record_message(self, path: str, typename: str) -> None:
-        """Records everything in a message; one of float64s alone, such as a vector or quaternion, becomes one field."""
-        members = self.store.fielddefs[typename][1]
-        if path and all(d[0] == Nodetype.BASE and d[1][0] == "float64" for _, d in members):
+        """Records everything in a message; a nested one of float64s alone, such as a vector, becomes one field.
+
+        Args:
+            path: Dotted path of the message; "" for the outermost one.
+            typename: Its ROS type.
+        """
+        members = self.store.fielddefs[typename][1]  # pairs of a field's name and rosbags' description of its type
+        is_vector = all(kind == Nodetype.BASE and detail[0] == "float64" for _, (kind, detail) in members)
+        if path and is_vector:
             self.record_numbers(path, "float64", (len(members),))
             return
         for name, description in members:
@@ -160,7 +168,9 @@ class _LayoutParser:
 
         Args:
             path: Dotted path of the field.
-            description: rosbags' description of its type.
+            description: rosbags' description of its type. Its first entry is the kind; its second one the name of a
+                message type (NAME), the ROS type of a number or string with its longest length (BASE), or the
+                description and the number of the items (ARRAY, SEQUENCE).
         """
         if description[0] == Nodetype.NAME:
             self.record_message(path, description[1])
@@ -169,7 +179,7 @@ class _LayoutParser:
                 self.strings[path] = self.read_string()
             else:
                 self.record_numbers(path, description[1][0], ())
-        else:
+        else:  # an array of fixed length, or a sequence, before whose items the message has their number
             inner, size = description[1]
             count = size if description[0] == Nodetype.ARRAY else self.read_length()
             if inner[0] == Nodetype.NAME:
@@ -197,7 +207,7 @@ def layout_of(payload: bytes, typename: str, store: Typestore) -> MessageLayout:
         parser.record_message("", typename)
     except (struct.error, UnicodeDecodeError, KeyError) as error:  # KeyError: an undefined type
         raise ValueError(f"not a {typename}: {error}") from error
-    if not parser.at <= len(payload) < parser.at + 4:
+    if not parser.at <= len(payload) < parser.at + 4:  # writers may fill up to a multiple of 4 bytes
         raise ValueError(f"a {typename} of {len(payload)} bytes where {parser.at} were expected")
     dtype = np.dtype(
         {

@@ -82,10 +82,13 @@ class ImportedContents:
         self.metadata, self.unread = metadata, unread
         self.problems, self.warnings = notes.problems, notes.warnings
         self._notes = notes
-        self._blocks = {t: valid for t, b in blocks.items() if len(valid := self._drop_invalid_samples(t, b))}
-        self._images = {t: ordered for t, p in images.items() if len((ordered := self._drop_late_images(t, p)).t_ns)}
-        self.topics = {t: _to_topic_info(b.kind, b.t_ns) for t, b in self._blocks.items()}
-        self.topics |= {t: _to_topic_info(p.kind, p.t_ns) for t, p in self._images.items()}
+        valid_blocks = {topic: self._drop_invalid_samples(topic, block) for topic, block in blocks.items()}
+        valid_images = {topic: self._drop_late_images(topic, stream) for topic, stream in images.items()}
+        # streams of which nothing is left are no topics
+        self._blocks = {topic: block for topic, block in valid_blocks.items() if len(block)}
+        self._images = {topic: stream for topic, stream in valid_images.items() if len(stream.t_ns)}
+        self.topics = {topic: _to_topic_info(block.kind, block.t_ns) for topic, block in self._blocks.items()}
+        self.topics |= {topic: _to_topic_info(stream.kind, stream.t_ns) for topic, stream in self._images.items()}
         if not self.topics:
             raise RecordingError(f"{notes.path}: no readable sample")
         for problem in rate_problems(rig, self.topics):
@@ -93,8 +96,9 @@ class ImportedContents:
 
     def samples(self, topics: list[str]) -> Iterator[Sample]:
         """Samples of the topics in time order, images last at equal stamps."""
-        ordered = sorted(topics, key=lambda t: (t in self._images, t))
+        ordered = sorted(topics, key=lambda t: (t in self._images, t))  # images last, else by name
         streams = [self._iterate_topic(topic, order) for order, topic in enumerate(ordered)]
+        # merged by stamp, and at equal stamps by the order of the topics
         return (sample for _, _, sample in heapq.merge(*streams, key=itemgetter(0, 1)))
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Sample]]:
@@ -116,7 +120,7 @@ class ImportedContents:
         return self._images[topic].t_ns if topic in self._images else None
 
     def _iterate_topic(self, topic: str, order: int) -> Iterator[tuple[int, int, Sample]]:
-        """Yields a topic's samples, each after its stamp and `order`, the topic's rank among equal stamps."""
+        """Yields a topic's samples, each as (stamp in ns, `order`, sample); `order` is the rank at equal stamps."""
         if topic in self._blocks:
             for sample in self._blocks[topic]:
                 yield sample.t_ns, order, sample
@@ -138,12 +142,12 @@ class ImportedContents:
 
     def _drop_invalid_samples(self, topic: str, block: Block[Sample]) -> Block[Sample]:
         """The samples of a block with finite numbers and increasing stamps; others are reported as problems."""
-        keep = self._check_stamps(topic, block.t_ns)
+        rising = self._check_stamps(topic, block.t_ns)
         sound = block.finite
         if not sound.all():
-            at = int(np.argmin(sound))
+            at = int(np.argmin(sound))  # the first one that is not finite
             self._notes.add_problem(Problem(topic, int(block.t_ns[at]), "NaN or infinity", int((~sound).sum())))
-        return block[keep & sound]
+        return block[rising & sound]
 
     def _drop_late_images(self, topic: str, images: ImageStream) -> ImageStream:
         """The images with increasing stamps; others are reported as problems."""
@@ -152,6 +156,7 @@ class ImportedContents:
             return images
         at = np.flatnonzero(keep)  # numbers of the images that are kept
         load = images.load
+        # image i of the result is image `at[i]` of the given stream
         return ImageStream(kind=images.kind, t_ns=images.t_ns[at], load=lambda name, i: load(name, int(at[i])))
 
     def _check_stamps(self, topic: str, t_ns: Stamps) -> Mask:
@@ -164,19 +169,19 @@ class ImportedContents:
         Returns:
             (N,) whether each sample is valid.
         """
-        on_clock = (t_ns >= 0) & (t_ns < LATEST_NS)
-        if not on_clock.all():
-            at = int(np.argmin(on_clock))
+        in_range = (t_ns >= 0) & (t_ns < LATEST_NS)
+        if not in_range.all():
+            at = int(np.argmin(in_range))  # the first one out of range
             what = f"invalid stamp of row {at + 1}: expected 0 to {LATEST_NS // 10**9} s"
-            self._notes.add_problem(Problem(topic, int(t_ns[at]), what, int((~on_clock).sum())))
-        rising = is_increasing(np.where(on_clock, t_ns, -1))
-        late = on_clock & ~rising
+            self._notes.add_problem(Problem(topic, int(t_ns[at]), what, int((~in_range).sum())))
+        rising = is_increasing(np.where(in_range, t_ns, -1))  # stamps out of range do not count as previous ones
+        late = in_range & ~rising  # samples whose stamp an earlier row has passed already
         if late.any():
-            at = int(np.argmax(late))
-            before = int(t_ns[:at][on_clock[:at]].max())
+            at = int(np.argmax(late))  # the first of them
+            before = int(t_ns[:at][in_range[:at]].max())
             what = f"the stamp of row {at + 1} is not after the previous one, {before * 1e-9:.6f} s"
             self._notes.add_problem(Problem(topic, int(t_ns[at]), what, int(late.sum())))
-        return np.asarray(on_clock & rising)
+        return np.asarray(in_range & rising)
 
 
 def _to_topic_info(kind: type[Sample], t_ns: Stamps) -> TopicInfo:

@@ -41,7 +41,9 @@ from stridetwin.streams.samples import Block, Imu, Sample, Stamps, is_increasing
 KEPT_BYTES = 32 << 20
 """IMU samples of a file that stay in memory after the first pass: an hour of one IMU."""
 RATE_TOLERANCE = 0.2
+"""Share by which a topic's mean rate may differ from the declared one."""
 _RATE_SAMPLES = 10
+"""Fewest samples of a topic whose rate is checked."""
 LENIENT = "; to read it anyway: Recording(..., lenient=True), on the command line --lenient"
 
 
@@ -85,9 +87,11 @@ class Problem:
 
     def __str__(self) -> str:
         """The problem as one line: topic, time in s, description, and the number of samples if there are several."""
-        at = f"{self.topic} at {self.t_ns * 1e-9:.6f} s: " if self.topic and self.t_ns is not None else ""
         more = f" ({self.count} samples)" if self.count > 1 else ""
-        return f"{at or (self.topic and self.topic + ': ')}{self.what}{more}"
+        if not self.topic:  # a problem of the file as a whole
+            return f"{self.what}{more}"
+        at = f" at {self.t_ns * 1e-9:.6f} s" if self.t_ns is not None else ""
+        return f"{self.topic}{at}: {self.what}{more}"
 
 
 class Notes:
@@ -99,7 +103,7 @@ class Notes:
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
-        """Begins without notes on the source at `path`; if not `lenient`, a problem is raised as an error."""
+        """Begins without notes on the source at `path`, which errors name; if not `lenient`, a problem is an error."""
         self.path, self.lenient = path, lenient
         self.problems: list[Problem] = []
         self.warnings: list[str] = []
@@ -156,13 +160,16 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
     """Yields a problem for each topic whose mean rate differs by more than 20 % from the one that the rig declares."""
     if rig is None:
         return
+    # rate in Hz by topic; 0 if it is not declared
     declared = {t: imu.rate_hz for t, imu in rig.imus.items()}
     declared |= {t: sensor.rate_hz for t, sensor in rig.others.items()}
     for camera in rig.cameras.values():
         declared |= {camera.topic: camera.rate_hz, camera.depth_topic: camera.rate_hz}
     for topic, rate in declared.items():
         info = topics.get(topic)
-        if info and rate > 0 and info.count >= _RATE_SAMPLES and abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
+        if info is None or rate <= 0 or info.count < _RATE_SAMPLES:
+            continue  # not recorded, no declared rate, or too few samples
+        if abs(info.rate_hz / rate - 1) > RATE_TOLERANCE:
             what = f"{info.rate_hz:.1f} Hz where the rig declares {rate:g} Hz: expected ±{RATE_TOLERANCE:.0%}"
             yield Problem(topic, info.first_ns, what)
 
@@ -253,9 +260,9 @@ class RecordingIndex:
             definitions, messages = self._unpacking.contents(opcode, body)
             for record in definitions:
                 self._register_definition(record)
-            self._index_chunk(offset, messages)
+            self._index_chunk(offset, messages)  # of a schema or channel by itself there are none
         elif opcode == Opcode.ATTACHMENT:
-            self.rig = parse_rig_attachment(body) or self.rig
+            self.rig = parse_rig_attachment(body) or self.rig  # the last calibration of several counts
         elif opcode == Opcode.METADATA:
             metadata = parse_record(records.Metadata, body)
             if metadata.name == VERSION_RECORD:
@@ -270,12 +277,16 @@ class RecordingIndex:
 
         The first channel of a topic gets a decoder if its message type is one that is read; otherwise the topic is
         listed as unread. Further channels of the topic are reported and not read.
+
+        Args:
+            record: A `Schema` (definition of a message type) or a `Channel` (topic of messages of a schema). Files
+                repeat them, and only the first of one id counts for channels.
         """
         if isinstance(record, records.Schema):
             self._schemas[record.id] = record
         elif record.id not in self.channels:
             schema = self._schemas.get(record.schema_id)
-            name = schema.name if schema else ""
+            name = schema.name if schema else ""  # ROS type of the messages
             self.channels[record.id] = record.topic
             if schema is None or name not in READABLE or record.message_encoding != "cdr":
                 self.unread[record.topic] = name
@@ -308,9 +319,10 @@ class RecordingIndex:
             self.chunks.append(ChunkInfo(offset, parts))
 
     def _keep_in_memory(self, block: Block[Any]) -> None:
-        """Keeps the samples of an IMU in memory, so that they need not be read again.
+        """Keeps the samples of an IMU in memory (`_kept`), so that they need not be read again.
 
-        If those of the file become too many, none is kept any more, and they are read again on request.
+        If those of the file become too many, none is kept any more, and they are read again on request. `_free_bytes`,
+        the memory that is left for them, is then negative and stays so.
         """
         self._free_bytes -= block.t_ns.nbytes + sum(values.nbytes for values in block.columns.values())
         if self._free_bytes < 0:
@@ -344,7 +356,7 @@ class RecordingIndex:
             return None
         rising = is_increasing(t, before)
         if not rising.all():
-            i = int(np.argmin(rising))
+            i = int(np.argmin(rising))  # the first sample that is too early
             earlier = max(before, int(t[:i].max(initial=before)))
             what = f"the stamp is not after the previous one, {earlier * 1e-9:.6f} s"
             self.notes.add_problem(Problem(topic, int(t[i]), what, int((~rising).sum())))
@@ -357,7 +369,7 @@ class RecordingIndex:
         kept = t[keep]
         if block is not None and block.kind is Imu:
             self._keep_in_memory(block[keep])
-        if not len(kept) or reader.kind is None:
+        if not len(kept) or reader.kind is None:  # reading a message has set the kind
             return None
         self._parts_of_times.setdefault(topic, []).append(kept)
         part = ChunkPart(len(kept), int(kept[0]), int(kept[-1]), before)
@@ -368,6 +380,8 @@ class RecordingIndex:
 
 def is_stridetwin_recording(path: Path, if_damaged: bool) -> bool:
     """Whether an MCAP file begins like our recordings: with our calibration, metadata or schema version.
+
+    The recorder writes these before all other records but the header.
 
     Args:
         path: The file.
@@ -383,7 +397,7 @@ def is_stridetwin_recording(path: Path, if_damaged: bool) -> bool:
             ):
                 return True
             if opcode not in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
-                return False
+                return False  # other contents begin
     except (DamagedError, RecordingError, OSError):
         return if_damaged
     return False
@@ -396,6 +410,7 @@ def parse_rig_attachment(body: bytes) -> Rig | None:
         DamagedError: The attachment's CRC is wrong, or the calibration is invalid.
     """
     attachment = parse_record(records.Attachment, body)
+    # the last 4 bytes are the CRC of the others; 0 means that there is none
     if int.from_bytes(body[-4:], "little") not in (0, zlib.crc32(body[:-4])):
         raise DamagedError(f"CRC mismatch of the attachment {attachment.name}")
     if attachment.name != RIG_NAME:
@@ -408,6 +423,13 @@ def parse_rig_attachment(body: bytes) -> Rig | None:
 
 def read_calibration(path: Path, notes: Notes) -> tuple[Rig, dict[str, str]]:
     """The calibration and the metadata at the beginning of one of our recordings, when it is read as a bag.
+
+    Args:
+        path: The MCAP file.
+        notes: Collects a damaged calibration.
+
+    Returns:
+        The rig, without sensors if there is no calibration, and the texts of the metadata by name.
 
     Raises:
         StrideTwinError: A newer release made the file, or (unless lenient) one of them is damaged.

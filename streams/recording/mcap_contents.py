@@ -36,7 +36,7 @@ class Message:
 
 Item = TypeVar("Item", Sample, Message)
 Order = tuple[int, str]
-"""Rank of a topic among those of one instant, and its name."""
+"""Rank of a topic among those of one instant, and its name, which decides between equal ranks; the least is first."""
 
 
 class McapContents(RecordingIndex):
@@ -46,7 +46,7 @@ class McapContents(RecordingIndex):
     """
 
     def __init__(self, path: Path, lenient: bool) -> None:
-        """Indexes the file in one pass, see `RecordingIndex`."""
+        """Reads the file once: `RecordingIndex` finds its topics, chunks, problems and calibration."""
         super().__init__(path, lenient)
         # the chunk unpacked last: its offset in the file, and its messages by topic
         self._unpacked: tuple[int, dict[str, Messages]] = (-1, {})
@@ -74,17 +74,18 @@ class McapContents(RecordingIndex):
         """Yields the items of the topics in time order, merged over chunks that overlap in time.
 
         Args:
-            order: Rank of each topic at equal stamps.
+            order: Rank and name of each topic, by which items of equal stamps are ordered.
             read: Reads some topics of a chunk: pairs of a topic and its items.
         """
-        # each chunk with one of the topics: earliest stamp, number, its topics, the chunk
-        parts = [
-            (min(c.parts[t].first for t in chunk_topics), i, chunk_topics, c)
-            for i, c in enumerate(self.chunks)
-            if (chunk_topics := [t for t in order if t in c.parts])
-        ]
+        # each chunk with one of the topics: earliest stamp, number of the chunk, its topics, the chunk
+        parts: list[tuple[int, int, list[str], ChunkInfo]] = []
+        for i, chunk in enumerate(self.chunks):
+            if chunk_topics := [topic for topic in order if topic in chunk.parts]:
+                parts.append((min(chunk.parts[topic].first for topic in chunk_topics), i, chunk_topics, chunk))
+        # the next item of each topic in each chunk that is open, with what decides the order before it: stamp, rank and
+        # name of the topic, and number of the chunk
         heap: list[tuple[int, Order, int, Item, Iterator[Item]]] = []
-        for start, i, chunk_topics, chunk in sorted(parts, key=lambda p: p[:2]):
+        for start, i, chunk_topics, chunk in sorted(parts, key=lambda part: part[:2]):
             yield from _pop_until(heap, start)  # no later chunk has anything before its start
             for topic, items in read(chunk, chunk_topics):
                 if (first := next(items, None)) is not None:
@@ -92,30 +93,36 @@ class McapContents(RecordingIndex):
         yield from _pop_until(heap, None)
 
     def blocks(self, topics: Sequence[str]) -> dict[str, Block[Sample]]:
-        """All samples of the topics, as one block each, in one pass over the file; for topics without images."""
+        """All samples of the topics, as one block each, in one pass over the file; for topics without images.
+
+        Those of IMUs may be in memory from the first pass (`_kept`); the others are read from their chunks.
+        """
         parts: dict[str, list[Block[Sample]]] = {topic: list(self._kept.get(topic, ())) for topic in topics}
-        missing = [topic for topic in topics if topic not in self._kept]
-        for chunk in self.chunks if missing else ():
-            chunk_topics = [topic for topic in missing if topic in chunk.parts]
-            for topic, messages in self._read_messages(chunk, chunk_topics).items() if chunk_topics else ():
+        to_read = [topic for topic in topics if topic not in self._kept]
+        for chunk in self.chunks:
+            chunk_topics = [topic for topic in to_read if topic in chunk.parts]
+            if not chunk_topics:
+                continue
+            for topic, messages in self._read_messages(chunk, chunk_topics).items():
                 parts[topic].append(self._decode_valid_block(self.readers[topic], messages, chunk.parts[topic]))
         return {topic: concatenate_blocks(blocks) for topic, blocks in parts.items()}
 
     def images(self, topic: str, indices: Sequence[int]) -> dict[int, Image | Depth]:
         """Reads images of a topic by number; those that do not exist or (when lenient) are damaged are missing."""
         images: dict[int, Image | Depth] = {}
-        chunks, ends = self._chunks_with_images(topic)
+        chunks, ends = self._chunks_with_images(topic)  # `ends`: number of images up to the end of each chunk
         wanted = np.array(sorted({i for i in indices if 0 <= i < ends[-1]}), np.int64)
-        # k: number of the chunk; numbers: of the wanted images in it
-        for k, numbers in _split_by_group(wanted, np.searchsorted(ends, wanted, side="right")):
+        chunk_numbers = np.searchsorted(ends, wanted, side="right")  # which of `chunks` has each of them
+        for k, numbers in _split_by_group(wanted, chunk_numbers):  # `numbers`: of the wanted images in chunk k
             part = chunks[k].parts[topic]
             stored = self._select_ordered_images(topic, self._read_messages(chunks[k], [topic])[topic], part)
-            chosen = stored.select(numbers - (ends[k] - part.count))
+            first_number = ends[k] - part.count  # of the first image in the chunk
+            chosen = stored.select(numbers - first_number)
             images |= dict(zip(numbers.tolist(), self._decode_images(topic, chosen)))
         return images
 
     def _chunks_with_images(self, topic: str) -> tuple[list[ChunkInfo], NDArray[np.int64]]:
-        """Chunks with images of a topic, and the number of its images up to the end of each."""
+        """Chunks with images of a topic, and the number of its images up to the end of each, kept for the next call."""
         if topic not in self._chunks_of:
             chunks = [chunk for chunk in self.chunks if topic in chunk.parts]
             self._chunks_of[topic] = chunks, np.cumsum([chunk.parts[topic].count for chunk in chunks])
@@ -131,24 +138,22 @@ class McapContents(RecordingIndex):
 
     def _read_messages(self, chunk: ChunkInfo, topics: list[str]) -> dict[str, Messages]:
         """The messages of some topics in a chunk; the last chunk stays unpacked, as topics are read in turn."""
-        offset, named = self._unpacked
+        offset, by_topic = self._unpacked
         if offset != chunk.offset:
             _, by_channel = chunk_contents(read_chunk(self.path, chunk.offset))
-            named = {}
+            by_topic = {}
             for channel, messages in by_channel.items():
-                named.setdefault(self.channels[channel], messages)  # of several publishers the first is read
-            self._unpacked = chunk.offset, named
-        return {topic: named[topic] for topic in topics}
+                by_topic.setdefault(self.channels[channel], messages)  # of several publishers the first is read
+            self._unpacked = chunk.offset, by_topic
+        return {topic: by_topic[topic] for topic in topics}
 
     def _chunk_samples(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Sample]]]:
         """Yields each topic of a chunk with its samples; images are decoded one by one on request."""
         for topic, messages in self._read_messages(chunk, topics).items():
             reader = self.readers[topic]
             if reader.is_image:
-                yield (
-                    topic,
-                    self._decode_images(topic, self._select_ordered_images(topic, messages, chunk.parts[topic])),
-                )
+                ordered = self._select_ordered_images(topic, messages, chunk.parts[topic])
+                yield topic, self._decode_images(topic, ordered)
             else:
                 yield topic, iter(self._decode_valid_block(reader, messages, chunk.parts[topic]))
 
@@ -158,31 +163,48 @@ class McapContents(RecordingIndex):
             yield topic, self._iterate_messages(self.readers[topic], messages, chunk.parts[topic])
 
     def _iterate_messages(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Iterator[Message]:
-        """Yields the messages of a topic in a chunk whose stamps increase, with their stamps."""
+        """Yields the messages of a topic in a chunk whose stamps increase, with their stamps.
+
+        Args:
+            reader: Decoder of the topic, which finds the stamps.
+            messages: The messages.
+            part: Entry of the index, which has the latest stamp before the chunk.
+        """
         times = reader.read_times(messages) if reader.is_image else reader.read_block(messages).t_ns
         for i in np.flatnonzero(is_increasing(times, part.before)).tolist():
             payload = messages.payload(i)
             yield Message(t_ns=int(times[i]), topic=reader.topic, typename=reader.typename, payload=payload)
 
     def _decode_valid_block(self, reader: TopicReader, messages: Messages, part: ChunkPart) -> Block[Sample]:
-        """The samples of a topic in a chunk with increasing stamps and finite numbers (ground truth may have NaN)."""
+        """The samples of a topic in a chunk with increasing stamps and finite numbers (ground truth may have NaN).
+
+        Args:
+            reader: Decoder of the topic.
+            messages: Its messages in the chunk.
+            part: Entry of the index, which has the latest stamp before the chunk.
+        """
         block = reader.read_block(messages)
-        keep = is_increasing(block.t_ns, part.before)
-        return block[keep if reader.topic.startswith("/truth/") else keep & block.finite]
+        rising = is_increasing(block.t_ns, part.before)
+        return block[rising if reader.topic.startswith("/truth/") else rising & block.finite]
 
     def _select_ordered_images(self, topic: str, messages: Messages, part: ChunkPart) -> Messages:
         """The messages of an image topic in a chunk whose stamps increase, with the stamps in place of log times."""
-        t = self.readers[topic].read_times(messages)
-        keep = is_increasing(t, part.before)
-        return replace(messages, log_time=t).select(np.flatnonzero(keep))
+        stamps = self.readers[topic].read_times(messages)
+        rising = is_increasing(stamps, part.before)  # `before`: the latest stamp before the chunk
+        return replace(messages, log_time=stamps).select(np.flatnonzero(rising))
 
     def _decode_images(self, topic: str, messages: Messages) -> Iterator[Image | Depth]:
-        """Yields the images of a topic one by one; a damaged one is reported, and (when lenient) left out."""
-        for i, t in enumerate(messages.log_time.tolist()):
+        """Yields the images of a topic one by one; a damaged one is reported, and (when lenient) left out.
+
+        Args:
+            topic: The topic.
+            messages: Its messages as `_select_ordered_images` returns them, with their stamps in place of log times.
+        """
+        for i, t_ns in enumerate(messages.log_time.tolist()):
             try:
-                yield self.readers[topic].read_image(messages.payload(i), t)
+                yield self.readers[topic].read_image(messages.payload(i), t_ns)
             except ValueError as error:
-                self.notes.add_problem(Problem(topic, t, str(error)))
+                self.notes.add_problem(Problem(topic, t_ns, str(error)))
 
 
 def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.int64]]]:
@@ -192,9 +214,9 @@ def _split_by_group(values: NDArray[np.int64], groups: NDArray[np.intp]) -> Iter
         values: (N,) values.
         groups: (N,) number of the group of each value, sorted.
     """
-    edges = np.flatnonzero(np.diff(groups)) + 1
+    edges = np.flatnonzero(np.diff(groups)) + 1  # index of the first value of each group but the first one
     for first, part in zip(np.concatenate(([0], edges)), np.split(values, edges)):
-        if len(part):
+        if len(part):  # there is one empty part if there are no values
             yield int(groups[first]), part
 
 

@@ -30,18 +30,23 @@ from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.recording.mcap_writer import MAGIC
 
 MESSAGE_HEAD = 31
+"""Bytes of a message's record before the payload: opcode 1, length 8, channel 2, sequence 4, two times of 8 each."""
 _HEAD = struct.Struct("<BQ")
+"""Opcode and length of a record's body, with which every record begins: 9 bytes."""
 _MESSAGE = struct.Struct("<BQH")
+"""Opcode, length of the body, and channel of a message."""
 LARGEST_CHUNK = 64 << 20
 """Bytes of a chunk, unpacked; writers close theirs at a few MB, after the image that exceeds them."""
 _LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
 _MOST_CHANNELS = 2000
-# Limits of the unpacked size, absolute and relative to the file; sensors give 4-20 times the bytes, a camera that sees
-# nothing 90 times, and no less than 50 bytes per message.
+"""Most schemas and channels of a file together."""
+# A file may unpack to so many bytes and hold so many messages, plus so many for each byte of the file, or one for so
+# many bytes. Sensors unpack to 4-20 times the bytes, a camera that sees nothing to 90 times; messages take 50 bytes.
 _FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
 _FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
 _LARGEST_WINDOW = 128 << 20  # of zstd, above that of its highest level
 _RECORDS: dict[int, Any] = {Opcode.SCHEMA: records.Schema, Opcode.CHANNEL: records.Channel}
+"""Class of the mcap library for a schema and for a channel."""
 R = TypeVar("R")
 
 
@@ -66,25 +71,32 @@ class Unpacking:
         self._channels = _MOST_CHANNELS
 
     def contents(self, opcode: int, body: bytes) -> tuple[list[records.McapRecord], dict[int, Messages]]:
-        """Schemas and channels of a chunk, and its messages by channel id; or the one schema or channel.
+        """Reads one record of the file, and counts it towards the limits.
+
+        Args:
+            opcode: Kind of the record: chunk, schema or channel.
+            body: Its bytes without opcode and length.
+
+        Returns:
+            The schemas and channels in it, and the messages of a chunk by channel id.
 
         Raises:
             DamagedError: The chunk contradicts its header.
-            RecordingError: The file is a decompression bomb.
+            RecordingError: The file is a decompression bomb: it unpacks to more than its size allows.
         """
-        if opcode != Opcode.CHUNK:
+        if opcode != Opcode.CHUNK:  # a schema or a channel outside chunks
             self.count_records(0, 1)
             return [parse_record(_RECORDS[opcode], body)], {}
         chunk = parse_record(records.Chunk, body)
-        self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)
+        self._bytes -= min(chunk.uncompressed_size, LARGEST_CHUNK)  # a larger chunk is refused before it is unpacked
         self._check_limit(self._bytes, "bytes unpacked")
         return chunk_contents(decompress(chunk), self)
 
     def count_records(self, messages: int, definitions: int) -> None:
-        """Counts messages, and other records (schemas and channels).
+        """Counts further messages and definitions (schemas and channels) towards the limits.
 
         Raises:
-            RecordingError: The file is a decompression bomb.
+            RecordingError: There are more than a file of this size can hold.
         """
         self._messages -= messages
         self._check_limit(self._messages, "messages")
@@ -129,8 +141,8 @@ class Messages:
         return Messages(self.data, self.starts[indices], self.lengths[indices], self.log_time[indices])
 
     def rows(self) -> NDArray[np.void]:
-        """(N,) raw items, for messages of one common length."""
-        return _gather(self.data, np.dtype(f"V{self.lengths[0]}"), self.starts)
+        """(N,) payloads as items of raw bytes, for messages of one common length."""
+        return _copy_items(self.data, np.dtype(f"V{self.lengths[0]}"), self.starts)
 
 
 def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
@@ -145,23 +157,25 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(f"{path}: this is no MCAP file")
-        crc, problem = zlib.crc32(MAGIC), ""
+        crc = zlib.crc32(MAGIC)  # of the section so far: the data, and later the summary
+        problem = ""  # a wrong CRC of the data, which is reported after the last record
         while True:
             offset = file.tell()
             head = file.read(_HEAD.size)
             if len(head) < _HEAD.size:
                 raise CutOffError(f"the file is cut off at byte {offset}")
             opcode, length = _HEAD.unpack(head)  # 1 and 8 bytes; the record's body of `length` bytes follows
-            if opcode == 0 or length > size - file.tell():
+            if opcode == 0 or length > size - file.tell():  # there is no opcode 0
                 raise CutOffError(f"the file is cut off or damaged at byte {offset}")
             if length > _LARGEST_RECORD:
                 raise CutOffError(f"a record of {length} bytes at byte {offset}: expected up to {_LARGEST_RECORD}")
             body = file.read(length)
             if opcode == Opcode.DATA_END:
-                (stored,) = struct.unpack("<I", body)
+                (stored,) = struct.unpack("<I", body)  # CRC of the data section; 0 means that there is none
                 problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
                 crc = 0  # of the summary, which begins here
             elif opcode == Opcode.FOOTER:
+                # CRC of the summary, in the last 4 of the footer's 20 bytes; 0 means none; -1 is never correct
                 stored = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
                 if stored not in (0, zlib.crc32(head + body[:-4], crc)):
                     problem = problem or "CRC mismatch of the summary"
@@ -191,7 +205,7 @@ def read_chunk(path: Path, offset: int) -> bytes:
     """Uncompressed bytes of the chunk whose record starts at `offset`."""
     with path.open("rb") as file:
         file.seek(offset)
-        _, length = _HEAD.unpack(file.read(_HEAD.size))
+        _, length = _HEAD.unpack(file.read(_HEAD.size))  # opcode, and length of the body
         return decompress(parse_record(records.Chunk, file.read(length)))
 
 
@@ -206,8 +220,8 @@ def decompress(chunk: records.Chunk) -> bytes:
         raise DamagedError(f"a chunk of {size} bytes unpacked: expected up to {LARGEST_CHUNK}")
     try:
         if chunk.compression == "zstd":
-            frame = zstandard.frame_content_size(chunk.data)  # -1: not declared
-            if frame not in (-1, size):
+            declared = zstandard.frame_content_size(chunk.data)  # unpacked size by the data themselves; -1: none
+            if declared not in (-1, size):
                 raise DamagedError("a damaged chunk")
             data = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW).decompress(chunk.data, size)
         elif chunk.compression == "lz4":
@@ -218,13 +232,18 @@ def decompress(chunk: records.Chunk) -> bytes:
             raise DamagedError(f"compression {chunk.compression!r} is not known")
     except (zstandard.ZstdError, RuntimeError) as error:
         raise DamagedError(f"a damaged chunk ({error})") from error
+    # a CRC of 0 means that there is none
     if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
         raise DamagedError("CRC mismatch of a chunk")
     return data
 
 
 def _unpack_lz4(data: bytes, size: int) -> bytes:
-    """One lz4 frame of that size; a larger one is not unpacked further."""
+    """Unpacks one lz4 frame that should have `size` bytes unpacked; of a larger one no more than `size + 1` bytes.
+
+    Raises:
+        DamagedError: The frame has not ended by then.
+    """
     unpacker = lz4.frame.LZ4FrameDecompressor()
     unpacked: bytes = unpacker.decompress(data, max_length=size + 1)
     if not unpacker.eof:
@@ -239,14 +258,14 @@ def chunk_contents(
 
     Args:
         data: The chunk, unpacked.
-        unpacking: Receives the numbers of both, on the first pass over a file.
+        unpacking: Counts messages and definitions towards the file's limits, on the first pass over it; None later.
 
     Raises:
         DamagedError: The bytes are not a sequence of records.
         RecordingError: The file is a decompression bomb.
     """
-    definitions: list[records.McapRecord] = []
-    offsets: dict[int, list[int]] = {}
+    definitions: list[records.McapRecord] = []  # schemas and channels
+    offsets: dict[int, list[int]] = {}  # place of each message's record in `data`, by channel id
     at, end = 0, len(data)
     # local names make the loop over all messages faster; a record has 9 bytes of opcode and length before its body
     unpack, message, shortest = _MESSAGE.unpack_from, int(Opcode.MESSAGE), MESSAGE_HEAD - 9
@@ -267,22 +286,30 @@ def chunk_contents(
             at += 9 + length
     except struct.error as error:
         raise DamagedError("a damaged chunk") from error
-    if at != end:
+    if at != end:  # the last record is longer than the rest of the chunk
         raise DamagedError("a damaged chunk")
     if unpacking is not None:
         unpacking.count_records(sum(map(len, offsets.values())), 0)
-    return definitions, {channel: messages_at(data, np.array(at_, np.int64)) for channel, at_ in offsets.items()}
+    return definitions, {channel: messages_at(data, np.array(places, np.int64)) for channel, places in offsets.items()}
 
 
 def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:
-    """The messages whose records start at `offsets` (N,)."""
-    head = np.dtype({"names": ["n", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD})
-    heads = _gather(data, head, offsets)
-    lengths = heads["n"].astype(np.int64) - (MESSAGE_HEAD - 9)
+    """The messages of a chunk, from the places of their records.
+
+    Args:
+        data: The chunk, unpacked.
+        offsets: (N,) where the records start in it.
+    """
+    # of the bytes before the payload, the length of the record's body (after the opcode) and the log time
+    head = np.dtype(
+        {"names": ["length", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD}
+    )
+    heads = _copy_items(data, head, offsets)
+    lengths = heads["length"].astype(np.int64) - (MESSAGE_HEAD - 9)  # the body begins 9 bytes after the record
     return Messages(data, offsets + MESSAGE_HEAD, lengths, heads["log"].astype(np.int64))
 
 
-def _gather(data: bytes, item: np.dtype[Any], starts: NDArray[np.int64]) -> NDArray[np.void]:
+def _copy_items(data: bytes, item: np.dtype[Any], starts: NDArray[np.int64]) -> NDArray[np.void]:
     """(N,) items of a type, copied from the places `starts` (N,) in the bytes, which need not be aligned."""
     # a view with an item at every byte, of which those at `starts` are taken
     windows = np.ndarray((max(0, len(data) - item.itemsize + 1),), f"V{item.itemsize}", data, strides=(1,))

@@ -23,9 +23,14 @@ from stridetwin.streams.files import partial_path
 from stridetwin.streams.recording.ros_types import definition
 
 MAGIC = b"\x89MCAP0\r\n"
+"""First and last bytes of a file."""
 CHUNK_BYTES = 2 << 20
+"""Size, without compression, from which on a chunk is finished."""
 CHUNK_NS = 2_000_000_000
+"""Time from the first message of a chunk from which on a message belongs to the next chunk, ns."""
 IMAGE_LANE = 1
+"""Number of the lane of images; the other messages are in lane 0."""
+# what comes before the payload in the record of a message; `length` is that of the record without opcode and length
 _RECORD_HEAD = np.dtype(
     [
         ("opcode", "u1"),
@@ -52,7 +57,7 @@ def build_message_rows(
     Returns:
         (N,) records of one contiguous buffer, and a view of the (N,) payloads inside them, to be filled in.
     """
-    row = np.dtype(
+    record = np.dtype(
         {
             "names": ["head", "payload"],
             "formats": [_RECORD_HEAD, layout],
@@ -61,9 +66,10 @@ def build_message_rows(
         }
     )
     head = np.zeros((), _RECORD_HEAD)
-    head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, row.itemsize - 9, channel
+    # opcode and length themselves have 9 bytes, which the length does not count
+    head["opcode"], head["length"], head["channel"] = Opcode.MESSAGE, record.itemsize - 9, channel
     template = np.frombuffer(head.tobytes() + payload, np.uint8)
-    rows = np.tile(template, (len(t_ns), 1)).reshape(-1).view(row)
+    rows = np.tile(template, (len(t_ns), 1)).reshape(-1).view(record)
     rows["head"]["log"] = rows["head"]["publish"] = t_ns
     return rows, rows["payload"]
 
@@ -74,7 +80,7 @@ class _OpenChunk:
     Attributes:
         parts: Records, in order.
         size: Bytes of all records.
-        entries: Log time and offset of each message, by channel.
+        entries: By channel, arrays (N, 2) with the log time in ns and the offset in the chunk of each message.
         times: Log time of the earliest and of the latest message, ns.
     """
 
@@ -94,11 +100,11 @@ class _OpenChunk:
             data: The N records.
         """
         first, last = int(times[0]), int(times[-1])
-        if self.entries:
+        if self.entries:  # messages of other channels may be earlier or later
             first, last = min(first, self.times[0]), max(last, self.times[1])
         self.times = first, last
-        each = len(data) // len(times)
-        offsets = self.size + each * np.arange(len(times), dtype=np.uint64)
+        record_size = len(data) // len(times)
+        offsets = self.size + record_size * np.arange(len(times), dtype=np.uint64)  # of the records in the chunk
         self.entries.setdefault(channel, []).append(np.column_stack((times, offsets)))
         self.parts.append(data)
         self.size += len(data)
@@ -138,7 +144,10 @@ class McapWriter:
         self._append(_encode(records.Header(profile="ros2", library="stridetwin")))
 
     def register_channel(self, topic: str, typename: str) -> int:
-        """The id of a topic's channel of CDR messages, which is registered on the first call for the topic."""
+        """The id of a topic's channel of CDR messages, which is registered on the first call for the topic.
+
+        A schema with the definition of the message type comes before its first channel. Ids count from 1.
+        """
         if topic not in self._channels:
             schema = next((s for s in self._schemas if s.name == typename), None)
             if schema is None:
@@ -151,32 +160,44 @@ class McapWriter:
         return self._channels[topic].id
 
     def append_message(self, topic: str, typename: str, payload: bytes, t_ns: int, lane: int) -> None:
-        """Appends one message to a lane."""
-        layout = np.dtype(f"V{len(payload)}")
-        rows, _ = build_message_rows(
-            self.register_channel(topic, typename), payload, layout, np.array([t_ns], np.int64)
-        )
+        """Appends one message to a lane.
+
+        Args:
+            topic: Topic of the message, whose channel is registered if it is the first one.
+            typename: Its ROS 2 type.
+            payload: Its CDR bytes.
+            t_ns: Its log and publish time.
+            lane: 0, or `IMAGE_LANE`.
+        """
+        layout = np.dtype(f"V{len(payload)}")  # raw bytes: the payload stays as it is
+        channel = self.register_channel(topic, typename)
+        rows, _ = build_message_rows(channel, payload, layout, np.array([t_ns], np.int64))
         self.append_messages(rows, lane)
 
     def append_messages(self, rows: NDArray[np.void], lane: int = 0) -> None:
-        """Appends records made by `build_message_rows` to a lane, and splits them over chunks as they fill up."""
+        """Appends messages of one channel to a lane, and splits them over chunks as they fill up.
+
+        Args:
+            rows: (N,) records that `build_message_rows` has made, N ≥ 1, log times in order.
+            lane: 0, or `IMAGE_LANE`.
+        """
         channel = int(rows["head"]["channel"][0])
         data = memoryview(rows.view(np.uint8).data)
         times = rows["head"]["log"]
-        size = rows.itemsize
+        size = rows.itemsize  # bytes of a record
         self._counts[channel] = self._counts.get(channel, 0) + len(rows)
-        start = 0
+        start = 0  # number of the next record to append
         while start < len(rows):
             chunk = self._lanes.setdefault(lane, _OpenChunk())
             if chunk.entries and int(times[start]) - chunk.times[0] >= CHUNK_NS:
                 self._finish_chunk(lane)
                 chunk = self._lanes[lane] = _OpenChunk()
-            # as many messages as fit into the chunk by size and by duration
+            # as many messages as fit into the chunk by size and by duration, but at least one
             count = max(1, (CHUNK_BYTES - chunk.size) // size)
             count = min(count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start)
             chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])
             start += count
-            if chunk.size >= CHUNK_BYTES - size:
+            if chunk.size >= CHUNK_BYTES - size:  # full, or with no room for another one of these
                 self._finish_chunk(lane)
 
     def append_attachment(self, name: str, media_type: str, data: bytes) -> None:
@@ -211,8 +232,8 @@ class McapWriter:
         """
         self._finish_chunks()
         self._append(_encode(records.DataEnd(self._crc)))
-        start = self._file.tell()
-        first, last = self._times or (0, 0)
+        start = self._file.tell()  # where the summary begins
+        first, last = self._times or (0, 0)  # without messages both are 0
         statistics = records.Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
@@ -232,13 +253,14 @@ class McapWriter:
             (Opcode.ATTACHMENT_INDEX, self._attachment_indexes),
             (Opcode.METADATA_INDEX, self._metadata_indexes),
         ]
-        summary, offsets = b"", b""
+        summary, offsets = b"", b""  # records of the groups, and the places of the groups
         for opcode, items in groups:
             body = b"".join(_encode(item) for item in items)
             if body:
                 offsets += _encode(records.SummaryOffset(opcode, start + len(summary), len(body)))
             summary += body
-        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]  # without its CRC, which follows
+        # the footer says where the summary and the places begin; its last 4 bytes are the CRC of all of these
+        footer = _encode(records.Footer(start, start + len(summary), 0))[:-4]
         tail = summary + offsets + footer
         self._file.write(tail + zlib.crc32(tail).to_bytes(4, "little") + MAGIC)
         self._file.close()
@@ -263,13 +285,14 @@ class McapWriter:
         Args:
             lane: Number of the lane, which then has no open chunk.
         """
-        done = self._lanes.pop(lane)
-        data = b"".join(done.parts)
-        first, last = done.times
+        open_chunk = self._lanes.pop(lane)
+        data = b"".join(open_chunk.parts)
+        first, last = open_chunk.times
+        compressed = self._compressor.compress(data)
         chunk = _encode(
             records.Chunk(
                 compression="zstd",
-                data=(compressed := self._compressor.compress(data)),
+                data=compressed,
                 message_start_time=first,
                 message_end_time=last,
                 uncompressed_crc=zlib.crc32(data),
@@ -278,10 +301,11 @@ class McapWriter:
         )
         start = self._file.tell()
         index_start = start + len(chunk)
-        indexes, offsets = b"", {}
-        for channel, entries in done.entries.items():
+        indexes: bytes = b""  # the index records of all channels
+        offsets: dict[int, int] = {}  # place of each channel's index record in the file
+        for channel, entries in open_chunk.entries.items():
             offsets[channel] = index_start + len(indexes)
-            body = np.concatenate(entries).astype("<u8").tobytes()
+            body = np.concatenate(entries).astype("<u8").tobytes()  # log time and offset of each message in turn
             builder = RecordBuilder()
             builder.start_record(Opcode.MESSAGE_INDEX)
             builder.write2(channel)

@@ -69,7 +69,7 @@ class Recording:
 
     @property
     def schema_version(self) -> str:
-        """Schema version of our own MCAP recordings (`streams.recording.index`); "" for other tools' files."""
+        """Schema version of an MCAP recording, `0.0` for one without a version; "" for files of other formats."""
         return self._contents.schema_version if isinstance(self._contents, McapContents) else ""
 
     @property
@@ -93,7 +93,8 @@ class Recording:
         """Seconds from the first sample of any topic to the last."""
         if not self.topics:
             return 0.0
-        return (max(t.last_ns for t in self.topics.values()) - min(t.first_ns for t in self.topics.values())) * 1e-9
+        last_ns = max(t.last_ns for t in self.topics.values())
+        return (last_ns - min(t.first_ns for t in self.topics.values())) * 1e-9
 
     def samples(self, topics: Iterable[str] | None = None) -> Iterator[Sample]:
         """The samples of some topics (all by default) in time order, streamed.
@@ -114,7 +115,7 @@ class Recording:
 
         Args:
             topics: Topics to return.
-            rank_of: Rank of a kind of sample among those of one instant.
+            rank_of: Rank of a kind of sample among those of one instant; the lowest rank comes first.
         """
         assert isinstance(self._contents, McapContents)
         return self._contents.messages(topics, rank_of)
@@ -182,9 +183,9 @@ class Recording:
         """
         times = self.image_times(topic)
         if t_ns is not None:
-            indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]
+            indices = [int(np.argmin(np.abs(times - t))) for t in t_ns]  # the nearest image of each time
         wanted = range(len(times)) if indices is None else indices
-        images = self._contents.images(topic, wanted)
+        images = self._contents.images(topic, wanted)  # by number, without those that do not exist or are damaged
         missing = [i for i in wanted if i not in images]
         if missing:
             raise RecordingError(f"{self.path}: {topic} has no image {missing[0]}: expected 0 to {len(times) - 1}")
@@ -224,9 +225,9 @@ class Recording:
             Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`; "" if no topic ends alike, or for
             our own recordings, whose topics say where the sensors are.
         """
-        last = topic.rpartition("/")[2]
+        last = topic.rpartition("/")[2]  # what the sensor is, such as `imu`
         alike = [t for t in sorted(self.topics) if t.rpartition("/")[2] == last and not t.startswith("/truth/")]
         if self.schema_version or not alike:
             return ""
-        new = f"/{topic.lstrip('/')}"
-        return f"; if {alike[0]} is that sensor: --map {alike[0]}={new}"
+        wanted = f"/{topic.lstrip('/')}"
+        return f"; if {alike[0]} is that sensor: --map {alike[0]}={wanted}"

@@ -21,17 +21,23 @@ VERSION = "1.0"
 VERSION_VALUES = {"version": VERSION}
 """Contents of the version record of a new recording."""
 NO_VERSION = "0.0"
+"""Version of a recording without a version record."""
 
 
 def read_version(values: Mapping[str, str], source: object) -> str:
-    """The version in a recording's version record.
+    """The version in a recording's version record, such as `1.0`.
+
+    Args:
+        values: Contents of the version record: texts by name.
+        source: Names the recording in errors.
 
     Raises:
         RecordingError: The version is invalid, or of a newer major version.
     """
     version = values.get("version", "")
     major, _, minor = version.partition(".")
-    if not (major.isascii() and major.isdecimal() and minor.isascii() and minor.isdecimal() and len(version) < 16):
+    is_number = [part.isascii() and part.isdecimal() for part in (major, minor)]
+    if not (all(is_number) and len(version) < 16):
         raise RecordingError(
             f"{source}: invalid schema version {version[:40]!r}: expected MAJOR.MINOR, up to {VERSION}"
         )

@@ -17,8 +17,12 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGES = (COMPRESSED, RAW)
+"""Message types of images."""
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
+"""ROS's names of depth in mm of 16 bits, and of depth in m as float32."""
 _INFO_PERIOD_NS = 1_000_000_000
+"""Time after which a camera's intrinsics are written again."""
+# NumPy type of a number and numbers per pixel, by ROS's name of an encoding
 _PIXELS = {
     "mono8": ("u1", 1),
     "8UC1": ("u1", 1),
@@ -38,7 +42,16 @@ def _header(topic: str, t_ns: int) -> dict[str, object]:
 
 
 def encode_pixels(pixels: NDArray[np.uint8], quality: int | None) -> NDArray[np.uint8]:
-    """An image's pixels as a JPEG of the given quality, or (None) as a lossless PNG."""
+    """The bytes of an image file: a JPEG of the given quality (0 to 100), or for None a lossless PNG.
+
+    Args:
+        pixels: (H, W) grey or (H, W, 3) RGB.
+        quality: Quality of the JPEG; None for a PNG.
+
+    Returns:
+        (B,) the file's bytes.
+    """
+    # OpenCV takes colours as BGR
     pixels = pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), np.uint8)
     if quality is None:
         _, data = cv2.imencode(".png", pixels)
@@ -68,9 +81,10 @@ def encode_depth(sample: Depth, encoding: str) -> bytes:
         encoding: `16UC1` (mm as in the RealSense driver; 65.535 m and more become 0) or `32FC1` (m).
     """
     if encoding == "16UC1":
-        # Rounds to 16 bits in one step; NaN gives 0.
+        # rounds to 16 bits in one step, where more becomes 65535; NaN gives 0
         mm = np.asarray(cv2.multiply(sample.depth, 1000.0, dtype=cv2.CV_16U))  # type: ignore[call-overload]
-        pixels: NDArray[np.generic] = np.asarray(cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)[1], "<u2")
+        _, in_range = cv2.threshold(mm, 65534, 0, cv2.THRESH_TOZERO_INV)  # above 65534: 0
+        pixels: NDArray[np.generic] = np.asarray(in_range, "<u2")
     else:
         pixels = np.ascontiguousarray(sample.depth, "<f4")
     return _encode_raw_message(sample, pixels, encoding)
@@ -84,20 +98,30 @@ def encode_raw_image(sample: Image) -> bytes:
 
 
 def _encode_raw_message(sample: Image | Depth, pixels: NDArray[np.generic], encoding: str) -> bytes:
-    """The CDR bytes of an Image message with contiguous pixels (H, W) or (H, W, 3)."""
+    """The CDR bytes of an Image message.
+
+    Args:
+        sample: The image, for topic and stamp.
+        pixels: (H, W) or (H, W, 3), contiguous, in the type that the encoding means.
+        encoding: ROS's name of the type and the order of the numbers, such as `rgb8`.
+    """
     height, width = pixels.shape[:2]
     values = {
         "height": height,
         "width": width,
         "encoding": encoding,
-        "step": pixels.nbytes // height,
+        "step": pixels.nbytes // height,  # bytes of a row
         "data": pixels.reshape(-1).view(np.uint8),
     }
     return serialise(RAW, _header(sample.topic, sample.t_ns) | values)
 
 
 def encode_camera_info(camera: CameraCalibration, topic: str, t_ns: int) -> bytes:
-    """The CDR bytes of a CameraInfo with a camera's intrinsics, under ROS's names, for the image topic `topic`."""
+    """The CDR bytes of a CameraInfo with a camera's intrinsics, under ROS's names, for the image topic `topic`.
+
+    Its matrices are listed row by row: k (3, 3) of the camera, r (3, 3) of the rectification, which is none, and p
+    (3, 4) of the projection. Our `radtan` is ROS's `plumb_bob`, whose fifth coefficient k3 is then 0.
+    """
     fu, fv, pu, pv = camera.intrinsics
     is_radtan = camera.distortion_model == "radtan"
     values = {
@@ -128,8 +152,8 @@ class CameraInfos:
 
         If they are, they count as written, and are due again a second later.
         """
-        of_depth = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
-        camera = of_depth.get(topic, self.rig.cameras.get(topic))
+        by_depth_topic = {camera.depth_topic: camera for camera in self.rig.cameras.values() if camera.depth_topic}
+        camera = by_depth_topic.get(topic, self.rig.cameras.get(topic))
         if camera is None or t_ns < self._next_ns.get(topic, 0):
             return None
         self._next_ns[topic] = t_ns + _INFO_PERIOD_NS
@@ -150,6 +174,7 @@ def detect_image_kind(payload: bytes, typename: str, store: Typestore) -> type[I
     message = deserialise(store, payload, typename)
     if typename == COMPRESSED:
         return Depth if "compressedDepth" in message.format else Image
+    # 16 bits of grey (mono16) are taken as depth in mm
     return Depth if message.encoding in (*DEPTH_ENCODINGS, "mono16") else Image
 
 
@@ -181,19 +206,20 @@ def read_image_message(payload: bytes, typename: str, store: Typestore, topic: s
     if message.encoding not in _PIXELS:
         raise ValueError(f"encoding {message.encoding!r} is not read: expected {', '.join(_PIXELS)}")
     check_pixels(message.width, message.height)
-    form, channels = _PIXELS[message.encoding]
-    dtype = np.dtype(form).newbyteorder(">" if message.is_bigendian else "<")
-    width = message.width * channels * dtype.itemsize  # of a row in bytes, without the padding at its end
-    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)[:, :width]
-    raw = np.ascontiguousarray(rows).view(dtype)
-    if dtype.kind == "f":
+    code, channels = _PIXELS[message.encoding]
+    dtype = np.dtype(code).newbyteorder(">" if message.is_bigendian else "<")
+    row_bytes = message.width * channels * dtype.itemsize  # without the padding at the end of a row
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)[:, :row_bytes]
+    raw = np.ascontiguousarray(rows).view(dtype)  # (H, W × channels)
+    if dtype.kind == "f":  # depth in m, where NaN and infinity mean none
         return Depth(topic=topic, t_ns=t_ns, depth=np.where(np.isfinite(raw), raw, 0).astype(np.float32))
-    if dtype.itemsize == 2:
+    if dtype.itemsize == 2:  # depth in mm
         return Depth(topic=topic, t_ns=t_ns, depth=_mm_to_metres(raw))
     if channels == 1:
         return Image(topic=topic, t_ns=t_ns, pixels=raw)
     colour = raw.reshape(message.height, message.width, 3)
-    return Image(topic=topic, t_ns=t_ns, pixels=colour if message.encoding == "rgb8" else colour[:, :, ::-1].copy())
+    is_rgb = message.encoding == "rgb8"  # the others are BGR
+    return Image(topic=topic, t_ns=t_ns, pixels=colour if is_rgb else colour[:, :, ::-1].copy())
 
 
 def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:
@@ -202,9 +228,13 @@ def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _decode_compressed_depth(message: RosMessage) -> NDArray[np.float32]:
-    """Depth in the format of ROS' compressed_depth_image_transport: 12 bytes of parameters, then a PNG of 16 bits.
+    """Decodes depth (H, W), m, 0 for none, from the format of ROS' compressed_depth_image_transport.
 
-    For `32FC1` the PNG contains an inverse depth, a / z + b with a and b in the parameters.
+    Its data are 12 bytes of parameters and a PNG of 16 bits. For `16UC1` the PNG contains mm. For `32FC1` it contains
+    an inverse depth, a / z + b, where a and b are the last 8 bytes of the parameters, as float32.
+
+    Raises:
+        ValueError: The PNG is damaged, or has other than 16 bits or one channel.
     """
     data = np.asarray(message.data, np.uint8)
     raw = decode_image(bytes(data[12:])) if len(data) > 12 else None
@@ -215,10 +245,11 @@ def _decode_compressed_depth(message: RosMessage) -> NDArray[np.float32]:
     a, b = data[4:12].view("<f4")
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth = np.float32(a) / (raw.astype(np.float32) - np.float32(b))
-    return np.where((raw == 0) | ~np.isfinite(depth) | (depth < 0), 0, depth).astype(np.float32)
+    is_none = (raw == 0) | ~np.isfinite(depth) | (depth < 0)
+    return np.where(is_none, 0, depth).astype(np.float32)
 
 
 def rgb_from_bgr(bgr: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """An image as read by OpenCV, converted to three channels of RGB."""
+    """(H, W, 3) RGB of a colour image (H, W, 3) BGR or (H, W, 4) BGRA, as OpenCV reads them."""
     code = cv2.COLOR_BGRA2RGB if bgr.shape[2] == 4 else cv2.COLOR_BGR2RGB
     return np.asarray(cv2.cvtColor(bgr, code))

@@ -43,11 +43,13 @@ Rows = NDArray[np.void]
 TopicValues = Callable[[str, Rig, Constants], dict[str, object]]
 """Values that are equal in all messages of a topic, by dotted path: from topic, rig and the block's constants."""
 
+# texts of a footprint; a Footprint message has the number of each here
 FEET = ("l", "r")
 TERRAINS = ("level", "stair", "ramp")
 MODES = ("LG", "SA", "SD", "RA", "RD")
 
-_ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])  # sensor_msgs/Imu: "no such estimate"
+_ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
+"""Covariance (3, 3), row by row, by which an Imu message says that it lacks a quantity: the first entry is -1."""
 
 
 @dataclass(frozen=True)
@@ -90,25 +92,32 @@ class SampleMapping:
 
 
 def fill_rows(rows: Rows, mapping: SampleMapping, block: Block[Sample]) -> None:
-    """Writes a block's stamps and columns into message rows made from its topic's template."""
-    if "header.stamp.sec" in (rows.dtype.names or ()):
+    """Writes a block's stamps and columns into message rows made from its topic's template.
+
+    Args:
+        rows: (N,) copies of the template as records, whose fields are named by dotted path; changed.
+        mapping: Mapping of the block's kind.
+        block: The N samples.
+    """
+    if "header.stamp.sec" in (rows.dtype.names or ()):  # the type has a header
         rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(block.t_ns, 1_000_000_000)
     for path, values in mapping.write(block.columns).items():
         rows[path] = values
 
 
 def read_stamps(rows: Rows, log_time: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) ns: the header's stamps, or the log times if there is no header or it is empty."""
-    if "header.stamp.sec" not in (rows.dtype.names or ()):
+    """(N,) ns: the stamps in the headers of message rows (N,), or the log times (N,) ns without stamps there."""
+    if "header.stamp.sec" not in (rows.dtype.names or ()):  # a type without a header
         return log_time
     t = rows["header.stamp.sec"].astype(np.int64) * 1_000_000_000 + rows["header.stamp.nanosec"]
-    return t if t.any() else log_time
+    return t if t.any() else log_time  # stamps that are all 0 were not set
 
 
 def block_of(samples: Sequence[Sample]) -> Block[Sample]:
-    """Collects samples of one topic and kind, of one or more stamps, in a block; their texts become its constants."""
+    """Collects one or more samples of one topic and kind in a block; tuples of texts become its constants."""
     first = samples[0]
     names = [f.name for f in fields(first) if f.name not in ("topic", "t_ns")]
+    # tuples of texts, such as the names of joints, are the same in all samples of a topic
     constants = {n: getattr(first, n) for n in names if isinstance(getattr(first, n), tuple)}
     return Block(
         topic=first.topic,
@@ -144,7 +153,7 @@ def _to_float64(values: NDArray[np.generic]) -> Array:
     return values.astype(np.float64)
 
 
-def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
+def _find_imu_covariances(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Covariances of an Imu message: noise density² × rate, (rad/s)² and (m/s²)²; empty for an IMU outside the rig."""
     if topic not in rig.imus:
         return {}
@@ -155,11 +164,12 @@ def _imu_noise(topic: str, rig: Rig, _: object) -> dict[str, object]:
     }
 
 
-def _range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
+def _find_range_limits(topic: str, rig: Rig, _: object) -> dict[str, object]:
     """Field of view (rad) and range (m) of a Range message, from the rig; 0 if unknown."""
     parameters = rig.others[topic].parameters if topic in rig.others else {}
-    named = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
-    return {k: parameters.get(v, 0.0) for k, v in named.items()}
+    # parameter of the rig by field of the message
+    parameter_of = {"field_of_view": "field_of_view_rad", "min_range": "min_range_m", "max_range": "max_range_m"}
+    return {field_name: parameters.get(parameter, 0.0) for field_name, parameter in parameter_of.items()}
 
 
 def _read_range(rows: Rows) -> dict[str, NDArray[np.generic]]:
@@ -168,8 +178,8 @@ def _read_range(rows: Rows) -> dict[str, NDArray[np.generic]]:
     return {"distance": np.where(np.isinf(distance), 0.0, distance)}  # REP-117: ±inf means out of range
 
 
-def _encoder_joint(topic: str, *_: object) -> dict[str, object]:
-    """The joint's name of a JointState of one encoder, from its topic."""
+def _make_encoder_values(topic: str, *_: object) -> dict[str, object]:
+    """What all JointStates of one encoder share: the joint's name, from its topic, and room for one position."""
     return {"name": [joint_name(topic)], "position": np.zeros(1)}
 
 
@@ -179,7 +189,7 @@ def joint_name(topic: str) -> str:
     return parts[-2] if len(parts) > 1 else parts[0]
 
 
-def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
+def _make_joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
     """The values that all JointStates of a topic share: the joints' names, and zeros in place of numbers.
 
     Only `constants["names"]` is used; topic and rig are arguments of every `TopicValues`.
@@ -192,23 +202,24 @@ def _joint_values(_: str, rig: Rig, constants: Constants) -> dict[str, object]:
 def _read_joints(rows: Rows) -> dict[str, Array]:
     """Position, velocity and torque of joints; a quantity that the messages lack is 0."""
     position = _to_float64(rows["position"])
-    parts = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}
-    return {"position": position} | {k: v if v.size else np.zeros_like(position) for k, v in parts.items()}
+    others = {"velocity": _to_float64(rows["velocity"]), "torque": _to_float64(rows["effort"])}  # may be empty
+    filled = {name: values if values.size else np.zeros_like(position) for name, values in others.items()}
+    return {"position": position} | filled
 
 
-def _child_frame(topic: str, *_: object) -> dict[str, object]:
+def _name_child_frame(topic: str, *_: object) -> dict[str, object]:
     """The child frame of an Odometry message: that of the topic."""
     return {"child_frame_id": frame_id(topic)}
 
 
-def _write_odometry(c: Columns) -> dict[str, NDArray[np.generic]]:
-    """Fields of Odometry messages; the velocity is rotated from the world to the child frame, as ROS defines it."""
-    q = c["q_world_frame"]
+def _write_odometry(columns: Columns) -> dict[str, NDArray[np.generic]]:
+    """Fields of Odometry messages, by dotted path; the velocity is rotated from the world to the child frame."""
+    q = columns["q_world_frame"]
     return {
-        "pose.pose.position": c["p_frame_in_world"],
+        "pose.pose.position": columns["p_frame_in_world"],
         "pose.pose.orientation": _to_xyzw(q),
-        "twist.twist.linear": apply_quaternion(_conjugate(q), c["v_frame_in_world"]),
-        "twist.twist.angular": c["angular_rate"],
+        "twist.twist.linear": apply_quaternion(_conjugate(q), columns["v_frame_in_world"]),
+        "twist.twist.angular": columns["angular_rate"],
     }
 
 
@@ -224,23 +235,27 @@ def _read_odometry(rows: Rows) -> dict[str, NDArray[np.generic]]:
 
 
 def _to_codes(values: NDArray[np.generic], names: tuple[str, ...]) -> NDArray[np.uint8]:
-    """The number of each text among the names, as a Footprint message has it."""
+    """(N,) index of each text (N,) in `names`, as a Footprint message has it."""
     return np.array([names.index(str(v)) for v in values], np.uint8)
 
 
-def _write_footprint(c: Columns) -> dict[str, NDArray[np.generic]]:
-    """Fields of Footprint messages, with texts as numbers."""
+def _write_footprint(columns: Columns) -> dict[str, NDArray[np.generic]]:
+    """Fields of Footprint messages, by dotted path; the texts of foot, terrain and mode become numbers."""
     return {
-        "foot": _to_codes(c["foot"], FEET),
-        "terrain": _to_codes(c["terrain"], TERRAINS),
-        "mode": _to_codes(c["mode"], MODES),
-        "pose.position": c["p_foot_in_world"],
-        "pose.orientation": _to_xyzw(c["q_world_foot"]),
+        "foot": _to_codes(columns["foot"], FEET),
+        "terrain": _to_codes(columns["terrain"], TERRAINS),
+        "mode": _to_codes(columns["mode"], MODES),
+        "pose.position": columns["p_foot_in_world"],
+        "pose.orientation": _to_xyzw(columns["q_world_foot"]),
     }
 
 
 def _read_footprint(rows: Rows) -> dict[str, NDArray[np.generic]]:
-    """Columns of footprints, with numbers as texts."""
+    """Columns of footprints from Footprint messages, whose numbers of foot, terrain and mode become texts.
+
+    Raises:
+        IndexError: A number stands for no text.
+    """
     return {
         "foot": np.array([FEET[i] for i in rows["foot"]], object),
         "p_foot_in_world": _to_float64(rows["pose.position"]),
@@ -288,7 +303,7 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "sensor_msgs/msg/Imu",
             {"angular_rate": "angular_velocity", "specific_force": "linear_acceleration"},
             fixed={"orientation.w": 1.0, "orientation_covariance": _ABSENT},
-            of_topic=_imu_noise,
+            of_topic=_find_imu_covariances,
         ),
         _map_fields(
             Accelerometer,
@@ -315,21 +330,21 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "sensor_msgs/msg/Range",
             lambda c: {"range": np.where(c["distance"] == 0.0, np.inf, c["distance"])},
             _read_range,
-            of_topic=_range_limits,
+            of_topic=_find_range_limits,
         ),
         SampleMapping(
             Encoder,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["angle"][:, None]},
             lambda r: {"angle": _to_float64(r["position"][:, 0])},
-            of_topic=_encoder_joint,
+            of_topic=_make_encoder_values,
         ),
         SampleMapping(
             Joints,
             "sensor_msgs/msg/JointState",
             lambda c: {"position": c["position"], "velocity": c["velocity"], "effort": c["torque"]},
             _read_joints,
-            of_topic=_joint_values,
+            of_topic=_make_joint_values,
             constants=lambda layout: {"names": tuple(layout.strings["name"])},
         ),
         SampleMapping(
@@ -337,7 +352,7 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
             "nav_msgs/msg/Odometry",
             _write_odometry,
             _read_odometry,
-            of_topic=_child_frame,
+            of_topic=_name_child_frame,
             frame="world",
         ),
         _map_fields(
@@ -364,15 +379,20 @@ SAMPLE_MAPPINGS: dict[type[Sample], SampleMapping] = {
     )
 }
 _BY_TYPE = {small.typename: small for small in SAMPLE_MAPPINGS.values()}
+"""The mapping of each message type; the last one where a type has several, which `find_mapping` tells apart."""
 
 
 def find_mapping(typename: str, first: Rows) -> SampleMapping:
-    """Finds the type of sample that a topic's messages are, from the first one (one row) by any writer.
+    """Finds the type of sample that a topic's messages are, from the first one by any writer.
 
     An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a joint
     state of one joint and nothing but its position is an encoder.
+
+    Args:
+        typename: ROS 2 type of the messages.
+        first: (1,) the first message as a record, whose fields are named by dotted path.
     """
-    if typename == "sensor_msgs/msg/Imu":
+    if typename == "sensor_msgs/msg/Imu":  # -1 in a covariance means that the message lacks the quantity
         has_orientation = first["orientation_covariance"][0, 0] != -1.0
         has_force = first["linear_acceleration_covariance"][0, 0] != -1.0
         if first["angular_velocity_covariance"][0, 0] == -1.0 and has_force:

@@ -27,7 +27,9 @@ LARGEST_TEXTS = 1 << 18
 MOST_ELEMENTS = 1000
 """Most fields of a message with every fixed array of messages or texts unrolled; the largest standard one has 87."""
 DEEPEST = 16
+"""Most message types inside each other."""
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*")
+"""A valid name of a type or of a field."""
 
 
 class RosMessage(Protocol):
@@ -79,9 +81,9 @@ def check_types(types: Typesdict) -> None:
     Raises:
         ValueError: Invalid names, recursive types, too many fields, or sequences of empty types.
     """
-    counts: dict[str, int] = {}
+    counts: dict[str, int] = {}  # number of fields of each type that is checked already
     for name in types:
-        _count_fields(name, types, counts, ())
+        _count_fields(name, types, counts, ())  # for its errors alone
 
 
 def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: tuple[str, ...]) -> int:
@@ -100,22 +102,25 @@ def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: t
     """
     if name in counts or name not in types:
         return counts.get(name, 1)
-    if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):
+    if name in around or len(around) >= DEEPEST or not _NAME.fullmatch(name):  # in `around`: the type contains itself
         raise ValueError(f"invalid type {name[:80]!r}: expected names of up to {DEEPEST} types inside each other")
     count = 0
+    # rosbags describes the type of a field by its kind, and by the type of its items and their number for an array or a
+    # sequence, or else by a name
     for field, description in types[name][1]:
         if not _NAME.fullmatch(field):
             raise ValueError(f"invalid field {field[:80]!r}: expected letters, digits and _")
         node = description[0]
-        if description[0] == Nodetype.NAME or description[0] == Nodetype.BASE:
+        if description[0] == Nodetype.NAME or description[0] == Nodetype.BASE:  # a message, or a number or text
             inner, size = description, 1
         else:
             inner, size = description[1]
         each = _count_fields(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
-        if node == Nodetype.SEQUENCE and each == 0:
+        if node == Nodetype.SEQUENCE and each == 0:  # any number of items would fit into no bytes
             raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
-        is_plain = inner[0] == Nodetype.BASE and inner[1][0] != "string"
-        count += each * (size if node == Nodetype.ARRAY and not is_plain else 1)
+        is_number = inner[0] == Nodetype.BASE and inner[1][0] != "string"
+        count += each * (size if node == Nodetype.ARRAY and not is_number else 1)
+        # an array of numbers counts as one item, so that its length needs a limit of its own
         if count > MOST_ELEMENTS or (node == Nodetype.ARRAY and size > 1 << 20):
             raise ValueError(f"{name[:80]}.{field}: more fields than any message has ({MOST_ELEMENTS})")
     counts[name] = count
@@ -123,7 +128,9 @@ def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: t
 
 
 _MOST_STORES = 256
+"""Most schemas of recordings whose parsed types are kept for the next topic or file."""
 OWN_PACKAGE = "stridetwin_msgs"
+"""ROS package of our own message types."""
 OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
 
 
@@ -156,7 +163,7 @@ def typestore_for(typename: str, encoding: str, text: str) -> Typestore:
     Raises:
         ValueError: The schema cannot be parsed.
     """
-    if encoding == "ros2msg" and text == _definition_or_empty(typename):
+    if encoding == "ros2msg" and text == _definition_or_empty(typename):  # the definition that is parsed already
         return typestore()
     store = get_typestore(Stores.EMPTY)
     try:
@@ -212,13 +219,13 @@ def _build_message(typename: str, path: str, values: Mapping[str, object]) -> Ro
         inner_path = f"{path}.{name}" if path else name
         if inner_path in values:
             members[name] = values[inner_path]
-        elif description[0] == Nodetype.NAME:
+        elif description[0] == Nodetype.NAME:  # a message
             members[name] = _build_message(description[1], inner_path, values)
-        elif description[0] == Nodetype.BASE:
+        elif description[0] == Nodetype.BASE:  # a number or a text
             members[name] = "" if description[1][0] == "string" else 0
-        else:
+        else:  # an array of fixed length, or a sequence: the description has the type of the items, and their number
             inner, size = description[1]
             count = size if description[0] == Nodetype.ARRAY else 0
-            is_array = inner[0] == Nodetype.BASE and inner[1][0] != "string"
-            members[name] = np.zeros(count, inner[1][0]) if is_array else []
+            has_numbers = inner[0] == Nodetype.BASE and inner[1][0] != "string"
+            members[name] = np.zeros(count, inner[1][0]) if has_numbers else []
     return cast(RosMessage, store.types[typename](**members))

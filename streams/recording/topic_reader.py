@@ -15,9 +15,12 @@ from stridetwin.streams.recording.ros_types import typestore_for
 from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
 
 READABLE = frozenset([*IMAGES, *(small.typename for small in SAMPLE_MAPPINGS.values())])
+"""ROS 2 message types that are decoded to samples."""
 
-SHORTEST_HEADER = 12  # bytes: encapsulation and stamp
-_MOST_UNEQUAL = 20_000  # that are decoded one by one
+SHORTEST_HEADER = 12
+"""Bytes of the encapsulation (4) and of the stamp (8) with which a message with a header begins."""
+_MOST_UNEQUAL = 20_000
+"""Most messages of unequal layout that are decoded one by one, which is slow."""
 
 
 class TopicReader:
@@ -51,10 +54,10 @@ class TopicReader:
 
     def read_times(self, messages: Messages) -> Stamps:
         """Stamps of image messages, (N,) ns, from their headers, or log times if those are empty; decodes no image."""
-        if self.kind is None:
+        if self.kind is None:  # the first messages of the topic
             self.kind = self.detect_image_kind(messages.payload(0))
         t = np.array([read_header_stamp(messages.payload(i)) for i in range(len(messages))], np.int64)
-        return t if t.any() else messages.log_time
+        return t if t.any() else messages.log_time  # stamps that are all 0 were not set
 
     def detect_image_kind(self, payload: bytes) -> type[Image] | type[Depth]:
         """Whether a message carries colour (or grey) or depth.
@@ -87,8 +90,8 @@ class TopicReader:
             ValueError: A message does not have the topic's type, or too many have unequal lengths.
         """
         if np.all(messages.lengths == messages.lengths[0]):
-            rows = messages.rows()
-            layout = self._layout
+            rows = messages.rows()  # (N,) items of raw bytes
+            layout = self._layout  # that of the messages before, which is most often that of these, too
             if layout is None or layout.dtype.itemsize != rows.itemsize or not layout.fits(rows):
                 layout = layout_of(messages.payload(0), self.typename, self._store)
             if layout.fits(rows):
@@ -99,18 +102,23 @@ class TopicReader:
         return concatenate_blocks([self._decode_single(messages, i) for i in range(len(messages))])
 
     def _decode_single(self, messages: Messages, i: int) -> Block[Sample]:
-        """Decodes message `i`, whose layout may differ from that of the others."""
+        """Decodes message `i`, whose layout may differ from that of the others, to a block of one sample."""
         payload = messages.payload(i)
         layout = layout_of(payload, self.typename, self._store)
         return self._decode(layout, np.frombuffer(payload, layout.dtype), messages.log_time[i : i + 1])
 
     def _decode(self, layout: MessageLayout, rows: NDArray[np.void], log_time: Stamps) -> Block[Sample]:
-        """Decodes messages of one layout, as rows (N,), to a block.
+        """Decodes messages of one layout to a block.
+
+        Args:
+            layout: Where the messages have their numbers and texts.
+            rows: (N,) messages as records of that layout.
+            log_time: (N,) ns, the stamps of messages without stamps of their own.
 
         Raises:
             ValueError: A row has an invalid value, such as an unknown terrain.
         """
-        mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])
+        mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])  # by the topic's first message
         self.kind = mapping.kind
         try:
             columns = mapping.read(rows)
@@ -152,5 +160,6 @@ def read_header_stamp(payload: bytes) -> int:
     """
     if len(payload) < SHORTEST_HEADER:
         raise DamagedError("a message too short for its header")
+    # after 4 bytes of encapsulation, the second of which says the byte order
     sec, nanosec = struct.unpack_from("<iI" if payload[1] else ">iI", payload, 4)
     return int(sec) * 1_000_000_000 + int(nanosec)

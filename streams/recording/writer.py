@@ -34,7 +34,9 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Sample
 
 _ENCODERS = 2
+"""Threads that encode images."""
 _IMAGES_IN_FLIGHT = 8
+"""Most messages with images that are encoded or wait for it; then `write` waits."""
 
 
 class RecordingWriter:
@@ -94,7 +96,7 @@ class RecordingWriter:
     ) -> None:
         """Completes the file and gives it its name; after an error it stays under the hidden name."""
         try:
-            self._append_encoded(0)
+            self._append_encoded(0)  # the images that are still in the queue
             if error is None:
                 self._file.finish()
             else:
@@ -116,14 +118,15 @@ class RecordingWriter:
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
-            self._write_image(item, int(self._check_stamps(item.topic, type(item), stamps, log_ns)[0]))
+            (arrival_ns,) = self._check_stamps(item.topic, type(item), stamps, log_ns)
+            self._write_image(item, int(arrival_ns))
         elif isinstance(item, Sample):
             self.write(block_of([item]), log_ns)
-        elif item.kind in (Image, Depth):
-            times = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
-            for image, time in zip(item, times, strict=True):
-                self.write(image, time)
-        elif len(item):
+        elif item.kind in (Image, Depth):  # a block of images, which are written one by one
+            arrivals = [None] * len(item) if log_ns is None else np.atleast_1d(np.asarray(log_ns)).tolist()
+            for image, arrival in zip(item, arrivals, strict=True):
+                self.write(image, arrival)
+        elif len(item):  # nothing is written of an empty block
             logged = self._check_stamps(item.topic, item.kind, item.t_ns, log_ns)
             self._append_encoded(0)  # images written before come first in the file
             self._write_block(item, logged)
@@ -148,9 +151,10 @@ class RecordingWriter:
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic}: invalid {kind.__name__}: expected {known.__name__}, as before")
         t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
-        before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))
+        before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))  # (N,) the one before each; -1 before all
         early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
-        bad = np.flatnonzero(early | (np.maximum(t_ns, abs(stamps)) >= LATEST_NS))
+        is_out_of_range = np.maximum(t_ns, abs(stamps)) >= LATEST_NS  # beyond what a ROS message can hold
+        bad = np.flatnonzero(early | is_out_of_range)
         if bad.size:
             i = int(bad[0])
             valid = "stamps from 0 on that increase strictly" if log_ns is None else "arrivals from 0 on in order"
@@ -162,7 +166,11 @@ class RecordingWriter:
         return t_ns
 
     def _write_block(self, block: Block[Sample], log_ns: NDArray[np.int64]) -> None:
-        """Appends a block as message records made from its topic's template.
+        """Appends a block as message records made from its topic's template, a message with zeros for its numbers.
+
+        Args:
+            block: The samples.
+            log_ns: (N,) arrival time of each, ns.
 
         Raises:
             RecordingError: The block's constants differ from those of earlier blocks of the topic.
@@ -195,7 +203,10 @@ class RecordingWriter:
         self._append_encoded(_IMAGES_IN_FLIGHT)
 
     def _shared_image_data(self, sample: Image) -> NDArray[np.uint8] | None:
-        """The encoded pixels of a read-only array, which many images of a topic share; None for a writeable one."""
+        """The encoded pixels of a read-only array, which many images of a topic share; None for a writeable one.
+
+        Such pixels are encoded once, and again only when an image of the topic has another array.
+        """
         if sample.pixels.flags.writeable:
             return None
         pixels, data = self._shared.get(sample.topic, (None, None))
@@ -205,8 +216,16 @@ class RecordingWriter:
         return data
 
     def _submit(self, topic: str, typename: str, encode: partial[bytes], log_ns: int) -> None:
-        """Encodes a message in the pool; `_append_encoded` appends it later, in the order of submission."""
-        self._file.register_channel(topic, typename)  # numbered in the order of arrival
+        """Encodes a message in the pool; `_append_encoded` appends it later, in the order of submission.
+
+        Args:
+            topic: Topic of the message.
+            typename: Its ROS 2 type.
+            encode: Makes its CDR bytes, in a thread of the pool.
+            log_ns: Its log time.
+        """
+        # now and not in the pool's threads, so that channels are numbered in the order of their first messages
+        self._file.register_channel(topic, typename)
         self._queue.append((topic, typename, self._pool.submit(encode), log_ns))
 
     def _append_encoded(self, max_left: int) -> None:

@@ -15,7 +15,7 @@ import pytest
 from stridetwin import estimators, sim, streams
 from stridetwin.streams import compiled
 from stridetwin.streams.compiled import KNOWN, entry_kernel, find_missing_internals, is_known, is_uncompiled
-from stridetwin.streams.part_compiler import PartLibrary, _all_below
+from stridetwin.streams.part_compiler import PartLibrary, _list_called_libraries
 
 INNER = "from numba import njit\n\n\n@njit\ndef doubled(x):\n    return 2 * x\n"
 OUTER = "from inner import doubled\n\n\ndef outer(x):\n    return doubled(x) + 1\n"
@@ -225,7 +225,7 @@ def test_a_part_is_linked_after_all_that_call_it():
     lowest = part()
     low, other = part(lowest), part(lowest)
     high = part(low, other, lowest)
-    order = _all_below(part(lowest, low, high))
+    order = _list_called_libraries(part(lowest, low, high))
     assert len(order) == 4
     for caller in order:
         assert all(order.index(caller) < order.index(called) for called in caller._linking_libraries)
