@@ -38,8 +38,8 @@ from stridetwin.streams.validation import suggest
 
 TRUTH_PREFIX = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
-_HOME = Path(__file__).resolve().parents[1]
-_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
+_HOME = Path(__file__).resolve().parents[1]  # folder of this project's code
+_STANDARD_LIBRARY = sysconfig.get_path("stdlib")  # folder of Python's own modules
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason.
 
@@ -218,7 +218,10 @@ def _is_estimator_class(loaded: object) -> TypeGuard[type[PathEstimator]]:
 
 
 def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
-    """A user's class as an estimator for `live`: its own one if it has a `declaration`, else one of paths around it.
+    """A user's class as an estimator for `live`.
+
+    A class with a `declaration` is an estimator already and is returned as it is. Any other class is put into a
+    subclass of `_UserPath`, an estimator of paths that passes the samples on to it.
 
     Args:
         name: Its name in messages and files.
@@ -231,6 +234,7 @@ def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
     user_class = load_class(place, option)
     if isinstance(getattr(user_class, "declaration", None), Declaration):
         return cast("EstimatorClass", user_class)
+    # the attributes of the new subclass, which has the name of the user's class
     body = {"declaration": Declaration(name=name, kind=PATH), "user_class": user_class, "place": place}
     return cast("EstimatorClass", type(user_class.__name__, (_UserPath,), body))
 
@@ -249,6 +253,7 @@ class _UserPath:
     place: ClassVar[str]
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: object = None) -> None:
+        """Builds the user's class with the rig; it takes neither options nor parameters, so these are not used."""
         with _catch_user_errors(self.place):
             self._inner = self.user_class(rig)
 
@@ -343,7 +348,8 @@ def _error_location(error: BaseException) -> str:
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    user_frames = [  # the outermost first
+    # calls in the user's code, the outermost first; `<` begins the file name of code without a file
+    user_frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith(("<", _STANDARD_LIBRARY))
@@ -377,7 +383,7 @@ def _run_program(arguments: list[str], timeout_s: float, stderr: int, folder: Pa
     except subprocess.TimeoutExpired:
         return None
     finally:
-        if process.poll() is None:
+        if process.poll() is None:  # still running: the program leads a process group, which is killed as a whole
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
@@ -395,5 +401,5 @@ def _watch_process(process: subprocess.Popen[bytes], folder: Path) -> Iterator[N
     try:
         yield
     finally:
-        watch.kill()  # before its stdin closes
+        watch.kill()  # before its stdin closes, at which it would kill the program
         watch.communicate()

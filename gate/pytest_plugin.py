@@ -49,10 +49,11 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
 
         walk_scenario = _load_scenario(scenario)
         walk_scenario = walk_scenario if cameras else without_cameras(walk_scenario)
-        key = (repr(walk_scenario.config), seed, cameras)
+        key = (repr(walk_scenario.config), seed, cameras)  # what determines the recording
         if key not in recordings:
             path = folder / f"walk_{len(recordings)}.mcap"
             record(make_twin(walk_scenario, seed), path, lambda *_: None)
+            # faults may leave a recording that is refused unless it is read leniently
             recordings[key] = Recording(path, lenient=bool(walk_scenario.config.faults))
         return recordings[key]
 

@@ -17,6 +17,8 @@ ESTIMATORS = ("dvio",)
 """Estimators whose parameters `--set` changes here."""
 
 DRIFT_RATIO = 3.0
+"""A fault is tolerated up to this ratio of the drift to that without fault."""
+# figures of which the means over walks are given
 _FIGURES: tuple[odometry_walks.FigureName, ...] = (*odometry_walks.FIGURES, "unhealthy_s", "nees_within_95_pct")
 NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""
@@ -58,8 +60,9 @@ def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collecte
 
 def _is_tolerated(walk: odometry_walks.OdometryFigures, nominal: odometry_walks.OdometryFigures) -> bool:
     """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
-    if walk["failure"] == "lost":
+    if walk["failure"] == "lost":  # it has reported the loss itself
         return bool(walk["recovered"])
+    # any other failure went unreported; without a nominal drift there is nothing to compare with
     if walk["failure"] or "loop_drift_m" not in nominal:
         return False
     return bool(walk["loop_drift_m"] <= DRIFT_RATIO * nominal["loop_drift_m"])
