@@ -19,6 +19,7 @@ from stridetwin.studies.shim2019.shim_table5 import CASES, ShimResult, TrialRow,
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
 DOTS = 150
 """Number of dots per mode in Figure 24, evenly chosen from all steps to limit the page's size."""
+# colours of the modes and of the methods
 _COLORS = dict(zip(MODES, ("#5b6b7f", PALETTE[1], PALETTE[5], PALETTE[0], PALETTE[4])))
 _METHOD_COLORS = dict(zip(METHODS, PALETTE[2:]))
 
@@ -49,7 +50,7 @@ def report(result: ShimResult) -> str:
 def _figure_22(case: TrialRow, method: str) -> list[Markup]:
     """Figure 22: side views of the walks of one trial with the planes and normals that a method estimates."""
     figures = []
-    for walk, title in SHOWN.items():
+    for walk, title in SHOWN.items():  # scenario, and title of its figure
         steps = [ScoredStep(**row) for row in case["walks"][walk][method]]
         if any(s.is_matched for s in steps):
             figures.append(steps_from_aside(lay_out(load_scenario(walk).config.route), steps, title))
@@ -68,11 +69,13 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
     )
     for k, method in enumerate((METHODS[0], *METHODS)):  # k = 0: the true values, which are the same for any method
         name = f"estimated_{quantity}" if k else quantity
-        values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
+        # for each case of the table, the absolute values of its steps in the plot's unit; a case may have no steps
+        values = [[abs(getattr(s, name)) * scale for s in _steps_of_case(cases, method, case)] for case in CASES]
         at = np.array([i for i, case_values in enumerate(values) if case_values])
         means = np.array([np.mean(case_values) for case_values in values if case_values])
         if k:
             sd = [np.std(case_values) for case_values in values if case_values]
+            # the methods side by side, to the right and the left of the case's place
             plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
         else:
             plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
@@ -104,8 +107,14 @@ def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     return plot.html()
 
 
-def _of_case(cases: Sequence[TrialRow], method: str, name: str) -> list[ScoredStep]:
-    """The estimated steps of all trials that belong to one case of the table."""
+def _steps_of_case(cases: Sequence[TrialRow], method: str, name: str) -> list[ScoredStep]:
+    """The estimated steps of all trials that belong to one case of the table.
+
+    Args:
+        cases: Rows of the trials.
+        method: Method that has estimated the steps.
+        name: Case of the table, such as `SA`.
+    """
     walk, mode = CASES[name]
     return [s for case in cases for s in _select_matched(case["walks"][walk][method]) if not mode or s.mode == mode]
 

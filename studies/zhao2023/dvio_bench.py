@@ -103,7 +103,7 @@ def table(result: Result[Summary, PaperErrors, BenchRow]) -> list[str]:
     """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
-    # time per frame, and by sequence the angular rates of the head on its last walk
+    # time per frame, and by sequence the angular rates of head or chest on its last walk
     time_ms, rates = get_figures(summary, "time_ms"), {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
     columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
