@@ -21,6 +21,7 @@ from stridetwin.sim.wearer.dimensions import Wearer
 
 PlanT = TypeVar("PlanT")
 Arguments = tuple[object, ...]
+"""Positional arguments of a planner."""
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
@@ -59,7 +60,8 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT]
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
-    plan.__qualname__ = function.__name__  # the name of its folder
+    plan.__qualname__ = function.__name__  # joblib names the folder of the results after it
+    # results are found by `key` and `version`; `arguments`, with the paths in them, are not compared
     cached_plan: Callable[[Arguments, str, Arguments], PlanT] = memory.cache(plan, ignore=["arguments"])
     return lambda *arguments: cached_plan(tuple(map(_without_paths, arguments)), version, arguments)
 
