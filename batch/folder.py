@@ -71,10 +71,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refuses at once, instead of waiting for another process
         yield
     finally:
-        os.close(handle)
+        os.close(handle)  # also releases the lock
 
 
 def read_request(folder: Path) -> object:

@@ -44,6 +44,9 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
     Args:
         module: Name of the module.
         estimators: False leaves the estimators out of the digest, as they do not affect a recorded walk.
+
+    Returns:
+        `stridetwin`, the version of the project; `sources`, the digest; and the version of each library by its name.
     """
     return {
         "stridetwin": metadata.version("stridetwin"),

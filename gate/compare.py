@@ -515,8 +515,10 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
                 allowance = abs(value) * rules.tolerance + scale.slack
                 limit = value - allowance if scale.higher_is_better else value + allowance
                 worse = current < limit if scale.higher_is_better else current > limit
-                # in percentage points or in %; a baseline of 0 has no relative change
-                change = current - value if scale.in_points else 100.0 * (current / value - 1.0) if value else None
+                if scale.in_points:
+                    change: float | None = current - value
+                else:  # in %, which a baseline of 0 does not allow
+                    change = 100.0 * (current / value - 1.0) if value else None
                 line = replace(line, limit=limit, now=current, change=change, verdict=WORSE if worse else SAME)
             lines.append(line)
     return lines

@@ -189,6 +189,7 @@ def _set_counts(element: ElementTree.Element, lines: Sequence[Line], failed: int
         failed: Number of walks on which an estimator failed, one more test and error each.
     """
     regressed, new = sum(line.regressed for line in lines), sum(line.verdict == NEW for line in lines)
+    # the format wants a time, which a score does not have
     counts = {"tests": len(lines) + failed, "failures": regressed, "errors": failed, "skipped": new, "time": 0}
     element.attrib.update({name: str(count) for name, count in counts.items()})
 

@@ -213,7 +213,7 @@ def load_class(place: str, option: str) -> type[PathEstimator]:
 
 
 def _is_estimator_class(loaded: object) -> TypeGuard[type[PathEstimator]]:
-    """Whether it is a class with a method `update`."""
+    """Whether what was loaded is a class with a method `update`."""
     return isinstance(loaded, type) and callable(getattr(loaded, "update", None))
 
 
@@ -283,7 +283,7 @@ def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
     Args:
-        estimator: An object with `update(sample)`, see this module.
+        estimator: An object whose `update(sample)` returns None, a `Pose`, or an object whose `pose` is one.
         recording: Its truth is withheld from the estimator.
 
     Raises:

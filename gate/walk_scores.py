@@ -245,15 +245,16 @@ def score_walks(
         options: Processes or cluster that score the recordings; the folder is for `is_kept`.
         progress: Receives the stage and its progress (0-1).
         is_kept: Keeps the rows in the folder, and reuses those of equal recordings, options and versions of the code.
-        on_evaluated: See `score_walk`; only for one job that is neither kept nor run on a cluster.
+        on_evaluated: Receives the recording and the outputs beside the truth once all estimators have run; only for
+            one job that is neither kept nor run on a cluster.
 
     Raises:
         StrideTwinError: A recording cannot be read; in a strict job, any error.
     """
-    if len(jobs) == 1 and options.scheduler is None and not is_kept:
+    if len(jobs) == 1 and options.scheduler is None and not is_kept:  # in this process, with its progress
         progress("score", 0.0)
         return [score_walk(jobs[0], progress, on_evaluated)]
-    if options.scheduler is not None:
+    if options.scheduler is not None:  # workers have other working folders
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
     # the built-in estimators whose code determines the rows; the code of users' estimators has no version
     estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))

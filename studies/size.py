@@ -64,7 +64,7 @@ def size_of(sampled_configs: Sequence[Sequence[TwinConfig]], cases: int, estimat
         return Size(walks=0, estimates=cases * estimates_per_walk, walked_s=0.0, cpu_s=0.0)
     # the other cases are taken to have as many walks as the sampled ones on average
     walks = round(cases * len(configs) / len(sampled_configs))
-    cost: Cost = scale_cost(cost_of(configs), walks)
+    cost: Cost = scale_cost(cost_of(configs), walks)  # time walked and CPU time of all walks, without estimates
     # CPU time of one estimate per second walked, for each sampled walk
     rates = [
         _OTHER_CPU_PER_S + sum(rate for group, rate in _CPU_PER_S.items() if group in config.sensors)

@@ -42,10 +42,10 @@ class WalkResult(NamedTuple):
 
 
 def simulate_bare_walk(config: TwinConfig, seed: int) -> WalkResult:
-    """Simulates the walk without exoskeleton, sensors and faults."""
+    """Simulates the walk with contacts and rigid shoes, without exoskeleton, sensors and faults."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
-    assert isinstance(walk, SimulatedWalk)
+    assert isinstance(walk, SimulatedWalk)  # dynamic physics gives one
     return WalkResult(twin=twin, walk=walk)
 
 
@@ -65,16 +65,17 @@ def simulate_assisted_walk(
         """The controller's observer, which makes a new recognition for each walk; without one the streams alone."""
         if recogniser is None:
             return Streams(rig)
+        # called when a walk begins: the environment, made below, then has its twin
         return AssistanceObserver(rig, lambda: recogniser(rig, env.physics.twin))
 
-    sensor_groups = tuple(dict.fromkeys((*_SENSED, *sensors)))
+    sensor_groups = tuple(dict.fromkeys((*_SENSED, *sensors)))  # each once
     env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=sensor_groups)
     physics = env.physics
     try:
         step = env.reset()
         controller = AssistanceController(physics.joints, env.action_spec().maximum)
         idle = np.zeros(len(physics.joints))
-        while not step.last():
+        while not step.last():  # one step of 10 ms after the other, to the end of the route or a fall
             step = env.step(idle if recogniser is None else controller.torques(step.observation))
         return WalkResult(twin=physics.twin, walk=physics.live.simulation.walk())
     finally:

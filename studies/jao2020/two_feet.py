@@ -135,13 +135,18 @@ class FootScores(TypedDict):
 
 
 def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
-    """Scores of the paths of both feet, ready for JSON; pairs are left and right.
+    """Scores of the paths of both feet, ready for JSON; lists are of the left and the right foot.
+
+    Args:
+        paths: Estimated path of each foot's IMU, by `l` and `r`.
+        truth: True path of each.
 
     Returns:
-        `end_error_m`: (3,) in world axes each. `end_error_pct`: horizontal, relative to the horizontal distance of the
-        foot. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: share of the
-        truth's time before the last estimate, where the end is scored. `feet_disagree_{rms,max}_m`: error of the
-        right IMU's position relative to the left one, in the left one's heading.
+        `end_error_m`: (3,) estimated minus true position at the end in world axes. `end_error_pct`: its horizontal
+        size, relative to the horizontal distance that the foot has walked. `end_nees`, `nees_mean` and
+        `nees_within_95_pct`: NEES of the position, at the end, mean, and share within its 95 % bound. `coverage_pct`:
+        share of the truth's time before the last estimate, where the end is scored. `feet_disagree_rms_m` and
+        `feet_disagree_max_m`: error of the right IMU's position relative to the left one, in the left one's heading.
     """
     # each foot's path beside its truth; not aligned, because the filter starts at the true poses
     in_world = {f: compare(paths[f].trajectory, truth[f], transform=_NOT_ALIGNED) for f in FEET}

@@ -27,7 +27,7 @@ from stridetwin.studies.placement.measure import MeasuredPlaces
 from stridetwin.studies.placement.problem_file import Place, PlacementProblem, scenario_at
 
 _SIZE = 620  # pixels, width and height of a panel
-_BAR = 110  # pixels for the legend
+_BAR = 150  # pixels, width of the legend
 _MARGIN = 1.7  # shown extent over the extent of the dots
 _LEAST_M = 0.13  # least extent that a panel shows around its middle
 _BEST_PX = 9  # half width of the mark of the best place
@@ -134,7 +134,7 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
         # places that differ in other values alone have the same mounts, which are then computed once
         key = json.dumps([place.values.get(name) for name in moving])
         if key not in mounts_by_values:
-            mounts_by_values[key] = list(_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
+            mounts_by_values[key] = list(_list_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
         for name, mount, board in mounts_by_values[key]:
             p, ahead = (
                 mount.T_body_sensor[:3, 3],
@@ -155,8 +155,8 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
     return sorted(dots, key=lambda dot: -dot.loss)
 
 
-def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
-    """Name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
+def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
+    """Yields name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
 
     The right side mirrors the left one, so its sensors are left out.
     """
@@ -166,9 +166,10 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     mounts = {topic: sensor.mount for kind in (rig.imus, rig.cameras, rig.others) for topic, sensor in kind.items()}
     for topic, mount in mounts.items():
         if topic not in inside and not mount.body.endswith("_r") and not mount.body.startswith("exo_"):
-            # the camera's topic names head or chest, which may differ from place to place
-            is_head_camera = topic in rig.cameras and "_l/" not in topic
-            yield "head or chest" if is_head_camera else topic, mount, False
+            # a camera that is not on the left shoe is on head or chest; the topic would tell on which, and places may
+            # differ in that
+            is_on_upper_body = topic in rig.cameras and "_l/" not in topic
+            yield "head or chest" if is_on_upper_body else topic, mount, False
     for name, board in rig.boards.items():
         if not name.endswith("_r"):
             yield "board", board.mount, True
@@ -317,8 +318,8 @@ def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
         worst: Value at the bottom.
         name: The score's name, shown on two lines of 18 characters.
     """
-    image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
-    top, bottom, left = 70, _SIZE - 40, 18
+    image = np.full((_SIZE, _BAR, 3), 255, np.uint8)
+    top, bottom, left = 70, _SIZE - 40, 18  # pixels, of the bar
     image[top:bottom, left : left + 24] = np.array(_viridis(np.linspace(1.0, 0.0, bottom - top)))[:, None]
     # text, its corner at the lower left, pixels, and scale of the font
     texts = [(name[:18], (6, 30), 0.42), (name[18:36], (6, 48), 0.42)]

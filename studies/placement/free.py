@@ -197,7 +197,8 @@ def _check_order(span: tuple[float, float]) -> tuple[float, float]:
     Raises:
         PydanticCustomError: The lower end is not below the upper one.
     """
-    if span[0] >= span[1]:
+    lowest, highest = span
+    if lowest >= highest:
         raise field_error(list(span), "two numbers, the lower one first")
     return span
 

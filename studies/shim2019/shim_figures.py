@@ -58,7 +58,12 @@ def _figure_22(case: TrialRow, method: str) -> list[Markup]:
 
 
 def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
-    """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method."""
+    """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method.
+
+    Args:
+        cases: Rows of the trials.
+        quantity: `slope` or `elevation`.
+    """
     scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
     plot = Plot(
         title=f"Figure 23, {quantity}",
@@ -71,6 +76,7 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
         name = f"estimated_{quantity}" if k else quantity
         # for each case of the table, the absolute values of its steps in the plot's unit; a case may have no steps
         values = [[abs(getattr(s, name)) * scale for s in _steps_of_case(cases, method, case)] for case in CASES]
+        # numbers of the table's cases with steps, which are their places on the axis, and the means there
         at = np.array([i for i, case_values in enumerate(values) if case_values])
         means = np.array([np.mean(case_values) for case_values in values if case_values])
         if k:

@@ -185,7 +185,10 @@ def collect(results: list[TrialRow]) -> ShimCollected:
 
 
 def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
-    """Steps classified by a support vector machine, trained on every other subject (Table 7).
+    """Classifies each subject's steps by a support vector machine that is trained on all other subjects (Table 7).
+
+    Args:
+        trials: Subject, and walk to steps, of each trial.
 
     Returns:
         The trials with classified steps, and the subjects with a machine: training data from the other subjects may be

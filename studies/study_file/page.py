@@ -40,6 +40,7 @@ def study_page(result: StudyResult, text: str, command: str) -> str:
 def _draw_score(result: StudyResult, score: str) -> str:
     """A figure of the means of one score with their intervals, by combination; a colour per method."""
     methods = result["methods"]
+    # of each combination, once: the first line of each
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
     plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
     for m, method in enumerate(methods):
@@ -50,6 +51,7 @@ def _draw_score(result: StudyResult, score: str) -> str:
         # place on the axis, and mean with its interval, where the method has the score
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]
         plot.dots([x for x, _ in drawn], [mean["mean"] for _, mean in drawn], color, size=8, label=method)
+        # a vertical line for each interval
         bounds = [(x, mean["low"], mean["high"]) for x, mean in drawn]
         ends = [[(x, low), (x, high)] for x, low, high in bounds if low is not None and high is not None]
         plot.curves(ends, color, label=method, width=2)

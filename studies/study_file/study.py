@@ -89,7 +89,9 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
         for name, spec in file.methods.items()
     )
     _check_scores(file, methods, where.key("scores"))
-    return Study(**vars(read_design(file, cast("dict[str, object]", data), path)), methods=methods, scores=file.scores)
+    design = read_design(file, cast("dict[str, object]", data), path)
+    # a study has all attributes of its design
+    return Study(**vars(design), methods=methods, scores=file.scores)
 
 
 def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: FieldLocation) -> None:

@@ -27,8 +27,12 @@ NO_FAULT = "no fault"
 def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.make_odometer) -> Row:
     """Runs the odometry on one recorded walk with each fault.
 
+    Args:
+        case: With one walk.
+        make: Makes the odometry from its name, the rig that it gets, and the mount of the camera.
+
     Returns:
-        The case's row with `faults`: label to `odometry_walks.score_odometry`.
+        The case's row with `faults`: label of the fault to drift, failure and time (`odometry_walks.score_odometry`).
     """
     (walk,) = case.walks()
     mount, figures_of_fault = walk.config.rig_mount, {}
@@ -36,9 +40,8 @@ def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.m
         truth = odometry_walks.true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
             samples = plan.samples(odometry_walks.odometry_samples(recording, mount))
-            figures_of_fault[label] = odometry_walks.score_odometry(
-                odometry_walks.run_odometry(make("proposed", plan.rig, mount), samples), truth
-            )
+            run = odometry_walks.run_odometry(make("proposed", plan.rig, mount), samples)
+            figures_of_fault[label] = odometry_walks.score_odometry(run, truth)
     return case.row(faults=figures_of_fault)
 
 

@@ -123,9 +123,15 @@ ModeResult = Result[Summary, PaperFigures, ModeRow]
 
 
 def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, PaperFigures]:
-    """Figures by method over all walks, by condition and cell; with the paper's, see `read_paper_figures`."""
+    """Figures by method over all walks, by condition and by cell, beside the paper's.
+
+    Args:
+        results: Rows of all walks.
+        trial: One of the paper's trials; "" for the test of generality.
+    """
     summary: Summary = {}
     for method in results[0]["methods"]:
+        # row of each walk, and the method's scores on it
         walks: list[ScoredWalk] = [(r, ModeScores.of(r["methods"][method])) for r in results]
         cells = _accuracy_by_cell(walks)
         accuracy = _accuracy_over_walks(results, [_share_right_pct(w) for _, w in walks])
@@ -295,11 +301,14 @@ def overall_lines(result: ModeResult) -> list[str]:
     paper_accuracy, time_ms = result["paper"]["published"]["accuracy_pct"], get_figures(result["summary"], "time_ms")
     columns = methods(result)  # ours first
     summary = {m: method_summary(result, m) for m in columns}
-    ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
+    ours, accuracy = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
     fell = [str(case["seed"]) for case in result["cases"] if case["fell_at_s"] is not None]
-    cells = f"± {mean['sd_of_cells']:.2f} from cell to cell (as the paper's ±), " if "sd_of_cells" in mean else ""
+    # spread of our accuracy from cell to cell, and interval of its mean, where they are defined
+    cells = ""
+    if "sd_of_cells" in accuracy:
+        cells = f"± {accuracy['sd_of_cells']:.2f} from cell to cell (as the paper's ±), "
     paper_text = f"{_figure_text(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}"
-    half = "" if mean["ci95"] is None else f"; 95 % interval of the mean ± {mean['ci95']:.2f}"
+    interval = "" if accuracy["ci95"] is None else f"; 95 % interval of the mean ± {accuracy['ci95']:.2f}"
     return [
         f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
         f"walks that ended by a fall: {', '.join(fell) or 'none'}",
@@ -322,12 +331,17 @@ def overall_lines(result: ModeResult) -> list[str]:
             for key in ("median", "p5")
         ),
         "accuracy and strict: means over the walks; others: shares of all steps",
-        f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['over']} {mean['of']}",
+        f"{columns[0]}: {cells}± {accuracy['sd']:.2f} from walk to walk{interval}, "
+        f"over {accuracy['over']} {accuracy['of']}",
     ]
 
 
 def ahead_lines(result: ModeResult) -> list[str]:
-    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text."""
+    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text.
+
+    They are of our method alone: a line for each figure of `_AHEAD`, then one for each size of stairs and ramps (riser,
+    tread, slope), up and down.
+    """
     ours = method_summary(result, methods(result)[0])
     return [
         f"1.5 s before: {ours['changes']} changes",
@@ -348,8 +362,8 @@ def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> 
 
     Args:
         figures: Figures, some of which are mappings themselves.
-        keys: From the outermost one to that of the figure.
-        factor: To the unit of the table.
+        keys: Keys of the figure, from the outermost mapping to the innermost.
+        factor: From the figure's unit to that of the table.
     """
     *outer_keys, last_key = keys
     for key in outer_keys:
