@@ -71,8 +71,8 @@ def compare_groups(before: ArrayLike, now: ArrayLike, min_draws: int = 0) -> Boo
     """Tests differences of means, now minus before, of two groups of unrelated walks.
 
     Args:
-        before: (walks, S), NaN where a value is missing; two or more values in each column.
-        now: (walks, S) of another group, whose number of walks may differ.
+        before: (walks, S) values of the first group, NaN where one is missing; two or more values in each column.
+        now: (walks, S) values of the other group, whose number of walks may differ.
         min_draws: Least number of resamples; `DRAWS` if that is more.
 
     Returns:

@@ -198,7 +198,7 @@ def to_sentence(line: Line) -> str:
     """What has become of one score, as one sentence with both values, the change and its interval."""
     name = f"{line.estimator} {line.metric}"
     if line.verdict == MISSING:
-        if line.metric == WALKS:
+        if line.metric == WALKS:  # both values are numbers of walks
             return f"{line.estimator}: nothing to score on {line.baseline or 0:g} walks but {line.now or 0:g}"
         return f"{name}: missing"
     # the cells in the order of `HEAD`

@@ -99,7 +99,7 @@ class PythonClass(OwnEstimator):
         """Imports the class at `place`.
 
         Raises:
-            StrideTwinError: There is no such class, or it has no `update`.
+            StrideTwinError: There is no such class, it has no `update`, or its `frame`, if it has one, is no text.
         """
         estimator_class = load_class(self.place, f"--estimator {self.name}")
         frame = getattr(estimator_class, "frame", None)
@@ -171,10 +171,10 @@ class Program(OwnEstimator):
                 arguments = [argument.replace(placeholder, file_name) for argument in arguments]
             with log.open("wb") as file:
                 code = _run_program(arguments, self.timeout_s, file.fileno(), Path(folder))
-            # the end of what it has printed, on one line
+            # the end of what it has printed on stderr, on one line
             last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             printed = f"; stderr: {last}" if last else "; nothing on stderr"
-            if code is None:
+            if code is None:  # it took too long
                 raise StrideTwinError(f"{arguments[0]}: stopped after {self.timeout_s:g} s{printed}")
             if code != 0:
                 raise StrideTwinError(f"{arguments[0]}: exit code {code}{printed}")
@@ -182,7 +182,7 @@ class Program(OwnEstimator):
                 raise StrideTwinError(f"{arguments[0]}: has not written {{output}}{printed}")
             try:
                 path = read_tum(output)
-            except StrideTwinError as error:
+            except StrideTwinError as error:  # without the temporary path, which tells the user nothing
                 raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
         return PathEstimate(name=self.name, frame=self.frame, path=path)
 
@@ -205,7 +205,7 @@ def load_class(place: str, option: str) -> type[PathEstimator]:
         sys.path.append(here)  # installed modules take precedence over the working folder
     with _catch_user_errors(f"{option}: {place}: cannot be imported"):
         loaded: object = importlib.import_module(module)
-        for part in attribute.split("."):
+        for part in attribute.split("."):  # `Outer.Inner` is a class within a class
             loaded = getattr(loaded, part)
         if _is_estimator_class(loaded):
             return loaded
@@ -270,7 +270,7 @@ class _UserPath:
             if topic not in kinds:
                 known = suggest(topic, kinds) or "a rig with sensors"
                 raise StrideTwinError(f"{cls.user_class.__name__}.topics: invalid {topic!r}: expected {known}")
-        chosen = list(kinds) if topics is None else topics
+        chosen = list(kinds) if topics is None else topics  # all sensors of the rig, if the class declares none
         return tuple(Stream(role=topic, topic=topic, kind=kinds[topic]) for topic in chosen)
 
     def update(self, sample: Sample) -> Pose | None:
@@ -335,7 +335,7 @@ def _catch_user_errors(where: str) -> Iterator[None]:
             raise
         raise StrideTwinError(f"{where}: {error}{location}") from error
     except BaseException as error:
-        if was_interrupted(error):
+        if was_interrupted(error):  # Ctrl-C in compiled code arrives as another exception
             raise KeyboardInterrupt from error
         # one line of bounded length; characters that are not UTF-8 are escaped
         exception_text = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]

@@ -81,7 +81,7 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
         if (source / manifest.NAME).is_file():
             jobs += _jobs_of_campaign(source, settings)
         elif manifests := sorted(source.glob(f"*/{manifest.NAME}")):
-            folder = manifests[0].parent
+            folder = manifests[0].parent  # the first of the campaigns that the source holds
             raise StrideTwinError(
                 f"{source}: no campaign: expected a folder that generate has written, such as {folder}"
             )

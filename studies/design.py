@@ -258,7 +258,16 @@ def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSched
 
 
 def _read_factors(file: DesignFile, files: NamedFiles, where: FieldLocation) -> dict[str, tuple[FactorLevel, ...]]:
-    """The levels of each factor of the block `vary`."""
+    """The levels of each factor of the block `vary`.
+
+    Args:
+        file: The validated keys.
+        files: Collects the files that the levels name.
+        where: Position of the file, for errors.
+
+    Raises:
+        ConfigError: A factor has the name of a column of the tables, or a level is invalid.
+    """
     factors = {}
     for name, levels in file.vary.items():
         if name in _RESERVED_COLUMNS:

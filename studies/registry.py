@@ -49,7 +49,7 @@ class ExperimentBatchOptions(BatchOptions):
     parameters: ParameterValues = field(default_factory=dict)
 
     def cases(self, study: Experiment) -> list[ExperimentCase]:
-        """The cases of an experiment with these options: one per seed."""
+        """The cases of an experiment with these options: one per seed, with consecutive seeds from the first one."""
         first = study.seeds[0] if self.first is None else self.first
         count = self.subset or len(study.seeds)
         return [

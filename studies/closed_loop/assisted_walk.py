@@ -133,6 +133,7 @@ def _cuff_force_squared(result: WalkResult) -> Array:
         return np.zeros(len(t))
     t_ns = np.round(t * 1e9).astype(np.int64)
     motion = Replay(result.twin.model, result.walk).motion(t_ns)
+    # (N,) N of each cuff, by name
     return np.asarray(np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0))
 
 

@@ -65,6 +65,7 @@ class WalkPhysics(control.Physics):
     """
 
     def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
+        """Sets joints, limits and rig; the first walk is only planned in `reset`."""
         powered = {} if config.exo is None else modules(config.exo)  # motors by joint
         if not powered:
             raise _no_power_error(config)
@@ -184,7 +185,8 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
     """Yields the seeds of consecutive walks; each is checked when its walk is due.
 
     Args:
-        seed: One seed for all walks, or an iterable with one per walk, of which none may be missing.
+        seed: One seed for all walks, or an iterable with one per walk; at a walk for which it has none left, the error
+            of an invalid seed is raised.
     """
     try:
         seeds = iter(seed)

@@ -113,7 +113,7 @@ class TrueModes(Recognition):
     ) -> None:
         super().__init__()
         rng = rng or np.random.default_rng(0)
-        # per foot, touch-downs, ns; modes of standing at the start, of each step, and of standing at the end
+        # per foot, n touch-downs, ns, and n + 2 modes: of standing at the start, of each step, of standing at the end
         self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
         self._modes = {
             foot: [LEVEL_MODE, *(_corrupt_mode(mode, wrong, rng) for _, mode in steps[foot]), LEVEL_MODE]

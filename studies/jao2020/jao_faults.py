@@ -66,7 +66,7 @@ def run_case(case: ExperimentCase) -> Row:
     """Runs the filter on one recorded walk with each fault.
 
     Returns:
-        The case's row with `faults`: label to `_run_with_fault`.
+        The case's row with `faults`: label of the fault to the scores and reported uncertainty of the paths.
     """
     with record_shoes(case) as walk:
         plans = fault_plans(case, walk.shoes.rig, walk.shoes.duration)
@@ -82,8 +82,9 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
         truth: True path of each foot's IMU, by `l` and `r`.
 
     Returns:
-        `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot) and `apart_sd_{mean,max}_m` (of the feet to each
-        other); or only `error`, the message with which the filter refuses.
+        The scores of both paths (`two_feet.score_paths`); the largest reported horizontal standard deviation of either
+        foot, `sd_max_m`; and that of the feet's position to each other, mean and largest, `apart_sd_mean_m` and
+        `apart_sd_max_m`. Or only `error`, the message with which the filter refuses.
     """
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:

@@ -146,7 +146,7 @@ def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
         (N,) values at u (N,), and (N,) derivatives by u.
     """
     x = np.clip((u - start) / (end - start), 0.0, 1.0)
-    hill = 4.0 * x * (1.0 - x)
+    hill = 4.0 * x * (1.0 - x)  # its derivative by u is 4 (1 - 2 x) / (end - start)
     return hill**3, 12.0 * hill**2 * (1.0 - 2.0 * x) / (end - start)
 
 

@@ -66,8 +66,8 @@ def run_case(case: ExperimentCase) -> Row:
     """Simulates one walk and runs every method on it, in each of `CASES`.
 
     Returns:
-        The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
-        `two_feet.score_paths`.
+        The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (the number of board observations)
+        and, by method, the scores of both feet's paths (`two_feet.score_paths`).
     """
     with record_shoes(case) as walk:
         truth = walk.truth()  # by foot
@@ -183,7 +183,7 @@ _COLUMNS = (
 
 
 def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
-    """Our figures beside the paper's, case by case, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's, case by case, as lines of text; two numbers are of the left and right foot."""
     summary, paper_errors = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
     for case, description in CASES.items():

@@ -136,10 +136,8 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
         if key not in mounts_by_values:
             mounts_by_values[key] = list(_list_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
         for name, mount, board in mounts_by_values[key]:
-            p, ahead = (
-                mount.T_body_sensor[:3, 3],
-                mount.T_body_sensor[:3, 2],
-            )  # position, and viewing direction (z axis)
+            # position, and viewing direction: the sensor's z axis
+            p, ahead = mount.T_body_sensor[:3, 3], mount.T_body_sensor[:3, 2]
             position_dot = _Dot(body=mount.body, p_in_body=p, loss=loss, board=board)
             for best, dot in (
                 (positions, position_dot),

@@ -278,7 +278,7 @@ def _write(
         with atomic_file(folder / "body.png") as file:
             file.write_bytes(image.png)
     else:
-        (folder / "body.png").unlink(missing_ok=True)  # of another problem
+        (folder / "body.png").unlink(missing_ok=True)  # the map of an earlier run, in which a sensor moved
     result["files"] = files
     texts["placement.json"] = to_json(result)
     texts["places.csv"] = _csv(problem, searched)
@@ -295,7 +295,7 @@ def _csv(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     writer.writerow([*(k.name for k in problem.knobs), *(s.name for s in problem.scores), "failed"])
     for i in searched.best_first:
         values = searched.places[i].values
-        row = [format_value(values[k.name]) if values else "" for k in problem.knobs]
+        row = [format_value(values[k.name]) if values else "" for k in problem.knobs]  # the unchanged place has none
         scores = [f"{x:.6g}" if np.isfinite(x) else "" for x in searched.means[i]]
         writer.writerow([*row, *scores, searched.failed.get(i, "")])
     return out.getvalue()

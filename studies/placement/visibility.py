@@ -177,7 +177,10 @@ def _velocity(body: Track, p_in_world: Array) -> Array:
 
 
 def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
-    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
+    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points, m in the world.
+
+    A surface at the point itself does not hide it: the last `_SHORT_OF_M` of a line of sight do not count.
+    """
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
     origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)

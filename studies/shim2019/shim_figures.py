@@ -91,8 +91,8 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
 def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     """Figure 24: the steps of a method in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
+    # (N, 2) slope and elevation, then both relative to their largest value; 1e-9 where all are 0
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
-    # relative to the largest slope and the largest elevation
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
     plot = Plot(
@@ -106,10 +106,10 @@ def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     for mode, color in _COLORS.items():
         step_numbers = np.flatnonzero(modes == mode)
         if len(step_numbers):
-            step_numbers = step_numbers[  # at most `DOTS` of them, evenly
-                np.unique(np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int))
-            ]
-            plot.dots(points[step_numbers, 0], points[step_numbers, 1], color, size=4, label=mode)
+            # at most `DOTS` of the mode's steps, evenly
+            places = np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int)
+            shown = step_numbers[np.unique(places)]
+            plot.dots(points[shown, 0], points[shown, 1], color, size=4, label=mode)
     return plot.html()
 
 

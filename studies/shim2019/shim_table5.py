@@ -309,6 +309,7 @@ def table(result: ShimResult) -> list[str]:
         "y, aligned: the same after the whole path is rotated: its heading is that with which the AHRSs start",
     ]
     for method, summary in result["summary"].items():
+        # label and figures of each line: the paper's under the name `paper_FIGURE`, then ours
         rows = [
             (case, {**{f"paper_{f}": paper_figures.get(case, {}).get(f, "") for f in FIGURES}, **row})
             for case, row in summary.items()

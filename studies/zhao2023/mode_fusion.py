@@ -132,8 +132,8 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
 def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     """Figures by light and by source over all walks; no paper has such a table."""
     light, dark = (
-        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]}
-        for light in LIGHTS
+        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][name][by]]) for by in BY[:2]}
+        for name in LIGHTS
     )
     # scored steps of all walks, and the legs' prediction of each
     camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]

@@ -156,10 +156,11 @@ def run_every_method(
         further_names: Names of the other estimators.
     """
     truth = true_path(recording, mount)
-    return {
-        name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for name in (*ODOMETRY_METHODS, *further_names)
-    }
+    figures = {}
+    for name in (*ODOMETRY_METHODS, *further_names):
+        run = run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount))
+        figures[name] = score_odometry(run, truth)
+    return figures
 
 
 def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
