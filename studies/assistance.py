@@ -79,8 +79,8 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
         ways: Keys of `VARIANT_NAMES`.
 
     Returns:
-        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps
-        (`compute_costs`).
+        The case's row with `ways`: variant to `fell_at_s`, s, or None without a fall, and `modes`, the costs of each
+        mode's steps to the wearer (`compute_costs`).
     """
     (walk,) = case.walks()
     figures = {}

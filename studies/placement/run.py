@@ -186,11 +186,15 @@ def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
     """
     if not a.values or not b.values:
         return False
-    pairs = [(knob, a.values[knob.name], b.values[knob.name]) for knob in problem.knobs]
-    return all(
-        first == second if knob.values else abs(to_number(first) - to_number(second)) <= _ALIKE * (knob.high - knob.low)
-        for knob, first, second in pairs
-    )
+    for knob in problem.knobs:
+        first, second = a.values[knob.name], b.values[knob.name]
+        if knob.values:
+            is_alike = first == second
+        else:
+            is_alike = abs(to_number(first) - to_number(second)) <= _ALIKE * (knob.high - knob.low)
+        if not is_alike:
+            return False
+    return True
 
 
 def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:

@@ -133,7 +133,7 @@ def see_board(
     T_world_board = board_body.poses() @ board.mount.T_body_sensor
     eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]  # (N, 3) m, camera and centre of the board
     # points 0, the centre, and 1-4, the corners of the board: (N, 5, 3) in the world, then in the camera's frame
-    half = np.array([*board.squares, 0.0]) * board.square_m / 2
+    half = np.array([*board.squares, 0.0]) * board.square_m / 2  # half of the board's width and height, m
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
     points = corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + middle[:, None]
     R_world_camera = T_world_camera[:, :3, :3]

@@ -47,6 +47,7 @@ class StudyWalk:
 def missing_sensors_reason(method: Method, scenario: Scenario) -> str:
     """Why the sensors of a scenario do not feed a method, or the estimators that it needs; "" if they do."""
     try:
+        # without any sensor the method would have nothing to read
         return "" if sensors_of(estimators_of([method.estimator]), scenario.config) else "needs no sensors"
     except StrideTwinError as error:
         return str(error)
@@ -78,7 +79,8 @@ def run_walk(folder: Path, walk: StudyWalk) -> StudyRow:
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
             path = Path(name) / "walk.mcap"
             record(make_twin(walk.scenario, walk.seed), path)
-            recording = Recording(path, bool(walk.scenario.config.faults))
+            # faults may leave a recording that is refused unless it is read leniently
+            recording = Recording(path, lenient=bool(walk.scenario.config.faults))
             # the odometry runs once for all methods that take its poses, and only if there is one
             make_walk = cache(lambda: align_odometry(recording))
             for method in walk.methods:
