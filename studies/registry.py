@@ -150,17 +150,17 @@ def _make_job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
     """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
     content = study.name, study.content, case.seed, case.physics
     # the recordings do not depend on the code of the estimators
-    walks_key = content_key(*content, _sources_digest(study.module, estimators=False))
+    walks_key = content_key(*content, _sources_digest(study.module, with_estimators=False))
     task = _CaseTask(case=case, run=study.run_case, walks_key=walks_key)
     changed_parameters = [case.parameters] if case.parameters else []
-    sources = _sources_digest(study.module, estimators=True)
+    sources = _sources_digest(study.module, with_estimators=True)
     key = content_key(*content, sources, _plugin_versions(case.estimators), *changed_parameters)
     return Job(name=case.name, key=key, task=task)
 
 
-def _sources_digest(module: str, *, estimators: bool) -> str:
+def _sources_digest(module: str, *, with_estimators: bool) -> str:
     """Digest of the sources behind a module's results, with or without the estimators."""
-    return code_versions(module, estimators=estimators)["sources"]
+    return code_versions(module, estimators=with_estimators)["sources"]
 
 
 def _versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
