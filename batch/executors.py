@@ -19,7 +19,7 @@ from stridetwin.streams.errors import StrideTwinError, explain_import_error
 
 _MAX_DEATHS = 3  # groups in a row whose worker died; then the batch stops
 _DIED = Failure("its worker died; it may have run out of memory")
-_TIMEOUT_S = 60
+_TIMEOUT_S = 60  # for the connection to a scheduler, and for its first worker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ class Executor:
     def run(
         self, work: Work[Task, ResultT], groups: Sequence[Sequence[Job[Task]]]
     ) -> Iterator[tuple[Job[Task], ResultT | Failure]]:
-        """Runs the groups of jobs in this process.
+        """Runs the groups of jobs in this process, one after the other.
 
         Args:
             work: How rows are made.
@@ -103,10 +103,11 @@ class _Pool(Executor):
         Raises:
             StrideTwinError: An error that affects all jobs, or the third group in a row whose worker dies.
         """
-        # `failed_groups`: names of the last groups in a row whose worker also died in the repetition
+        # `versions`: of the code, the same for every worker. `waiting`: groups that have not started. `failed_groups`:
+        # names of the last groups in a row whose worker also died in the repetition
         versions, waiting, failed_groups = work.versions(), deque(groups), list[str]()
         while waiting:
-            running: dict[Future[list[ResultT | Failure]], Sequence[Job[Task]]] = {}
+            running: dict[Future[list[ResultT | Failure]], Sequence[Job[Task]]] = {}  # groups in the pool
             try:
                 self._pool = self._pool or self._resources.enter_context(open_pool(self.workers))
                 while waiting or running:
@@ -115,7 +116,7 @@ class _Pool(Executor):
                         running[self._pool.submit(run_group, work, versions, tasks)] = waiting[0]
                         waiting.popleft()
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        results = future.result()
+                        results = future.result()  # one per job of the group
                         failed_groups = []
                         yield from zip(running.pop(future), results)
             except BrokenProcessPool:  # from `submit` or `result`: a process of the pool died
@@ -126,9 +127,9 @@ class _Pool(Executor):
                     f"stridetwin: warning: a worker died; repeated, each in its own process: {names}", file=sys.stderr
                 )
                 for group in running.values():
-                    repeated = _run_alone(work, versions, group)
-                    failed_groups = [] if repeated is not None else _add_failed_group(failed_groups, group)
-                    yield from zip(group, repeated or [_DIED] * len(group))
+                    repeated_results = _run_alone(work, versions, group)  # None: its worker died again
+                    failed_groups = [] if repeated_results is not None else _add_failed_group(failed_groups, group)
+                    yield from zip(group, repeated_results or [_DIED] * len(group))
 
 
 def _run_alone(
@@ -190,8 +191,9 @@ class _Cluster(Executor):
         from distributed import KilledWorker, as_completed
 
         run = uuid4().hex  # another run on the same cluster may have a job of the same name
-        # by the keys of Dask's tasks
+        # groups by the keys of Dask's tasks
         by_key = {f"{group[0].name}-{run}-{i}": group for i, group in enumerate(groups)}
+        # `pure=False`: Dask must not take the result of an earlier task with equal arguments
         futures = [
             client.submit(run_group, work, versions, [job.task for job in group], key=key, pure=False)
             for key, group in by_key.items()
@@ -204,7 +206,7 @@ class _Cluster(Executor):
             except KilledWorker:
                 failed_groups, results = _add_failed_group(failed_groups, group), [_DIED] * len(group)
             yield from zip(group, results)
-            future.release()
+            future.release()  # frees the result on the cluster
 
     def _connect(self) -> Any:
         """The client of the scheduler, which connects at the first call and sets `workers` to the cluster's threads.

@@ -28,7 +28,7 @@ def hold_folder(
 
     Args:
         folder: The output folder.
-        has_rows: Whether the folder has a row.
+        has_rows: Tells, when it is called, whether the folder has a row.
         refusal: Message if another process uses the folder.
 
     Yields:
@@ -71,10 +71,10 @@ def lock_folder(folder: Path) -> Iterator[None]:
     """
     handle = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # refuses at once, instead of waiting for another process
         yield
     finally:
-        os.close(handle)
+        os.close(handle)  # also releases the lock
 
 
 def read_request(folder: Path) -> object:
@@ -93,4 +93,5 @@ def write_request(folder: Path, request: Mapping[str, object]) -> None:
 
 def differing_keys(request: Mapping[str, object], previous: Mapping[str, object]) -> list[str]:
     """Keys of a request whose values differ from those of a previous one, which was read from its file."""
+    # the request is written as JSON and read back, because JSON turns tuples into lists
     return [key for key, value in json.loads(to_json(request)).items() if previous.get(key) != value]

@@ -7,7 +7,7 @@ import time
 from datetime import timedelta
 
 _LONG_S = 600.0
-"""Time left that is announced."""
+"""A time left of more than this is announced."""
 
 
 def warn(text: str) -> None:
@@ -26,8 +26,8 @@ class Forecast:
 
     def __init__(self, size: str, count: int, resume: str) -> None:
         self._size, self._left, self._resume = size, count, resume
-        self._ended, self._start_s = 0, 0.0  # number of ended jobs; when the first one ended
-        self._is_announced = False
+        self._ended, self._start_s = 0, 0.0  # number of ended jobs; when the first one ended, by the monotonic clock
+        self._is_announced = False  # the time left is announced once
 
     def count_job(self, workers: int) -> None:
         """Notes that a job has ended, and announces the time left once the speed is known.
@@ -41,8 +41,10 @@ class Forecast:
         # the first job also compiles kernels, so the time is taken from its end on; two more per worker show the speed
         if self._ended == 1 + 2 * workers and not self._is_announced:
             self._is_announced = True
+            # mean time per job after the first one, times the jobs left
             left_s = (time.monotonic() - self._start_s) / (self._ended - 1) * self._left
             if left_s > _LONG_S:
+                # whole minutes, shown as H:MM:SS
                 rounded = timedelta(seconds=60 * round(left_s / 60))
                 more = f", and {self._resume}" if self._resume else ""
                 warn(f"{self._size}: about {rounded} h left; Ctrl-C stops it{more}")

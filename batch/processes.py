@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import connection, get_context, parent_process
 
+# environment variables with the number of threads of the numerical libraries, which read them when they start
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -75,7 +76,7 @@ def _end_with_parent() -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = parent_process()
-    if parent is None:
+    if parent is None:  # this is the main process
         return
     sentinel = parent.sentinel  # becomes ready when the parent ends
 

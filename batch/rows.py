@@ -62,8 +62,9 @@ class RowLines(Generic[RowT]):
         self._file, self._unfinished = file, unfinished
         text = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
         self._rows: dict[str, RowT] = dict(_read_lines(text))
-        # whether the file holds exactly its valid rows; if not, `write` first writes it anew
-        self._is_whole = text == self._text(list(self._rows))  # without the half line of a killed run
+        # whether the file holds exactly its valid rows; if it also has, for example, the half line of a killed run, the
+        # next `write` first writes the whole file anew
+        self._is_whole = text == self._text(list(self._rows))
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -74,7 +75,7 @@ class RowLines(Generic[RowT]):
         return self._rows.get(job.key)
 
     def has_any(self, job: Job[Task]) -> bool:
-        """Whether there is a row with the job's key, as in `read`, because rows have no names here."""
+        """Whether there is a row with the job's key; rows have no names here, so the key tells whose row it is."""
         return job.key in self._rows
 
     def write(self, job: Job[Task], row: RowT) -> None:
@@ -87,6 +88,7 @@ class RowLines(Generic[RowT]):
 
     def sort(self, keys: Sequence[str]) -> None:
         """Puts the rows of these keys first, in this order, whatever the order in which they were written."""
+        # `dict.fromkeys` drops repeated keys and keeps the order; the other rows follow in theirs
         first = [key for key in dict.fromkeys(keys) if key in self._rows]
         ordered = {key: self._rows[key] for key in dict.fromkeys([*first, *self._rows])}
         if list(ordered) != list(self._rows):

@@ -44,7 +44,7 @@ class Batch(Generic[Task, RowT]):
         self.missing: list[Job[Task]] = []
         self.outdated = 0
         unique = {job.key: job for job in jobs}  # jobs with equal keys have equal rows, so one of them runs
-        self._count = len(unique)
+        self._count = len(unique)  # number of rows that the batch needs
         for job in unique.values():
             stored = store.read(job) if store is not None and resume else None
             row = None if stored is None else update_row(job, stored)
@@ -77,7 +77,7 @@ class Batch(Generic[Task, RowT]):
             StrideTwinError: An error that affects all jobs. Rows of finished jobs are stored.
         """
         progress(self._share)
-        for job, result in executor.run(work, _groups_of(self.missing)):
+        for job, result in executor.run(work, _groups_of(self.missing)):  # in the order in which groups end
             self.results[job.key] = result
             if self._store is not None and not isinstance(result, Failure):
                 self._store.write(job, result)
@@ -115,7 +115,10 @@ class Batch(Generic[Task, RowT]):
 
 
 def _groups_of(jobs: Iterable[Job[Task]]) -> list[list[Job[Task]]]:
-    """Collects the jobs by their groups, in the order of each group's first job."""
+    """Collects the jobs by their groups, in the order of each group's first job.
+
+    A job without a group, "", is in one of its own, whose key is the job's number.
+    """
     groups: dict[str | int, list[Job[Task]]] = {}
     for i, job in enumerate(jobs):
         groups.setdefault(job.group or i, []).append(job)
@@ -147,5 +150,6 @@ def run_batch(
     with hold_folder(options.folder, file.exists) as unfinished:
         store: RowLines[RowT] = RowLines(file, unfinished)
         results = Batch(jobs, store).run_with(options, work, stage, progress, "the same command continues")
+        # the file has the order of the jobs, not that in which they ended
         store.sort([job.key for job in jobs])
     return results

@@ -24,6 +24,7 @@ _FOLLOWED = (
         for name in ("scenarios", "outputs", "run", "gate", "pages", "reference", "report", "studies")
     ),
 )
+"""Packages of which the modules that a module imports, directly or indirectly, count."""
 _WHOLE = (
     ("stridetwin.streams", ""),
     ("stridetwin.sim", ""),
@@ -31,8 +32,9 @@ _WHOLE = (
     ("stridetwin.scenarios", "catalogue"),
     ("stridetwin.reference", ""),
 )
-_COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")
-_NAMED = ("mujoco", "numpy", "scipy")
+"""Package, and folder in it ("" for the whole package), of which all files count."""
+_COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco")  # libraries that enter the digest
+_NAMED = ("mujoco", "numpy", "scipy")  # libraries whose versions are also given one by one
 
 
 @cache
@@ -42,6 +44,9 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
     Args:
         module: Name of the module.
         estimators: False leaves the estimators out of the digest, as they do not affect a recorded walk.
+
+    Returns:
+        `stridetwin`, the version of the project; `sources`, the digest; and the version of each library by its name.
     """
     return {
         "stridetwin": metadata.version("stridetwin"),
@@ -52,7 +57,10 @@ def code_versions(module: str, *, estimators: bool = True) -> dict[str, str]:
 
 @cache
 def class_version(of: type) -> str:
-    """Digest of the sources of a class, such as an installed estimator's: its file, and what it imports from here."""
+    """Digest of the sources of a class, such as an installed estimator's.
+
+    Its own file counts, wherever it is installed, and what `digest` covers for its module.
+    """
     source = Path(inspect.getfile(of)).read_bytes()
     return hashlib.sha256(source + digest(of.__module__).encode()).hexdigest()[:16]
 
@@ -67,12 +75,14 @@ def digest(module: str, *, estimators: bool = True) -> str:
     Returns:
         16 hexadecimal digits.
     """
+    # by name: what always counts, and the module with its imports
     files = _data_files() | {
         name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)
     }
     hashed = hashlib.sha256(_library_versions().encode())
     for name in sorted(files):
         text = files[name].read_bytes()
+        # name and length keep one file's end apart from the next one's beginning
         hashed.update(f"{name} {len(text)}\n".encode() + text)
     return hashed.hexdigest()[:16]
 
@@ -106,8 +116,8 @@ def _data_files() -> dict[str, Path]:
 def _find_imports(module: str) -> dict[str, Path]:
     """A module and all its direct and indirect imports from the packages in `_FOLLOWED`, name to file.
 
-    A package counts if something is imported from it, not if it is only part of the path to a module. What is loaded by
-    entry points counts by itself: `class_version`.
+    The `__init__` of a package counts if something is imported from it, not if it is only part of the path to a module.
+    Classes that entry points load are not imported by name; `class_version` gives their digests.
     """
     files: dict[str, Path] = {}
     remaining = [module]
@@ -122,10 +132,10 @@ def _find_imports(module: str) -> dict[str, Path]:
 
 def _source_file(name: str) -> Path | None:
     """The source of a module of the packages in `_FOLLOWED`; None for any other name."""
-    package = ".".join(name.split(".")[:2])
+    package = ".".join(name.split(".")[:2])  # such as `stridetwin.gate`
     if package not in _FOLLOWED:
         return None
-    place = _package_folder(package).joinpath(*name.split(".")[2:])
+    place = _package_folder(package).joinpath(*name.split(".")[2:])  # without suffix: a module or a package
     return next((f for f in (place.with_suffix(".py"), place / "__init__.py") if f.is_file()), None)
 
 

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 from stridetwin.streams.samples import Array
 
 DRAWS = 50_000
+"""Least number of resamples of a test."""
 _MAX_DRAWN_AT_ONCE = 2_000_000  # numbers drawn; each takes twice 8 bytes
 _MAX_RESAMPLED_MEANS = 10_000_000  # means of all resamples, also held several times
-_SEED = 20_240_229
-_COVERAGE = 0.95
+_SEED = 20_240_229  # of the resamples, so that equal values give equal results
+_COVERAGE = 0.95  # of the intervals
 _MIN_RELATIVE_ERROR = 0.3
 """Of the standard error in a resample, relative to that of all walks; for intervals only.
 
@@ -35,11 +36,11 @@ class BootstrapResult:
 
     Attributes:
         count: (S,) number of values; of two groups the smaller one.
-        mean: (S,).
+        mean: (S,) means, or differences of means.
         low: (S,) lower end of the 95 % interval.
         high: (S,) upper end.
         p_above: (S,) probability of a mean at least this large if the truth were 0 or less.
-        p_below: (S,) likewise of a mean at most this large.
+        p_below: (S,) probability of a mean at most this large if the truth were 0 or more.
     """
 
     count: Array
@@ -70,8 +71,8 @@ def compare_groups(before: ArrayLike, now: ArrayLike, min_draws: int = 0) -> Boo
     """Tests differences of means, now minus before, of two groups of unrelated walks.
 
     Args:
-        before: (walks, S), NaN where a value is missing; two or more values in each column.
-        now: (walks, S) of another group, whose number of walks may differ.
+        before: (walks, S) values of the first group, NaN where one is missing; two or more values in each column.
+        now: (walks, S) values of the other group, whose number of walks may differ.
         min_draws: Least number of resamples; `DRAWS` if that is more.
 
     Returns:
@@ -90,9 +91,11 @@ def _test_columns(sides: Sequence[Array], min_draws: int) -> BootstrapResult:
         min_draws: Least number of resamples.
     """
     draws = max(DRAWS, min_draws)
+    # columns of a slice: all their resampled means are in memory at once
     step = max(1, _MAX_RESAMPLED_MEANS // draws)
     starts = range(0, sides[0].shape[1], step)
     parts = [_test_means([side[:, start : start + step] for side in sides], draws) for start in starts]
+    # every field of the result is an array over the columns, joined from those of the slices
     return BootstrapResult(
         **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(BootstrapResult)}
     )
@@ -112,18 +115,22 @@ def _test_means(sides: Sequence[Array], draws: int) -> BootstrapResult:
         draws: Number of resamples.
     """
     rng = np.random.default_rng(_SEED)
+    # of each group: (S,) means, squared standard errors and counts, and the first two of every resample, (draws, S)
     means, variances, counts = zip(*map(_moments, sides))
     resampled_means, resampled_variances = zip(*(_resample(side, draws, rng) for side in sides))
     mean, resampled_mean = _difference(means), _difference(resampled_means)
+    # the squared standard errors of two groups add up
     error, resampled_error = (np.sqrt(np.sum(v, axis=0)) for v in (variances, resampled_variances))
-    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300  # equal values have no spread
+    # least standard error, because equal values have no spread, and the statistics divide by it
+    tiny = 1e-9 * np.maximum(np.abs(mean), error) + 1e-300
     error = np.maximum(error, tiny)  # standard error (S,) of the mean or difference
     t, resampled_t = mean / error, resampled_mean / np.maximum(resampled_error, tiny)
     tail = (1.0 - _COVERAGE) / 2.0
     bounded_t = resampled_mean / np.maximum(resampled_error, np.maximum(_MIN_RELATIVE_ERROR * error, tiny))
     # the quantiles change sides: the upper one gives the lower end of the interval
     below, above = np.quantile(bounded_t, [tail, 1.0 - tail], axis=0)
-    limit = 1e-9 + np.abs(t) * 1e-12  # equal up to rounding
+    limit = 1e-9 + np.abs(t) * 1e-12  # statistics that differ by up to this count as equal
+    # the p-values count the walks themselves as one more resample, so that none is 0
     return BootstrapResult(
         count=np.min(counts, axis=0),
         mean=mean,
@@ -140,14 +147,15 @@ def _difference(values: Sequence[Array]) -> Array:
 
 
 def holm_correct(p: ArrayLike) -> Array:
-    """(N,) p-values corrected for multiple comparisons (Holm 1979), which controls the family-wise error rate.
+    """Corrects (N,) p-values for multiple comparisons (Holm 1979), and returns them in the same order.
 
+    The probability that any of the N tests is a false alarm is then at most the level to which they are compared.
     The k-th smallest of N p-values is multiplied by N - k + 1; a corrected value is at least those of smaller p-values,
     and at most 1.
     """
     p = np.asarray(p, float)
     order = np.argsort(p, kind="stable")
-    factors = np.arange(len(p), 0, -1)
+    factors = np.arange(len(p), 0, -1)  # N for the smallest p-value, 1 for the largest
     corrected = np.empty(len(p))
     corrected[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
     return corrected
@@ -184,8 +192,9 @@ def _resample(x: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Ar
         picked = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
         multiplicity = np.bincount(picked.ravel(), minlength=rows * n).reshape(rows, n).astype(float)
         count, total, squares = np.split(multiplicity @ terms, 3, axis=1)
-        count = np.maximum(count, 1.0)
+        count = np.maximum(count, 1.0)  # a resample may have drawn no walk with a value
         part = slice(start, start + rows)
         mean[part] = total / count
+        # variance of the mean: (mean square - square of the mean) / (count - 1)
         variance[part] = np.maximum(squares / count - mean[part] ** 2, 0.0) / np.maximum(count - 1.0, 1.0)
     return mean, variance

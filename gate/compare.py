@@ -21,8 +21,10 @@ MIN_WALKS = 8
 ENOUGH_WALKS = 30
 """Fewer walks reveal only large changes: thirty find most of 5 to 20 % (docs/gate.md, "Measured")."""
 PAIRED, UNPAIRED, TOLERANCE = "paired", "unpaired", "tolerance"
+"""How a score is compared: walk by walk, as two groups of walks, or by its mean and a tolerance, without a test."""
 SAME, WORSE, BETTER, MISSING, NEW = "same", "worse", "better", "missing", "new"
-_MAX_DRAWS = 2_000_000
+"""Verdicts on a score: MISSING is only in the baseline, NEW only in the current scores."""
+_MAX_DRAWS = 2_000_000  # largest number of resamples; a level that needs more is refused
 _NO_SPREAD = 1e-9  # a standard deviation of losses up to this is none
 WALKS = "walks"
 """Metric name of the line with the number of walks on which an estimator could be scored."""
@@ -123,17 +125,22 @@ def check_level(baseline: ScoreTable, rules: Rules) -> None:
     Raises:
         ConfigError: Too many scores for the level; the message gives the smallest valid level.
     """
-    # with fewer than MIN_WALKS there is no test, and hence no limit
+    # the number of scores that are tested follows from the baseline alone, so no current walks are given
     score_count = len(_score_columns(list(baseline.walks.values()), [], ()))
+    # with fewer than MIN_WALKS there is no test, and hence no limit
     if len(baseline.walks) >= MIN_WALKS and _draw_count(score_count, rules.level) > _MAX_DRAWS:
-        # smallest level whose number of resamples is allowed, in %, rounded up to four decimals
+        # smallest level whose number of resamples is allowed, in %, rounded up to four decimals: 1e6 = 100 % · 1e4
         min_level = math.ceil(1e6 * _draw_count(score_count, 1.0) / _MAX_DRAWS) / 1e4
         valid = f"{min_level:g} or more, with the {score_count} scores of this baseline"
         raise ConfigError("command line", "--false-alarms", float(f"{100.0 * rules.level:g}"), valid)
 
 
 def _draw_count(score_count: int, level: float) -> int:
-    """Number of resamples that resolves half of the level after `_correct_p_values`: 4 × scores / level."""
+    """Number of resamples with which a test can reach half of the level after correction: 4 × scores / level.
+
+    The smallest p-value of a test is 1 / (resamples + 1). The correction multiplies it by up to the number of scores
+    (Holm), and by 2, because composites and scores share the level (`_correct_p_values`).
+    """
     return math.ceil(4.0 * score_count / level)
 
 
@@ -152,8 +159,9 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
     for name, scores in (("now", now), ("baseline", baseline)):
         check_type("compare_scores", name, scores, ScoreTable, "a ScoreTable, such as read_table(FILE)")
     check_level(baseline, rules)
-    shared = [key for key in baseline.walks if key in now.walks]
-    few = min(len(baseline.walks), len(now.walks))
+    shared = [key for key in baseline.walks if key in now.walks]  # keys of the walks in both tables
+    smaller_count = min(len(baseline.walks), len(now.walks))
+    # `before` and `after`: for each compared walk, its scores by estimator; in the same order if compared in pairs
     if len(shared) >= MIN_WALKS:
         method, how = PAIRED, f"{len(shared)} walks in both tables, compared in pairs"
         unpaired_count = len(baseline.walks) + len(now.walks) - 2 * len(shared)
@@ -161,7 +169,7 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
         before, after = ([side.walks[key] for key in shared] for side in (baseline, now))
     else:
         before, after = list(baseline.walks.values()), list(now.walks.values())
-        method = UNPAIRED if few >= MIN_WALKS else TOLERANCE
+        method = UNPAIRED if smaller_count >= MIN_WALKS else TOLERANCE
         counts = f"{_walk_count(baseline)} of the baseline, {len(now.walks)} now"
         how = f"{counts}, {len(shared)} of them equal: compared as groups"
         if method == TOLERANCE:
@@ -170,16 +178,16 @@ def compare_scores(now: ScoreTable, baseline: ScoreTable, rules: Rules) -> Compa
                 f"means may be worse by {100 * rules.tolerance:g} %"
             )
     lines = _find_missing(now, baseline, shared, method)
-    # estimators that now give no score at all: their single line says so, and their scores are not compared
+    # estimators that now give no score on any walk: their single line says so, and their scores are not compared
     gone = {line.estimator for line in lines if line.now == 0}
     columns = _score_columns(before, after, gone)
-    enough = [c for c in columns if method != TOLERANCE and c.count(method) >= MIN_WALKS]
+    testable = [column for column in columns if method != TOLERANCE and column.count(method) >= MIN_WALKS]
     if method != TOLERANCE:
-        lines += _compare_over_walks([*enough, *_composite_columns(columns)], method, rules)
-    compared = {(name, c.metric) for c in enough for name in c.members}
+        lines += _compare_over_walks([*testable, *_composite_columns(columns)], method, rules)
+    tested = {(name, column.metric) for column in testable for name in column.members}
     # the baseline's means of all scores that no test has compared
     means = {
-        name: {m: v for m, v in scores.items() if (name, m) not in compared}
+        name: {metric: mean for metric, mean in scores.items() if (name, metric) not in tested}
         for name, scores in baseline.means.items()
         if name not in gone
     }
@@ -198,7 +206,10 @@ def _walk_count(table: ScoreTable) -> str:
 
 
 def _sort_key(line: Line) -> tuple[str, bool, bool, str]:
-    """Order of the lines: by estimator; its number of walks first, then the composite, then scores by name."""
+    """Order of the lines: by estimator; its number of walks first, then the composite, then scores by name.
+
+    False sorts before True, so a line for which `!=` is False comes first.
+    """
     return line.estimator, line.metric != WALKS, line.metric != OVERALL, line.metric
 
 
@@ -223,7 +234,11 @@ class _ScoreColumn:
     now: Array
 
     def finite_losses(self, method: str) -> tuple[Array, Array]:
-        """The losses before and now, of the walks that have them; PAIRED: of those that have both."""
+        """The losses before and now without the missing ones.
+
+        For PAIRED only walks that have both are kept, so that both arrays have the same walks. Otherwise each side
+        loses only its own missing values.
+        """
         had, has = np.isfinite(self.before), np.isfinite(self.now)
         if method == PAIRED:
             had = has = had & has
@@ -238,7 +253,7 @@ ScoresPerWalk = Sequence[Mapping[str, Scores]]
 
 
 def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str]) -> list[_ScoreColumn]:
-    """A column for each gated score of the baseline.
+    """A column for each gated score of the baseline; scores that only describe a walk have no scale, and no column.
 
     Args:
         before: Scores of each walk of the baseline, by estimator.
@@ -248,15 +263,23 @@ def _score_columns(before: ScoresPerWalk, now: ScoresPerWalk, gone: Iterable[str
     names = sorted({name for walk in before for name in walk} - set(gone))
     columns = []
     for estimator, members in _group_feet(names).items():
-        for metric in sorted({m for walk in before for name in members for m in walk.get(name, {})}):
+        metrics = {metric for walk in before for name in members for metric in walk.get(name, {})}
+        for metric in sorted(metrics):
             if (scale := scale_of(metric)) is not None:
                 # (walks,) losses before and now, means over the feet, NaN where the score is missing
-                b, n = (
+                losses_before, losses_now = (
                     np.mean([_losses(walks, name, metric, scale) for name in members], axis=0)
                     for walks in (before, now)
                 )
                 columns.append(
-                    _ScoreColumn(estimator=estimator, members=members, metric=metric, scale=scale, before=b, now=n)
+                    _ScoreColumn(
+                        estimator=estimator,
+                        members=members,
+                        metric=metric,
+                        scale=scale,
+                        before=losses_before,
+                        now=losses_now,
+                    )
                 )
     return columns
 
@@ -268,7 +291,11 @@ def _losses(walks: ScoresPerWalk, name: str, metric: str, scale: Scale) -> Array
 
 
 def _group_feet(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Estimators with their names in the scores: two names, `NAME_l` and `NAME_r`, if one estimates both feet."""
+    """Estimators with their names in the scores.
+
+    `NAME_l` and `NAME_r` together become the estimator NAME with both of these names, unless another estimator is
+    called NAME. Every other name is an estimator with this one name.
+    """
     groups: dict[str, tuple[str, ...]] = {}
     for name in names:
         stem = name.removesuffix("_l").removesuffix("_r")
@@ -295,16 +322,21 @@ def _composite_columns(columns: Sequence[_ScoreColumn]) -> list[_ScoreColumn]:
         if not errors:
             continue
         before, now = np.array([c.before for c in errors]), np.array([c.now for c in errors])  # (errors, walks)
-        # without the walks on which the estimator has no error at all
+        # (errors, walks) without the walks on which the estimator has no error at all
         had, has = (side[:, np.isfinite(side).any(axis=0)] for side in (before, now))
         if min(had.shape[1], has.shape[1]) < MIN_WALKS:
             continue
-        spread = np.std(had, axis=1)
+        spread = np.std(had, axis=1)  # (errors,) over the baseline's walks
+        # errors with a value on every walk and different values: only these enter the composite
         is_complete = np.isfinite(had).all(axis=1) & np.isfinite(has).all(axis=1) & (spread > _NO_SPREAD)
         if is_complete.sum() >= 2:
             weights = 1.0 / spread[is_complete]
-            b, n = (weights @ side[is_complete] / weights.sum() for side in (before, now))
-            composites.append(replace(errors[0], metric=OVERALL, scale=Scale(kind=ERROR), before=b, now=n))
+            # (walks,) weighted mean losses before and now
+            mean_before, mean_now = (weights @ side[is_complete] / weights.sum() for side in (before, now))
+            # estimator and names are those of any of its errors
+            composites.append(
+                replace(errors[0], metric=OVERALL, scale=Scale(kind=ERROR), before=mean_before, now=mean_now)
+            )
     return composites
 
 
@@ -320,46 +352,58 @@ def _compare_over_walks(columns: Sequence[_ScoreColumn], method: str, rules: Rul
         rules: Level and least change.
     """
     lines = []
-    for c in columns:
+    # lines as of scores that are equal before and now; those of tested scores are replaced below
+    for column in columns:
         # mean losses as values of the score, before and now
-        b, n = (c.scale.value(float(side.mean())) for side in c.finite_losses(method))
-        if c.metric == OVERALL:  # its errors have several units: only the ratio has a meaning
-            b, n = 1.0, n / b
+        baseline, current = (column.scale.value(float(side.mean())) for side in column.finite_losses(method))
+        if column.metric == OVERALL:  # its errors have several units: only the ratio has a meaning
+            baseline, current = 1.0, current / baseline
         lines.append(
             Line(
-                estimator=c.estimator,
-                metric=c.metric,
+                estimator=column.estimator,
+                metric=column.metric,
                 method=method,
-                walks=c.count(method),
-                baseline=b,
-                now=n,
+                walks=column.count(method),
+                baseline=baseline,
+                now=current,
                 change=0.0,
                 low=0.0,
                 high=0.0,
                 p=1.0,
-                in_points=c.scale.in_points,
-                mean=c.scale.mean,
-                absolute=c.scale.signed,
+                in_points=column.scale.in_points,
+                mean=column.scale.mean,
+                absolute=column.scale.signed,
             )
         )
-    # a score that is equal on every walk cannot have become worse and does not count as a comparison
+    # numbers of the columns to test: a paired score that is equal on every walk cannot have become worse and does not
+    # count as a comparison
     changed = [i for i, c in enumerate(columns) if method == UNPAIRED or np.nanmax(np.abs(c.now - c.before)) > 0.0]
     if not changed:
         return lines
-    before, now = (np.column_stack(side) for side in zip(*((columns[i].before, columns[i].now) for i in changed)))
-    composite = np.array([columns[i].metric == OVERALL for i in changed])
-    draws = _draw_count(int(max(composite.sum(), (~composite).sum())), rules.level)
+    # (walks, tested scores) losses on both sides
+    before = np.column_stack([columns[i].before for i in changed])
+    now = np.column_stack([columns[i].now for i in changed])
+    is_composite = np.array([columns[i].metric == OVERALL for i in changed])
+    # composites and scores are corrected apart: the larger of the two families needs the most resamples
+    draws = _draw_count(int(max(is_composite.sum(), (~is_composite).sum())), rules.level)
     result = compare_pairs(now - before, draws) if method == PAIRED else compare_groups(before, now, draws)
-    worse, better = (_correct_p_values(p, composite) for p in (result.p_above, result.p_below))
-    for k, i in enumerate(changed):
-        lines[i] = _with_verdict(lines[i], columns[i].scale, result, k, (float(worse[k]), float(better[k])), rules)
+    # a larger loss is worse
+    p_worse, p_better = (_correct_p_values(p, is_composite) for p in (result.p_above, result.p_below))
+    for k, i in enumerate(changed):  # k: number among the tested columns, i: among all
+        p_of_line = float(p_worse[k]), float(p_better[k])
+        lines[i] = _with_verdict(lines[i], columns[i].scale, result, k, p_of_line, rules)
     return lines
 
 
-def _correct_p_values(p: Array, composite: NDArray[np.bool_]) -> Array:
-    """p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores."""
+def _correct_p_values(p: Array, is_composite: NDArray[np.bool_]) -> Array:
+    """(N,) p-values corrected by Holm's method: half of the level goes to the few composites, half to the scores.
+
+    Args:
+        p: (N,) p-values of composites and scores.
+        is_composite: (N,) which of them are of composites.
+    """
     corrected = np.empty(len(p))
-    for part in (composite, ~composite):
+    for part in (is_composite, ~is_composite):
         # times 2: each of the two families has half of the level
         corrected[part] = np.minimum(2.0 * holm_correct(p[part]), 1.0)
     return corrected
@@ -381,16 +425,18 @@ def _with_verdict(
         p: Corrected p-values of a change for the worse and for the better.
         rules: Level and least change.
     """
-    mean = float(result.mean[k])
-    ends = sorted(scale.change(float(end)) for end in (result.low[k], result.high[k]))
+    p_worse, p_better = p
+    mean = float(result.mean[k])  # mean loss now minus before: above 0 is worse
+    # where more is better, the change has the other sign than the loss, and the ends change places
+    low, high = sorted(scale.change(float(end)) for end in (result.low[k], result.high[k]))
     verdict = SAME
-    if p[0] <= rules.level and scale.worse_by(mean) > rules.least:
+    if p_worse <= rules.level and scale.worse_by(mean) > rules.least:
         verdict = WORSE
-    elif p[1] <= rules.level and -scale.worse_by(mean) > rules.least and scale.kind != CLAIM:
+    elif p_better <= rules.level and -scale.worse_by(mean) > rules.least and scale.kind != CLAIM:
         verdict = BETTER
     near_miss = verdict == SAME and result.low[k] > 0.0 and scale.worse_by(mean) > rules.least
     return replace(
-        line, verdict=verdict, change=scale.change(mean), low=ends[0], high=ends[1], p=p[0], near_miss=bool(near_miss)
+        line, verdict=verdict, change=scale.change(mean), low=low, high=high, p=p_worse, near_miss=bool(near_miss)
     )
 
 
@@ -398,7 +444,8 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
     """A line for each estimator that no longer gives scores on walks on which it did.
 
     PAIRED compares the walks in both tables. Otherwise an estimator without failures in the baseline must not fail on
-    any current walk, and every estimator of the baseline must have a mean.
+    any current walk, and every estimator of the baseline must have a mean. A line has both numbers of walks: on which
+    the estimator should give scores, and on which it does.
 
     Args:
         now: Current scores.
@@ -413,11 +460,13 @@ def _find_missing(now: ScoreTable, baseline: ScoreTable, shared: Sequence[str], 
             had = [key for key in shared if name in baseline.walks[key]]
             has = [key for key in had if name in now.walks[key]]
         else:
-            failed_walks = {key for key, failed in now.failed.items() if failed.keys() & {name, EVERY_ESTIMATOR}}
-            had_no_failure = not any(failed.keys() & {name, EVERY_ESTIMATOR} for failed in baseline.failed.values())
+            # a failure of the estimator is listed under its own name or that of all
+            names = {name, EVERY_ESTIMATOR}
+            failed_walks = {key for key, failed in now.failed.items() if failed.keys() & names}
+            had_no_failure = not any(failed.keys() & names for failed in baseline.failed.values())
             has = [key for key, walk in now.walks.items() if name in walk]
             had = [*has, *failed_walks] if had_no_failure else has
-            if name not in now.means:
+            if name not in now.means:  # it gives nothing now: its line counts at least one walk, if only the mean
                 had, has = had or list(baseline.walks) or ["the mean"], []
         if len(has) < len(had):
             lines.append(
@@ -462,11 +511,14 @@ def _compare_means(now: Mapping[str, Scores], baseline: Mapping[str, Scores], ru
                 in_points=scale.in_points,
                 mean=ARITHMETIC,
             )
-            if current is not None:
+            if current is not None:  # otherwise the line stays MISSING
                 allowance = abs(value) * rules.tolerance + scale.slack
                 limit = value - allowance if scale.higher_is_better else value + allowance
                 worse = current < limit if scale.higher_is_better else current > limit
-                change = current - value if scale.in_points else 100.0 * (current / value - 1.0) if value else None
+                if scale.in_points:
+                    change: float | None = current - value
+                else:  # in %, which a baseline of 0 does not allow
+                    change = 100.0 * (current / value - 1.0) if value else None
                 line = replace(line, limit=limit, now=current, change=change, verdict=WORSE if worse else SAME)
             lines.append(line)
     return lines

@@ -15,8 +15,9 @@ from stridetwin.outputs.base import Scores
 from stridetwin.streams.errors import FieldLocation, StrideTwinError
 
 _VERDICTS = PASSED, WORSE, FAILED, ALONE = "passed", "worse", "failed", "no baseline"
-_WRITTEN = "lines that `stridetwin score --history` has written"
-_MOST_WALKS = 1_000_000_000
+"""Verdicts on a run: nothing is worse, a score is worse than the baseline, an estimator failed, or no baseline."""
+_WRITTEN = "lines that `stridetwin score --history` has written"  # what a file should hold, in messages
+_MOST_WALKS = 1_000_000_000  # a larger number in a file is taken for damage
 
 
 class HistoryLine(TypedDict):
@@ -52,6 +53,7 @@ def history_line(
         means: Mean scores by estimator.
         comparison: With the baseline; None without one.
     """
+    # a regression takes precedence over a failure, and a failure over the lack of a baseline
     if comparison is not None and comparison.regressions:
         verdict = WORSE
     elif collect_failures(rows):
@@ -75,7 +77,7 @@ def append_history(file: Path, line: HistoryLine) -> None:
     """Appends a line to a file, which is created if missing.
 
     Raises:
-        ConfigError: `read_history` does not accept the file, which stays unchanged.
+        ConfigError: `read_history` would not accept the line; the file stays unchanged.
     """
     _check(line, FieldLocation(source=f"{file}: new line"))
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -106,7 +108,15 @@ def read_history(file: Path) -> list[HistoryLine]:
 
 
 def _check(line: object, where: FieldLocation) -> None:
-    """Raises ConfigError at the first field that differs from the form of `history_line`."""
+    """Checks that a line has the form of a `HistoryLine`.
+
+    Args:
+        line: Parsed JSON of the line.
+        where: Its position, for errors.
+
+    Raises:
+        ConfigError: It is no mapping, or a field has another form; the first such field is named.
+    """
     if not isinstance(line, dict):
         raise where.error(line, _WRITTEN)
 
@@ -119,6 +129,7 @@ def _check(line: object, where: FieldLocation) -> None:
         need(is_text(line.get(name)), name, "text in UTF-8")
     need(line.get("verdict") in _VERDICTS, "verdict", ", ".join(_VERDICTS))
     for name, count in (("walks", line.get("walks")), ("failed", line.get("failed", 0))):
+        # true and false are integers for Python, too
         fits = isinstance(count, int) and not isinstance(count, bool) and 0 <= count <= _MOST_WALKS
         need(fits, name, f"a whole number, 0-{_MOST_WALKS}")
     worse = line.get("regressions")

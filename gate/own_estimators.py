@@ -38,8 +38,8 @@ from stridetwin.streams.validation import suggest
 
 TRUTH_PREFIX = "/truth/"
 _TAIL = 600  # characters of a program's last output, or of a class's exception
-_HOME = Path(__file__).resolve().parents[1]
-_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
+_HOME = Path(__file__).resolve().parents[1]  # folder of this project's code
+_STANDARD_LIBRARY = sysconfig.get_path("stdlib")  # folder of Python's own modules
 _WATCH = 'cat > /dev/null; kill -s KILL -- "-$1"; rm -rf -- "$2"'
 """Command of a shell whose stdin closes when this process ends for any reason.
 
@@ -99,7 +99,7 @@ class PythonClass(OwnEstimator):
         """Imports the class at `place`.
 
         Raises:
-            StrideTwinError: There is no such class, or it has no `update`.
+            StrideTwinError: There is no such class, it has no `update`, or its `frame`, if it has one, is no text.
         """
         estimator_class = load_class(self.place, f"--estimator {self.name}")
         frame = getattr(estimator_class, "frame", None)
@@ -171,10 +171,10 @@ class Program(OwnEstimator):
                 arguments = [argument.replace(placeholder, file_name) for argument in arguments]
             with log.open("wb") as file:
                 code = _run_program(arguments, self.timeout_s, file.fileno(), Path(folder))
-            # the end of what it has printed, on one line
+            # the end of what it has printed on stderr, on one line
             last = " ".join(log.read_text(encoding="utf-8", errors="replace").split())[-_TAIL:]
             printed = f"; stderr: {last}" if last else "; nothing on stderr"
-            if code is None:
+            if code is None:  # it took too long
                 raise StrideTwinError(f"{arguments[0]}: stopped after {self.timeout_s:g} s{printed}")
             if code != 0:
                 raise StrideTwinError(f"{arguments[0]}: exit code {code}{printed}")
@@ -182,7 +182,7 @@ class Program(OwnEstimator):
                 raise StrideTwinError(f"{arguments[0]}: has not written {{output}}{printed}")
             try:
                 path = read_tum(output)
-            except StrideTwinError as error:
+            except StrideTwinError as error:  # without the temporary path, which tells the user nothing
                 raise StrideTwinError(str(error).replace(str(output), "{output}")) from None
         return PathEstimate(name=self.name, frame=self.frame, path=path)
 
@@ -205,7 +205,7 @@ def load_class(place: str, option: str) -> type[PathEstimator]:
         sys.path.append(here)  # installed modules take precedence over the working folder
     with _catch_user_errors(f"{option}: {place}: cannot be imported"):
         loaded: object = importlib.import_module(module)
-        for part in attribute.split("."):
+        for part in attribute.split("."):  # `Outer.Inner` is a class within a class
             loaded = getattr(loaded, part)
         if _is_estimator_class(loaded):
             return loaded
@@ -213,12 +213,15 @@ def load_class(place: str, option: str) -> type[PathEstimator]:
 
 
 def _is_estimator_class(loaded: object) -> TypeGuard[type[PathEstimator]]:
-    """Whether it is a class with a method `update`."""
+    """Whether what was loaded is a class with a method `update`."""
     return isinstance(loaded, type) and callable(getattr(loaded, "update", None))
 
 
 def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
-    """A user's class as an estimator for `live`: its own one if it has a `declaration`, else one of paths around it.
+    """A user's class as an estimator for `live`.
+
+    A class with a `declaration` is an estimator already and is returned as it is. Any other class is put into a
+    subclass of `_UserPath`, an estimator of paths that passes the samples on to it.
 
     Args:
         name: Its name in messages and files.
@@ -231,6 +234,7 @@ def load_estimator(name: str, place: str, option: str) -> EstimatorClass:
     user_class = load_class(place, option)
     if isinstance(getattr(user_class, "declaration", None), Declaration):
         return cast("EstimatorClass", user_class)
+    # the attributes of the new subclass, which has the name of the user's class
     body = {"declaration": Declaration(name=name, kind=PATH), "user_class": user_class, "place": place}
     return cast("EstimatorClass", type(user_class.__name__, (_UserPath,), body))
 
@@ -249,6 +253,7 @@ class _UserPath:
     place: ClassVar[str]
 
     def __init__(self, rig: Rig, *, options: Options | None = None, parameters: object = None) -> None:
+        """Builds the user's class with the rig; it takes neither options nor parameters, so these are not used."""
         with _catch_user_errors(self.place):
             self._inner = self.user_class(rig)
 
@@ -265,7 +270,7 @@ class _UserPath:
             if topic not in kinds:
                 known = suggest(topic, kinds) or "a rig with sensors"
                 raise StrideTwinError(f"{cls.user_class.__name__}.topics: invalid {topic!r}: expected {known}")
-        chosen = list(kinds) if topics is None else topics
+        chosen = list(kinds) if topics is None else topics  # all sensors of the rig, if the class declares none
         return tuple(Stream(role=topic, topic=topic, kind=kinds[topic]) for topic in chosen)
 
     def update(self, sample: Sample) -> Pose | None:
@@ -278,7 +283,7 @@ def estimate_path(estimator: PathEstimator, recording: Recording) -> Trajectory:
     """The path that an estimator computes from the samples of a recording.
 
     Args:
-        estimator: An object with `update(sample)`, see this module.
+        estimator: An object whose `update(sample)` returns None, a `Pose`, or an object whose `pose` is one.
         recording: Its truth is withheld from the estimator.
 
     Raises:
@@ -330,7 +335,7 @@ def _catch_user_errors(where: str) -> Iterator[None]:
             raise
         raise StrideTwinError(f"{where}: {error}{location}") from error
     except BaseException as error:
-        if was_interrupted(error):
+        if was_interrupted(error):  # Ctrl-C in compiled code arrives as another exception
             raise KeyboardInterrupt from error
         # one line of bounded length; characters that are not UTF-8 are escaped
         exception_text = " ".join("".join(traceback.format_exception_only(error)).split())[:_TAIL]
@@ -343,7 +348,8 @@ def _error_location(error: BaseException) -> str:
 
     The user's code is the innermost that belongs neither to this project nor to an installed package.
     """
-    user_frames = [  # the outermost first
+    # calls in the user's code, the outermost first; `<` begins the file name of code without a file
+    user_frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if not frame.filename.startswith(("<", _STANDARD_LIBRARY))
@@ -377,7 +383,7 @@ def _run_program(arguments: list[str], timeout_s: float, stderr: int, folder: Pa
     except subprocess.TimeoutExpired:
         return None
     finally:
-        if process.poll() is None:
+        if process.poll() is None:  # still running: the program leads a process group, which is killed as a whole
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
@@ -395,5 +401,5 @@ def _watch_process(process: subprocess.Popen[bytes], folder: Path) -> Iterator[N
     try:
         yield
     finally:
-        watch.kill()  # before its stdin closes
+        watch.kill()  # before its stdin closes, at which it would kill the program
         watch.communicate()

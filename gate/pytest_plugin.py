@@ -49,10 +49,11 @@ def stridetwin_scenario(tmp_path_factory: pytest.TempPathFactory) -> Callable[..
 
         walk_scenario = _load_scenario(scenario)
         walk_scenario = walk_scenario if cameras else without_cameras(walk_scenario)
-        key = (repr(walk_scenario.config), seed, cameras)
+        key = (repr(walk_scenario.config), seed, cameras)  # what determines the recording
         if key not in recordings:
             path = folder / f"walk_{len(recordings)}.mcap"
             record(make_twin(walk_scenario, seed), path, lambda *_: None)
+            # faults may leave a recording that is refused unless it is read leniently
             recordings[key] = Recording(path, lenient=bool(walk_scenario.config.faults))
         return recordings[key]
 
@@ -73,7 +74,10 @@ def stridetwin_score() -> Callable[..., Scores]:
         frame: str = "foot_l/imu",
         align: str = "start",
     ) -> Scores:
-        """Scores of an estimator or a path on a recording; `align` is `start`, `yaw` or `se3`."""
+        """Scores of an estimator or a path on a recording.
+
+        `align` says how the path is fitted to the truth: at the `start`, or as a whole by `yaw` or by `se3`.
+        """
         from stridetwin.estimators.base import PathEstimate
         from stridetwin.outputs.path.evaluate import evaluate
 
@@ -104,4 +108,5 @@ def _load_scenario(source: str | Path | Mapping[str, object] | TwinConfig) -> Sc
     if not isinstance(source, Mapping):
         return load_scenario(str(source))
     plain = json.loads(json.dumps({"description": "of a test", **source}))  # JSON turns tuples into lists
+    # as if the content came from a file in the working folder, so that file names in it are relative to that
     return scenario_of(plain, Path.cwd() / "scenario.yaml")

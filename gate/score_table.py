@@ -15,9 +15,9 @@ from stridetwin.streams.errors import FieldLocation, StrideTwinError
 
 EVERY_ESTIMATOR = "every estimator"
 """Name in the failures if the built-in estimators failed together."""
-_MIN_SIZE = 1e-100  # except 0; a value divided by it stays finite
-_MAX_NAME_LENGTH = 400
-_EXPECTED_FORM = "what `stridetwin score --json` prints"
+_MIN_SIZE = 1e-100  # smallest absolute value of a score other than 0: a value divided by it stays finite
+_MAX_NAME_LENGTH = 400  # characters
+_EXPECTED_FORM = "what `stridetwin score --json` prints"  # in messages
 
 
 class ScoredWalk(TypedDict):
@@ -73,11 +73,11 @@ def table_of(document: object, source: str) -> ScoreTable:
         if not isinstance(entry, dict):
             raise where.error(entry, f"a walk, {_EXPECTED_FORM}")
         if "estimators" not in entry:
-            continue  # from `run`: describes the walk; all scores are in the means
+            continue  # the file is from `run`, whose entry only describes its walk: all its scores are in the means
         digest = entry.get("sha256")
         if not (digest is None or is_text(digest)):
             raise where.key("sha256").error(digest, "text in UTF-8")
-        key = digest or f"recording {i}"
+        key = digest or f"recording {i}"  # without a digest a word that occurs once in the table
         walks[key] = check_scores(entry["estimators"], where.key("estimators"))
         reasons = _check_names(entry.get("failed", {}), where.key("failed"), "estimators, each with a reason")
         failed[key] = {}
@@ -100,6 +100,7 @@ def read_table(path: str | Path) -> ScoreTable:
         table = table_of(document, str(path))
     except (ValueError, RecursionError) as error:
         raise StrideTwinError(f"{path}: is not JSON: {error}; expected {_EXPECTED_FORM}") from error
+    # the means and the walks must each have a score that the gate compares
     walks = [entry["estimators"] for entry in document.get("recordings", []) if "estimators" in entry]
     for field, tables in (("estimators", [table.means]), ("recordings", walks)):
         names = [metric for estimators in tables for scores in estimators.values() for metric in scores]
@@ -111,8 +112,13 @@ def read_table(path: str | Path) -> ScoreTable:
 def check_scores(node: object, where: FieldLocation) -> dict[str, Scores]:
     """Checks that a node of a file maps estimators to scores by name, and returns these.
 
+    Args:
+        node: The node.
+        where: Its position in the file, for errors.
+
     Raises:
-        ConfigError: It is not one; the message has the path of the field.
+        ConfigError: It has another form, or a value is no number of a valid size; the message has the path of the
+            field.
     """
     estimators: dict[str, Scores] = {}
     for name, scores in _check_names(node, where, f"estimators, each with its scores: {_EXPECTED_FORM}").items():
@@ -165,13 +171,21 @@ def _check_names(value: object, where: FieldLocation, valid: str) -> dict[str, o
 
 
 def mean_scores(all_scores: Iterable[dict[str, Scores]]) -> dict[str, Scores]:
-    """Mean of each score over recordings (the largest of the `_max_` ones), per estimator."""
-    values: dict[str, dict[str, list[float]]] = {}
+    """Mean of each score over recordings, per estimator; of a score with `_max_` in its name the largest value.
+
+    Args:
+        all_scores: For each recording, estimator to its scores by name. A recording without a score does not count in
+            the score's mean.
+    """
+    values: dict[str, dict[str, list[float]]] = {}  # by estimator and score, over the recordings that have it
     for recording in all_scores:
         for name, scores in recording.items():
             for metric, value in scores.items():
                 values.setdefault(name, {}).setdefault(metric, []).append(value)
     return {
-        name: {m: max(v) if "_max_" in m else sum(v) / len(v) for m, v in metrics.items()}
+        name: {
+            metric: max(of_recordings) if "_max_" in metric else sum(of_recordings) / len(of_recordings)
+            for metric, of_recordings in metrics.items()
+        }
         for name, metrics in values.items()
     }

@@ -81,7 +81,7 @@ def jobs_of(sources: Sequence[Path], **settings: Any) -> list[ScoringJob]:
         if (source / manifest.NAME).is_file():
             jobs += _jobs_of_campaign(source, settings)
         elif manifests := sorted(source.glob(f"*/{manifest.NAME}")):
-            folder = manifests[0].parent
+            folder = manifests[0].parent  # the first of the campaigns that the source holds
             raise StrideTwinError(
                 f"{source}: no campaign: expected a folder that generate has written, such as {folder}"
             )
@@ -95,7 +95,8 @@ def _jobs_of_campaign(folder: Path, settings: dict[str, Any]) -> list[ScoringJob
 
     Args:
         folder: Folder of the campaign.
-        settings: Fields of all jobs; a walk with findings is read leniently in any case.
+        settings: Fields of all jobs; a walk in whose recording the check has found errors (`findings`, or
+            `expected_findings` about injected faults) is read leniently in any case.
 
     Raises:
         StrideTwinError: The manifest is invalid, lists no accepted walk, or a recording has another size than it says.
@@ -149,33 +150,34 @@ def score_walk(
     recording = open_with_warnings(job.path, job.lenient)
     scores: dict[str, Scores] = {}
     failed: dict[str, str] = {}
-    of_kinds: list[KindEvaluations] = []
+    evaluations: list[KindEvaluations] = []  # outputs of all estimators beside the truth, by kind of output
     row: ScoredWalk = {
         "name": job.name,
         "sha256": job.sha256 or _digest(job.path),
         "metadata": {k: recording.metadata[k] for k in ("scenario", "seed", "physics") if k in recording.metadata},
         "estimators": scores,
     }
-    if job.user_estimators:
+    if job.user_estimators:  # they replace the built-in ones, and each gives a path
         results: list[Result] = []
         for estimator in job.user_estimators:  # each may fail alone
             try:
                 results += evaluate(recording, [estimator.path(recording)], job.alignment)
             except StrideTwinError as error:
                 _record_failure(job, failed, estimator.name, error)
-        of_kinds = [KindEvaluations(kind=kinds()[PATH], evaluations=results)] if results else []
-        scores |= scores_by_output(of_kinds)
+        evaluations = [KindEvaluations(kind=kinds()[PATH], evaluations=results)] if results else []
+        scores |= scores_by_output(evaluations)
     else:
         try:
             for kind_results in _evaluate_installed(recording, job, progress):
-                of_kinds.append(kind_results)
+                evaluations.append(kind_results)
                 scores |= scores_by_output([kind_results])
         except Exception as error:
-            if was_interrupted(error):
+            if was_interrupted(error):  # Ctrl-C in compiled code arrives as another exception
                 raise KeyboardInterrupt from error
+            # they run together, so an error that gets here is not of a single one
             _record_failure(job, failed, EVERY_ESTIMATOR, error)
     if on_evaluated is not None:
-        on_evaluated(recording, of_kinds)
+        on_evaluated(recording, evaluations)
     if failed:
         row["failed"] = failed
     return row
@@ -243,27 +245,29 @@ def score_walks(
         options: Processes or cluster that score the recordings; the folder is for `is_kept`.
         progress: Receives the stage and its progress (0-1).
         is_kept: Keeps the rows in the folder, and reuses those of equal recordings, options and versions of the code.
-        on_evaluated: See `score_walk`; only for one job that is neither kept nor run on a cluster.
+        on_evaluated: Receives the recording and the outputs beside the truth once all estimators have run; only for
+            one job that is neither kept nor run on a cluster.
 
     Raises:
         StrideTwinError: A recording cannot be read; in a strict job, any error.
     """
-    if len(jobs) == 1 and options.scheduler is None and not is_kept:
+    if len(jobs) == 1 and options.scheduler is None and not is_kept:  # in this process, with its progress
         progress("score", 0.0)
         return [score_walk(jobs[0], progress, on_evaluated)]
-    if options.scheduler is not None:
+    if options.scheduler is not None:  # workers have other working folders
         jobs = [replace(job, path=job.path.absolute()) for job in jobs]
     # the built-in estimators whose code determines the rows; the code of users' estimators has no version
     estimators = () if jobs[0].user_estimators else tuple(sorted(jobs[0].only or registry.names()))
     versions = partial(scoring_versions, __name__, estimators)
     work = Work(run=one_by_one(score_walk), versions=versions)
+    # rows that are not kept need no digest, only keys that differ
     keys = [_key(job, versions()) if is_kept else str(i) for i, job in enumerate(jobs)]
     keyed = [Job(name=job.name, key=key, task=job) for job, key in zip(jobs, keys)]
     if is_kept:
         results = run_batch(keyed, work, options, "score", progress)
     else:
-        batch: Batch[ScoringJob, ScoredWalk] = Batch(keyed, None)
-        results = batch.run_with(options, work, "score", progress, "")
+        batch: Batch[ScoringJob, ScoredWalk] = Batch(keyed, None)  # None: it stores no rows
+        results = batch.run_with(options, work, "score", progress, "")  # "": a stopped batch cannot be continued
     return [
         _row_of_failure(job, result.reason) if isinstance(result, Failure) else result
         for job, result in zip(jobs, results)
@@ -271,18 +275,28 @@ def score_walks(
 
 
 def scoring_versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
-    """Versions of the code behind the scores that a module makes of some estimators and their kinds of output."""
+    """Versions of the code behind the scores that a module makes of some estimators and their kinds of output.
+
+    Args:
+        module: Name of the module that runs and scores the estimators.
+        estimators: Names of the estimators.
+
+    Returns:
+        Versions of the project and of libraries (`code_versions`), and digests of the sources of the kinds of output,
+        by module, and of the estimators, by name.
+    """
     classes = {name: registry.estimator(name) for name in estimators}
     kinds = [kind_of(c.declaration) for c in classes.values()]
-    of_kinds = {type(kind).__module__: class_version(type(kind)) for kind in kinds}
-    return code_versions(module) | of_kinds | {name: class_version(c) for name, c in classes.items()}
+    kind_versions = {type(kind).__module__: class_version(type(kind)) for kind in kinds}
+    return code_versions(module) | kind_versions | {name: class_version(c) for name, c in classes.items()}
 
 
 def _key(job: ScoringJob, versions: Mapping[str, str]) -> str:
     """Digest of everything that determines a row: recording, options, and versions of the code."""
     only = None if job.only is None else sorted(job.only)
     content = job.name, job.sha256 or _digest(job.path), job.lenient, job.alignment, only, dict(versions)
-    return content_key(*content, *([job.parameters] if job.parameters else []))
+    changed_parameters = [job.parameters] if job.parameters else []
+    return content_key(*content, *changed_parameters)
 
 
 def _row_of_failure(job: ScoringJob, reason: str) -> ScoredWalk:

@@ -13,7 +13,7 @@ import yaml
 from stridetwin.streams.samples import Array
 
 _LEG_M = 0.9  # length of the leg that the speeds of the groups belong to
-# name and upper end of the speed, m/s
+# speed groups from slow to fast: name, and speed at which the next group begins, m/s
 _GROUPS = (("VerySlow", 0.67), ("Slow", 1.08), ("Free", 1.49), ("Fast", 1.89), ("VeryFast", float("inf")))
 
 
@@ -92,7 +92,11 @@ def read_reference(name: Literal["shim2019"]) -> Shim2019: ...
 @overload
 def read_reference(name: Literal["gait_norms"]) -> dict[str, object]: ...
 def read_reference(name: str) -> object:
-    """The content of one YAML file of the reference folder, such as `jao2020`."""
+    """The content of one YAML file of the reference folder.
+
+    Args:
+        name: Name of the file without `.yaml`.
+    """
     file = resources.files("stridetwin.reference").joinpath(f"{name}.yaml")
     return yaml.safe_load(file.read_text(encoding="utf-8"))
 
@@ -112,7 +116,8 @@ def speed_group(speed_mps: float, leg_m: float = _LEG_M) -> str:
 
     Args:
         speed_mps: Walking speed.
-        leg_m: Length of the leg; speeds of equal speed / sqrt(g leg) are in one group.
+        leg_m: Length of the walker's leg. The speed is scaled to the leg length of the groups by equal Froude number,
+            speed / sqrt(g leg).
 
     Returns:
         VerySlow, Slow, Free, Fast or VeryFast.
@@ -133,5 +138,6 @@ def level_norm(group: str, quantity: str) -> tuple[Array, Array, Array]:
         Share of the gait cycle in % from heel contact, mean and SD, (51,) each.
     """
     rows = [r for r in read_reference_rows("gait_norms_level") if r["speed"] == group and r["quantity"] == quantity]
+    # (51, 3): share of the gait cycle, mean, SD
     table = np.array([[float(r["cycle_pct"]), float(r["mean"]), float(r["sd"])] for r in rows])
     return table[:, 0], table[:, 1], table[:, 2]

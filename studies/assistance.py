@@ -28,6 +28,7 @@ from stridetwin.studies.result import CaseRow, Collected, LabelledFigures, NoPap
 from stridetwin.studies.tables import table_lines
 
 WRONG = 0.01
+"""Share of the steps with a wrong mode in the variant `wrong`."""
 VARIANT_NAMES = {
     "none": "no exoskeleton",
     "carried": "motors compensate their own inertia",
@@ -36,6 +37,7 @@ VARIANT_NAMES = {
     "known": "assisted by true modes",
     "wrong": f"assisted by true modes, {WRONG:.0%} of them wrong",
 }
+"""Variants of the walk by key, with their names in the table."""
 _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
     "carried": (None, ()),
     "late": (lambda rig, twin: LegRecognition(true_geometry(twin.size, rig)), ("ahrs", "encoder")),
@@ -43,7 +45,7 @@ _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
     "known": (lambda rig, twin: true_modes_of(twin), ()),
     "wrong": (lambda rig, twin: true_modes_of(twin, WRONG), ()),
 }
-"""How a variant with exoskeleton knows the modes, and the sensors that this takes."""
+"""How a variant with exoskeleton knows the modes, and the groups of sensors that this takes; None: no assistance."""
 
 
 class VariantCosts(TypedDict):
@@ -77,8 +79,8 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
         ways: Keys of `VARIANT_NAMES`.
 
     Returns:
-        `seed`, `subject`, and `ways`: variant to `fell_at_s`, and `modes`, the cost of each mode's steps
-        (`compute_costs`).
+        The case's row with `ways`: variant to `fell_at_s`, s, or None without a fall, and `modes`, the costs of each
+        mode's steps to the wearer (`compute_costs`).
     """
     (walk,) = case.walks()
     figures = {}
@@ -86,7 +88,8 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
         if way == "none":
             result = simulate_bare_walk(walk.config, case.seed)
         else:
-            result = simulate_assisted_walk(walk.config, case.seed, *_RECOGNISERS[way])
+            recogniser, sensors = _RECOGNISERS[way]
+            result = simulate_assisted_walk(walk.config, case.seed, recogniser, sensors)
         figures[way] = {"fell_at_s": result.walk.fell_at, "modes": compute_costs(result)}
     return case.row(ways=figures)
 
@@ -95,20 +98,20 @@ def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary]
     """Summary over the walks without a fall in any variant.
 
     Returns:
-        `summary`: variant to `walks`, `fell`, `work_j` per walk, and by mode `work_j_per_step`, `more_than_none_pct`,
-        `rest_j_per_step` (`compute_costs`), `rest_more_than_none_pct`,
-        `cuff_n`; and for `predicted` the `gain_share`, its share of the truth's gain over recognition from the legs.
+        `summary`: variant to `walks`, `fell` (their number), `work_j` (mean per walk), and `modes`: mode to
+        `_mode_figures`. For `predicted` also `gain_share`: the work that predicted modes save against modes from the
+        legs, as a share of what true modes save; None if true modes save nothing.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
-    # walks that nobody fell in, so that all variants have the same way
+    # rows of the walks that no variant fell in, so that all variants have walked the whole route
     ended = [r for r in results if all(r["ways"][way]["fell_at_s"] is None for way in ways)]
     summary: dict[str, VariantSummary] = {}
-    work_of_way: dict[str, float] = {}
+    work_of_way: dict[str, float] = {}  # mean work per walk, J, by variant
     for way in ways:
         fell = sum(r["ways"][way]["fell_at_s"] is not None for r in results)
         walked_modes = {mode for row in ended for mode in row["ways"][way]["modes"]}
         modes = {mode: _mode_figures(ended, way, mode, "none" in ways) for mode in MODES if mode in walked_modes}
-        work = [sum(of["work_j"] for of in r["ways"][way]["modes"].values()) for r in ended]
+        work = [sum(costs["work_j"] for costs in r["ways"][way]["modes"].values()) for r in ended]  # J, per walk
         if work:
             work_of_way[way] = float(np.mean(work))
         summary[way] = {"walks": len(results), "fell": fell, "work_j": work_of_way.get(way), "modes": modes}
@@ -126,12 +129,17 @@ def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: b
         way: The variant.
         mode: The locomotion mode.
         beside_none: Adds the changes; the variant `none` was walked, too.
+
+    Returns:
+        `work_j_per_step`, the wearer's positive work of hips and knees; `rest_j_per_step`, what would remain of it if
+        the motors helped without loss; `cuff_n`, the RMS force of the cuffs, mean over walks; and with `beside_none`
+        `more_than_none_pct` and `rest_more_than_none_pct`, the changes of the first two against the work of `none`, %.
     """
 
     def per_step(way: str, figure: str) -> float:
         """A cost of the mode's steps in a variant over all walks, divided by their number."""
         costs_of_mode = [row["ways"][way]["modes"][mode] for row in rows if mode in row["ways"][way]["modes"]]
-        return sum(o[figure] for o in costs_of_mode) / sum(o["steps"] for o in costs_of_mode)
+        return sum(costs[figure] for costs in costs_of_mode) / sum(costs["steps"] for costs in costs_of_mode)
 
     cuffs = [row["ways"][way]["modes"][mode]["cuff_n"] for row in rows if mode in row["ways"][way]["modes"]]
     work, rest = per_step(way, "work_j"), per_step(way, "rest_j")
@@ -143,6 +151,7 @@ def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: b
     return figures
 
 
+# header, width, and format of a variant's figures; three columns for each mode
 _COLUMNS = (
     ("fell", 6, "{fell}"),
     ("J per walk", 12, "{work_j:.0f}"),
@@ -164,7 +173,10 @@ def table(result: Result[dict[str, VariantSummary], NoPaper, AssistanceRow]) -> 
     if "carried" in summary:
         carried_modes = summary["carried"]["modes"]
         # a further line from the same walks: what would remain if the motors helped without any loss
-        rest = {mode: {"more_than_none_pct": of.get("rest_more_than_none_pct")} for mode, of in carried_modes.items()}
+        rest = {
+            mode: {"more_than_none_pct": figures.get("rest_more_than_none_pct")}
+            for mode, figures in carried_modes.items()
+        }
         rows.append(("assisted without any loss", {"fell": "", "modes": rest}))
     share = summary["predicted"].get("gain_share") if "predicted" in summary else None
     return [

@@ -79,6 +79,7 @@ class ExperimentCase:
     @property
     def recordings(self) -> list[Path]:
         """Existing recordings of the case."""
+        # `seed_NUMBER.mcap`, and `seed_NUMBER_NAME.mcap` of the walks with a name
         return [*self.folder.glob(self.file(".mcap").name), *self.folder.glob(self.file("_*.mcap").name)]
 
     def walks(self) -> list[CaseWalk]:
@@ -91,7 +92,9 @@ class ExperimentCase:
             config = replace(config, sensors=self.setup.sensors or config.sensors, physics=self.physics)
             # levels that take turns are the same for all walks of the case, see `labels`
             labels = {name: level for name, level in combination.labels.items() if name not in design.turns}
-            walks.append(CaseWalk(name=f"{i}_{config.name}" if i else config.name, labels=labels, config=config))
+            # the number keeps walks of the same scenario apart; the first one goes without
+            name = f"{i}_{config.name}" if i else config.name
+            walks.append(CaseWalk(name=name, labels=labels, config=config))
         return walks
 
     @property

@@ -34,11 +34,12 @@ from stridetwin.streams.fields import FileModel, Text
 from stridetwin.streams.validation import suggest
 from stridetwin.studies.seeds import SeedsInFile
 
-_SCENARIO, _FAULTS = "scenario", "faults"
-_RESERVED_COLUMNS = (_SCENARIO, _FAULTS, "seed", "method", "score", "value")
+_SCENARIO, _FAULTS = "scenario", "faults"  # names of these two factors, and keys of a file
+_RESERVED_COLUMNS = (_SCENARIO, _FAULTS, "seed", "method", "score", "value")  # of the tables; no factor's name
 _MAX_COMBINATIONS = 10_000
-_FAULT = re.compile(r"faults\[(\d+)\]\.?(.*)")
+_FAULT = re.compile(r"faults\[(\d+)\]\.?(.*)")  # field of a scenario's error: number of the fault, and field in it
 _Values = dict[str, object]
+"""Paths into the scenarios, each with a value."""
 
 
 def _name_levels(node: object) -> object:
@@ -155,10 +156,14 @@ class Design:
 
     def levels(self, seed: int) -> dict[str, FactorLevel]:
         """The level whose turn it is with a seed, for each factor that takes turns."""
-        return {name: self.turns[name][1][self._level_number(name, seed)] for name in self.turns}
+        return {name: levels[self._level_number(name, seed)] for name, (_, levels) in self.turns.items()}
 
     def _level_number(self, name: str, seed: int) -> int:
-        """Number of the level whose turn it is: (walk // every + Σ numbers of the added factors) % count."""
+        """Number of the level of a factor whose turn it is with a seed.
+
+        It is (walk // every + Σ numbers of the added factors) % count, where walk is the number of the walk from the
+        first seed on, and count the number of levels.
+        """
         turn, levels = self.turns[name]
         walk = (seed - self.first) // turn.every
         return (walk + sum(self._level_number(added_factor, seed) for added_factor in turn.add)) % len(levels)
@@ -174,7 +179,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
 
     Args:
         file: The validated keys.
-        data: The keys as plain data, as the file has them.
+        data: The keys as plain data, as the file has them; faults are kept in this form.
         path: The file.
         cross_faults: Faults are one more factor; otherwise they are left to the caller.
 
@@ -185,9 +190,10 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
     files = NamedFiles(path, "the study's folder")
     named = [NamedBase(scenario=name) for name in file.scenarios]
     nodes = data.get("scenarios", [])
-    assert isinstance(nodes, list)  # as validated
+    assert isinstance(nodes, list)  # the file has been validated
     bases = files.bases(named, nodes, where.key("scenarios"))
     factors = _read_factors(file, files, where)
+    # factors that take turns leave those that are combined
     turns = {name: (turn, factors.pop(name)) for name, turn in _check_turns(file, where).items()}
     if file.faults and cross_faults:
         # the faults are the last factor, which changes first
@@ -196,6 +202,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
         factors[_FAULTS] = tuple(FactorLevel(name=name, at=at.key(name), faults=tuple(lists[name])) for name in lists)
     if not bases:
         bases = _first_scenario([*factors.values(), *(levels for _, levels in turns.values())], where)
+    # the scenario is a factor, the last name, where there are several
     names = [*factors, *([_SCENARIO] if len(bases) > 1 else [])]
     if (count := len(bases) * math.prod(map(len, factors.values()))) > _MAX_COMBINATIONS:
         raise where.key("vary").error(f"{count} combinations", f"up to {_MAX_COMBINATIONS}")
@@ -218,7 +225,15 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
 
 
 def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLocation) -> tuple[Base, ...]:
-    """The scenario of a design without the key `scenarios`: a factor sets it."""
+    """The scenario of a design without the key `scenarios`: that of a factor's first level, as one tuple.
+
+    Args:
+        factors: Levels of each factor; one factor must set a scenario in every level.
+        where: Position of the file, for errors.
+
+    Raises:
+        ConfigError: No factor does.
+    """
     for levels in factors:
         if levels[0].base is not None and all(level.base for level in levels):
             return (levels[0].base,)
@@ -235,7 +250,7 @@ def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSched
         at = where.key("turns").key(name)
         if name not in file.vary:
             raise at.error(name, suggest(name, file.vary) or "a factor of `vary`")
-        before = list(file.turns)[: list(file.turns).index(name)]
+        before = list(file.turns)[: list(file.turns).index(name)]  # factors above it in the block
         for i, added_factor in enumerate(turn.add):
             if added_factor not in before:
                 raise at.key("add").item(i).error(added_factor, f"a factor above it: {', '.join(before) or 'none'}")
@@ -243,7 +258,16 @@ def _check_turns(file: DesignFile, where: FieldLocation) -> dict[str, LevelSched
 
 
 def _read_factors(file: DesignFile, files: NamedFiles, where: FieldLocation) -> dict[str, tuple[FactorLevel, ...]]:
-    """The levels of each factor of the block `vary`."""
+    """The levels of each factor of the block `vary`.
+
+    Args:
+        file: The validated keys.
+        files: Collects the files that the levels name.
+        where: Position of the file, for errors.
+
+    Raises:
+        ConfigError: A factor has the name of a column of the tables, or a level is invalid.
+    """
     factors = {}
     for name, levels in file.vary.items():
         if name in _RESERVED_COLUMNS:
@@ -271,7 +295,13 @@ def _read_level(name: str, values: _Values, files: NamedFiles, at: FieldLocation
 
 
 def _read_values(values: _Values, files: NamedFiles, at: FieldLocation) -> tuple[Variable, ...]:
-    """Variables with fixed values, from field paths."""
+    """Variables that set fixed values in a scenario.
+
+    Args:
+        values: Paths into the scenarios, each with a value.
+        files: Collects the files that the values name.
+        at: Position of the values in the study file.
+    """
     return files.variables({path: Fixed(fixed=value) for path, value in values.items()}, at)
 
 
@@ -282,7 +312,7 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
         design: The design.
         combination: One of its combinations.
         folder: The output folder, which contains the user's parts.
-        physics: Replaces that of the scenario.
+        physics: How the body moves, in place of the scenario's; None leaves it.
 
     Raises:
         ConfigError: The scenario is invalid with what is set; the message names the place in the study file.
@@ -292,11 +322,12 @@ def make_scenario(design: Design, combination: Combination, folder: Path, physic
     plain = json.loads(json.dumps(base.scenario))  # a deep copy
     variables = [*design.variables, *(v for level in combination.levels for v in level.variables)]
     for variable in variables:
-        value = json.loads(json.dumps(variable.distribution.at(0.0)))
+        value = json.loads(json.dumps(variable.distribution.at(0.0)))  # a fixed value, the same at any quantile
         set_values(plain, variable.paths, _fill_factors(value, combination.labels, variable.at), variable.at)
     if physics is not None:
         plain["physics"] = physics
-    places = [base.at] * len(plain.get(_FAULTS, ()))  # of each fault in the file
+    # position in the study file of each fault of the scenario; its own faults have that of its name
+    places = [base.at] * len(plain.get(_FAULTS, ()))
     for level in combination.levels:
         for i, fault in enumerate(level.faults):
             plain.setdefault(_FAULTS, []).append(fault)
@@ -341,13 +372,20 @@ def _locate(error: ConfigError, base: Base, variables: list[Variable], faults: l
     for variable in reversed(variables):
         if any(_is_about(path, error) for path in variable.paths):
             return variable.at.error(error.value, error.valid)
-    fault = _FAULT.fullmatch(error.field)
-    if fault and (at := faults[int(fault[1])]) != base.at:
-        return (at.key(fault[2]) if fault[2] else at).error(error.value, error.valid)
+    fault_match = _FAULT.fullmatch(error.field)
+    if fault_match:
+        number, field_of_fault = fault_match.groups()
+        at = faults[int(number)]
+        if at != base.at:  # the study adds the fault
+            return (at.key(field_of_fault) if field_of_fault else at).error(error.value, error.valid)
     return base.at.error(base.written, f"a scenario that takes what is set ({error.field}: {error.problem})")
 
 
 def _is_about(path: FieldPath, error: ConfigError) -> bool:
-    """Whether an error lies in the value of a path, or is about an unknown key in the path itself."""
+    """Whether an error lies in the value of a path, or is about an unknown key in the path itself.
+
+    The dots that are appended keep a field from matching another one whose name only begins like it.
+    """
+    # of an unknown key, `field` is the mapping that holds it, and `value` the key
     unknown_key = f"{error.field}.{error.value}.".lstrip(".")
     return f"{error.field}.".startswith(f"{path.text}.") or f"{path.text}.".startswith(unknown_key)

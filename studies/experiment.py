@@ -116,12 +116,13 @@ class Experiment:
     report: Callable[[AnyResult], str] | None = None
 
     def size(self, cases: Sequence[ExperimentCase]) -> Size:
-        """What some cases, at least one, take."""
+        """What some cases, at least one, take: walks, estimates and time, estimated from a sample of them."""
         sampled_configs = []
         for case in cases[:: -(-len(cases) // SAMPLED)]:  # every n-th case, rounded up: at most `SAMPLED`
             if self.list_configs is not None:
                 sampled_configs.append(self.list_configs(case))
             else:
+                # without a setup no body walks
                 sampled_configs.append([walk.config for walk in case.walks()] if case.setup is not None else [])
         return size_of(sampled_configs, len(cases), self.estimates + len(cases[0].estimators))
 
@@ -164,9 +165,10 @@ def read_experiment(path: Path) -> Experiment:
     # without scenarios `run_case` makes its own walks
     has_walks = bool(file.scenarios or file.vary)
     design = read_design(file, data, path, cross_faults=False) if has_walks else None
-    # without a module of its own the tables come from the module of `run_case`
+    # `hook` names the module of `run_case`, `tables` that of `collect`, which is the same if the file names none
     hook, tables = file.run, file.tables or file.run
     run_module, tables_module = hook.load(), tables.load()
+    # what a module may lack: rows for `columns`, and the list of the walks that it makes itself
     rows = getattr(tables_module, "rows", None)
     list_configs = getattr(run_module, "list_configs", None)
     return Experiment(

@@ -19,7 +19,8 @@ def fault_plans(
         case: The case.
         rig: Of the walk.
         duration_s: Of the walk.
-        times: From a fault to the faults that happen in this walk.
+        times: From a fault of the study to the faults that happen in this walk, such as the same one at several times;
+            by default the fault itself.
 
     Raises:
         ConfigError: A fault matches no sensor of the rig.

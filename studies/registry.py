@@ -49,7 +49,7 @@ class ExperimentBatchOptions(BatchOptions):
     parameters: ParameterValues = field(default_factory=dict)
 
     def cases(self, study: Experiment) -> list[ExperimentCase]:
-        """The cases of an experiment with these options: one per seed."""
+        """The cases of an experiment with these options: one per seed, with consecutive seeds from the first one."""
         first = study.seeds[0] if self.first is None else self.first
         count = self.subset or len(study.seeds)
         return [
@@ -91,7 +91,7 @@ def run_experiment(
     study = experiment(name)
     _check_estimators(study, options.estimators)
     check_used(options.parameters, [*study.adjustable, *options.estimators])
-    jobs = [_job(study, case) for case in options.cases(study)]
+    jobs = [_make_job(study, case) for case in options.cases(study)]
     folder = options.folder
     with hold_folder(folder, lambda: any(folder.glob("seed_*")), _USED) as unfinished:
         store: RowFiles[Row] = RowFiles(folder, unfinished, is_sorted=False)
@@ -102,6 +102,7 @@ def run_experiment(
         versions = partial(_versions, study.module, options.estimators)
         work = Work(run=one_by_one(_run_case), versions=versions)
         results = batch.run_with(options, work, stage, progress, "--resume continues")
+        # an experiment needs every row
         for job, row in zip(jobs, results):
             if isinstance(row, Failure):
                 raise StrideTwinError(f"{name}: {job.name}: {row.reason}; --resume runs it again")
@@ -117,7 +118,7 @@ def run_experiment(
 
 
 def _check_estimators(study: Experiment, chosen: Sequence[str]) -> None:
-    """Refuses estimators that the experiment cannot run.
+    """Refuses installed estimators that the experiment cannot run: those of another kind than `Experiment.kind`.
 
     Raises:
         StrideTwinError: The message lists the valid ones.
@@ -145,33 +146,36 @@ class _CaseTask:
     walks_key: str
 
 
-def _job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
+def _make_job(study: Experiment, case: ExperimentCase) -> Job[_CaseTask]:
     """The job of a case, with the keys of its row and recordings: digests of configuration and code."""
     content = study.name, study.content, case.seed, case.physics
-    task = _CaseTask(case=case, run=study.run_case, walks_key=content_key(*content, _version(study.module, False)))
-    changed = [case.parameters] if case.parameters else []
-    key = content_key(*content, _version(study.module, True), _plugins(case.estimators), *changed)
+    # the recordings do not depend on the code of the estimators
+    walks_key = content_key(*content, _sources_digest(study.module, with_estimators=False))
+    task = _CaseTask(case=case, run=study.run_case, walks_key=walks_key)
+    changed_parameters = [case.parameters] if case.parameters else []
+    sources = _sources_digest(study.module, with_estimators=True)
+    key = content_key(*content, sources, _plugin_versions(case.estimators), *changed_parameters)
     return Job(name=case.name, key=key, task=task)
 
 
-def _version(module: str, estimators: bool) -> str:
+def _sources_digest(module: str, *, with_estimators: bool) -> str:
     """Digest of the sources behind a module's results, with or without the estimators."""
-    return code_versions(module, estimators=estimators)["sources"]
+    return code_versions(module, estimators=with_estimators)["sources"]
 
 
 def _versions(module: str, estimators: Sequence[str]) -> dict[str, str]:
     """Versions that determine the rows of a study's module with installed estimators beside its own."""
-    return code_versions(module) | _plugins(estimators)
+    return code_versions(module) | _plugin_versions(estimators)
 
 
-def _plugins(estimators: Sequence[str]) -> dict[str, str]:
+def _plugin_versions(estimators: Sequence[str]) -> dict[str, str]:
     """Digests of the sources of installed estimators by name."""
     return {name: class_version(registry.estimator(name)) for name in estimators}
 
 
 def key_of(name: str, case: ExperimentCase) -> str:
     """Key that this version of the code gives the row of a case."""
-    return _job(experiment(name), case).key
+    return _make_job(experiment(name), case).key
 
 
 def read_row(file: Path) -> Row:
@@ -190,6 +194,6 @@ def _run_case(task: _CaseTask) -> Row:
             file.write_text(task.walks_key, encoding="utf-8")
     with use_parameters(task.case.parameters):
         row = task.run(task.case)
-    if not task.case.keep:
+    if not task.case.keep:  # the recordings are deleted, too
         mark.unlink()
     return row

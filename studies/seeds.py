@@ -33,7 +33,7 @@ class _SeedRange(FileModel):
 
 
 def _form(node: object) -> str:
-    """Which form seeds in a file have: a list, a range, or a count."""
+    """The tag of the form that seeds in a file have: a list of seeds, a range (first and count), or a count alone."""
     return "=list" if isinstance(node, list) else "=range" if isinstance(node, dict) else "=count"
 
 

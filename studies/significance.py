@@ -18,9 +18,9 @@ from stridetwin.gate.bootstrap import BootstrapResult, compare_pairs, holm_corre
 from stridetwin.streams.samples import Array
 
 SIGNIFICANCE_LEVEL = 0.05
-_MIN_WALKS_OF_INTERVAL = 3
-_MIN_WALKS_OF_BOOTSTRAP = 8  # walks, below which a bootstrap is not used
-_COVERAGE = 0.95
+_MIN_WALKS_OF_INTERVAL = 3  # with fewer walks there is no interval
+_MIN_WALKS_OF_BOOTSTRAP = 8  # with fewer walks Student's t is used instead of the bootstrap
+_COVERAGE = 0.95  # of the intervals
 MIN_SEEDS = 5
 """With fewer walks nothing is called significant."""
 
@@ -85,10 +85,10 @@ class PairDifference(Difference):
 def intervals(values: Array) -> list[Interval]:
     """Means of the C columns of (W, C) values over W walks, with 95 % intervals.
 
-    Without one where a value is missing.
+    A column with a missing value (NaN) has the mean NaN and no interval; with one or two walks no column has one.
     """
     result = [Interval(mean=float(np.mean(column))) for column in values.T]
-    complete = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()
+    complete = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist()  # columns without a missing value
     if len(values) > 1 and complete:
         for i, (low, high) in zip(complete, _interval_bounds(_test_means(values[:, complete]), len(values))):
             result[i] = Interval(mean=result[i].mean, low=low, high=high)
@@ -101,9 +101,10 @@ def _test_means(values: Array) -> BootstrapResult:
     if count >= _MIN_WALKS_OF_BOOTSTRAP:
         return compare_pairs(values)
     mean, error = values.mean(axis=0), values.std(axis=0, ddof=1) / np.sqrt(count)
-    # half width of the interval, and probability that Student's variable is below mean / error
+    # (C,) half width of the interval, and probability that Student's variable is below mean / error
     half = float(stdtrit(count - 1, 0.5 + _COVERAGE / 2.0)) * error
-    below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))  # equal values have no spread
+    # equal values have no spread: the divisor is at least a tiny part of the mean
+    below = stdtr(count - 1, mean / np.maximum(error, 1e-12 * np.abs(mean) + 1e-300))
     return BootstrapResult(
         count=np.full(len(mean), count),
         mean=mean,
@@ -130,10 +131,11 @@ def compare_places(losses: Array) -> list[PairDifference]:
     Returns:
         The difference of each pair, corrected for their number; empty with fewer than two walks.
     """
-    complete = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()
+    complete = np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist()  # numbers of the places without a missing loss
     pairs = list(combinations(complete, 2))
     if losses.shape[1] < 2 or not pairs:
         return []
+    # (W, pairs) loss of the second place minus that of the first
     tested = differences(np.column_stack([losses[b] - losses[a] for a, b in pairs]))
     return [PairDifference(first=a, second=b, **vars(difference)) for (a, b), difference in zip(pairs, tested)]
 
@@ -143,6 +145,9 @@ def differences(changes: Array) -> list[Difference]:
 
     Args:
         changes: (W, C) differences on W walks, two or more.
+
+    Returns:
+        Mean, interval and p-value of each of the C columns; with fewer than `MIN_SEEDS` walks none is significant.
     """
     result = _test_means(changes)
     # two-sided p-values
@@ -167,10 +172,12 @@ def interval_text(interval: IntervalRow | None) -> str:
     """A mean with its interval, where it has one and walks differ; - for None."""
     if interval is None:
         return "-"
-    mean, *ends = (
-        None if end is None else f"{end:.4g}" for end in (interval["mean"], interval["low"], interval["high"])
+    mean, low, high = (
+        None if value is None else f"{value:.4g}" for value in (interval["mean"], interval["low"], interval["high"])
     )
-    return str(mean) if None in ends or set(ends) == {mean} else f"{mean} ({ends[0]} to {ends[1]})"
+    # without an interval, or if all three are equal as text, the mean alone
+    has_no_width = low == mean == high
+    return str(mean) if low is None or high is None or has_no_width else f"{mean} ({low} to {high})"
 
 
 def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks: int) -> list[str]:
@@ -188,6 +195,7 @@ def comparison_text(pairs: Sequence[PairDifference], names: Sequence[str], walks
         pairs_of_first = [p for p in pairs if p.first == first]
         worse = [names[p.second] for p in pairs_of_first if p.significant]
         similar = [names[p.second] for p in pairs_of_first if not p.significant]
+        # the first place of a pair is the better one, as the places are sorted
         if similar:
             sentences.append(f"{names[first]}: the difference from {_join_names(similar)} is not significant.")
         if worse:
@@ -201,13 +209,14 @@ def _join_names(names: Sequence[str]) -> str:
 
 
 def pareto_front(losses: Array) -> list[int]:
-    """Numbers of the Pareto-optimal rows of (P, S) losses.
+    """Numbers of the Pareto-optimal rows of (P, S) losses of P places by S scores.
 
-    No other row is at least as good in every column and better in one.
+    A row is Pareto-optimal if no other row is at least as good in every column and better in one. Rows with a missing
+    loss never are.
     """
     optimal = []
     for i in np.flatnonzero(np.isfinite(losses).all(axis=1)).tolist():
-        as_good = np.all(losses <= losses[i], axis=1)
+        as_good = np.all(losses <= losses[i], axis=1)  # (P,) rows that are at least as good in every column
         if not np.any(as_good & np.any(losses < losses[i], axis=1)):
             optimal.append(i)
     return optimal

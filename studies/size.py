@@ -36,11 +36,16 @@ class Size:
     cpu_s: float
 
     def describe(self, cases: int, workers: int = 1) -> str:
-        """Such as `60 cases: 60 walks (1500 s), 120 estimates, roughly 0:50:00 with 1 process`."""
+        """The size as text, such as `60 cases: 60 walks (1500 s), 120 estimates, roughly 0:50:00 with 1 process`.
+
+        Args:
+            cases: Number of cases.
+            workers: Number of processes that share the time.
+        """
         counted = f"{cases} case{'s' * (cases != 1)}"
         if not self.walks:
             return f"{counted}, {self.estimates} estimate{'s' * (self.estimates != 1)}"
-        time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1))
+        time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1))  # to 10 s
         processes = f"{workers} process{'es' * (workers != 1)}"
         walks = f"{self.walks} walk{'s' * (self.walks != 1)} ({self.walked_s:.0f} s)"
         return f"{counted}: {walks}, {self.estimates} estimates, roughly {time} with {processes}"
@@ -57,9 +62,10 @@ def size_of(sampled_configs: Sequence[Sequence[TwinConfig]], cases: int, estimat
     configs = [config for of_case in sampled_configs for config in of_case]
     if not configs:
         return Size(walks=0, estimates=cases * estimates_per_walk, walked_s=0.0, cpu_s=0.0)
-    # from the sampled cases to all
+    # the other cases are taken to have as many walks as the sampled ones on average
     walks = round(cases * len(configs) / len(sampled_configs))
-    cost: Cost = scale_cost(cost_of(configs), walks)
+    cost: Cost = scale_cost(cost_of(configs), walks)  # time walked and CPU time of all walks, without estimates
+    # CPU time of one estimate per second walked, for each sampled walk
     rates = [
         _OTHER_CPU_PER_S + sum(rate for group, rate in _CPU_PER_S.items() if group in config.sensors)
         for config in configs

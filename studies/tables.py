@@ -8,20 +8,24 @@ from string import Formatter
 from stridetwin.studies.result import AnyResult, Figures, LabelledFigures
 
 Column = tuple[str, int, str]
-"""Header, width, and format string of a row's figures; missing figures print as -, `!m` multiplies by 1000."""
+"""Header, width in characters, and format string of a row's figures, such as `{up:.3f}`.
+
+Missing figures print as -; `!m` multiplies by 1000.
+"""
 
 
 def table_lines(columns: Sequence[Column], rows: Iterable[LabelledFigures], width: int, title: str = "") -> list[str]:
     """Lines of text: the header, then one line per row.
 
     Args:
-        columns: Of each line.
-        rows: Label and figures; one with `error` was refused by the estimator.
-        width: Of the labels.
-        title: Of the labels.
+        columns: The columns after the label.
+        rows: Label and figures of each line; figures with `error` are of an estimator that refused to run.
+        width: Width of the labels, characters.
+        title: Header of the labels.
     """
-    header = "".join(f"{head:>{wide}}" for head, wide, _ in columns)
-    return [f"{title:<{width}}{header}", *(f"{label:<{width}}{_line(columns, figures)}" for label, figures in rows)]
+    header = "".join(f"{head:>{column_width}}" for head, column_width, _ in columns)
+    lines = [f"{label:<{width}}{_cells_text(columns, figures)}" for label, figures in rows]
+    return [f"{title:<{width}}{header}", *lines]
 
 
 def rows_table(
@@ -34,9 +38,9 @@ def rows_table(
 
     Args:
         title: Lines above the columns; `{count}` is the number of cases.
-        columns: Of the figures.
-        rows: From the result to the label and figures of each row; None takes its `summary`.
-        result: Of an experiment.
+        columns: The columns of the figures.
+        rows: From the result to the label and figures of each row; None takes the mappings in its `summary`.
+        result: Result of an experiment.
     """
     cases = result["cases"]
     lines = title.format(count=len(cases)).splitlines()
@@ -49,20 +53,23 @@ def rows_table(
 
 
 def _to_list(value: object) -> list[object]:
-    """A value of a row that is a list."""
+    """A value of a row, typed as the list that it is."""
     assert isinstance(value, list)
     return value
 
 
-def _line(columns: Sequence[Column], figures: Figures) -> str:
-    """The cells of one row as text; a row with `error` says how often the estimator refused."""
+def _cells_text(columns: Sequence[Column], figures: Figures) -> str:
+    """The cells of one row as text, without its label.
+
+    A row with `error` says instead on how many walks the estimator refused to run, and its first message.
+    """
     if "error" in figures:
         return f"{figures['refused']} of {figures['of']} refused: {figures['error']}"
-    return "".join(f"{_CELL.vformat(cell, (), figures):>{wide}}" for _, wide, cell in columns).rstrip()
+    return "".join(f"{_CELL.vformat(cell, (), figures):>{width}}" for _, width, cell in columns).rstrip()
 
 
 class _Cell(Formatter):
-    """Formats lists value by value, and a missing value as -."""
+    """Formats a cell as `str.format` does, but lists value by value, and a missing value as -."""
 
     def get_field(self, field_name: str, args: Sequence[object], kwargs: Mapping[str, object]) -> object:
         """The value of a field of a row, and its name; None in place of a value that is missing."""
@@ -85,7 +92,7 @@ class _Cell(Formatter):
         if isinstance(value, list):
             return " ".join(format(v, format_spec) for v in value)
         if value is None:
-            # only the width of the format counts
+            # only the width of a format such as `+8.2f` counts: what is before the point, without the sign
             return format("-", format_spec.split(".")[0].lstrip("+"))
         return str(value) if isinstance(value, str) else format(value, format_spec)
 

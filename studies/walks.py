@@ -24,6 +24,7 @@ from stridetwin.streams.samples import Block, Image, Imu, Sample
 from stridetwin.studies.case import CaseWalk, ExperimentCase
 
 SHOES = ("foot_imu", "foot_camera", "sonar")
+"""Groups of sensors of the shoes."""
 IMUS = ("/foot_l/imu", "/foot_r/imu")
 CAMERAS = ("/foot_l/camera", "/foot_r/camera")
 SONARS = ("/foot_l/sonar", "/foot_r/sonar")
@@ -48,6 +49,7 @@ class RecordedWalk:
             wide: Takes the IMUs from the recording whose gyros do not saturate.
         """
         imus = (self.wide if wide else self.shoes).samples(IMUS)
+        # False sorts before True
         return heapq.merge(imus, self.shoes.samples([*CAMERAS, *SONARS]), key=lambda s: (s.t_ns, isinstance(s, Image)))
 
     def rig(self, *, wide: bool = False) -> Rig:
@@ -106,14 +108,15 @@ def record_shoes(case: ExperimentCase) -> Iterator[RecordedWalk]:
 
     The files are deleted at the end of the context unless recordings are kept.
     """
-    files = case.file(".mcap"), case.file("_wide.mcap")
-    if not (case.resume and all(file.exists() for file in files)):
+    shoes_file, wide_file = case.file(".mcap"), case.file("_wide.mcap")
+    if not (case.resume and shoes_file.exists() and wide_file.exists()):
         twin = Twin(case.walks()[0].config, case.seed)
-        record(twin, files[0])
-        record(twin.with_sensors(("foot_imu",), {"foot_imu": endless_gyro()}), files[1])
-    yield RecordedWalk(shoes=Recording(files[0]), wide=Recording(files[1]))
+        record(twin, shoes_file)
+        # the same walk with the foot IMUs alone, whose gyros do not saturate
+        record(twin.with_sensors(("foot_imu",), {"foot_imu": endless_gyro()}), wide_file)
+    yield RecordedWalk(shoes=Recording(shoes_file), wide=Recording(wide_file))
     if not case.keep:
-        for file in files:
+        for file in (shoes_file, wide_file):
             file.unlink()
 
 

@@ -31,11 +31,15 @@ class TorqueShares(NamedTuple):
     bending: float = 0.0
 
 
+# full torque in one direction or in both
 _EXTENDING, _BENDING, _BOTH = TorqueShares(extending=1.0), TorqueShares(bending=1.0), TorqueShares(1.0, 1.0)
 
 
 class ModeAssistance(NamedTuple):
-    """Assistance of one mode: its share of the torque limit, and those of each joint of a loaded or unloaded leg."""
+    """Assistance of one mode: its share of the torque limit, and those of each joint of a loaded or unloaded leg.
+
+    A joint that `stance` or `swing` does not name, such as the ankle, gets no torque.
+    """
 
     share: float
     stance: Mapping[str, TorqueShares] = {"hip": _BOTH, "knee": _EXTENDING}
@@ -54,7 +58,7 @@ ASSISTANCE = {
 """The values that save most work at the wearer's hips and knees; with more the wearer has to brake. Up stairs the hip
 is only assisted in extension under load, and hip and knee also extend the leg onto the next tread."""
 FULL_RADPS, STANCE_RADPS = 0.8, 0.3
-"""Joint speed at which the torque reaches its limit, in general and in extension under load."""
+"""Joint speed at which the torque reaches its limit: in general, and in extension under load."""
 SMOOTHING_S = 0.05
 """Time constant of the torque; frame and mounts oscillate with a smaller as with a larger one."""
 
@@ -89,11 +93,15 @@ class AssistanceObserver(Streams):
         for sample in sample_list:
             self._recognition.update(sample)
             if isinstance(sample, Insole):
-                # topics are `/foot_l/insole` and `/foot_r/insole`
-                self._loaded[sample.topic[len("/foot_")]] = float(sample.force.sum()) > LOADED_N
+                side = sample.topic[len("/foot_")]  # topics are `/foot_l/insole` and `/foot_r/insole`
+                self._loaded[side] = float(sample.force.sum()) > LOADED_N
 
     def observation(self) -> dict[str, Array]:
-        """The streams, `loaded` and `mode`, as the class describes them."""
+        """The latest value of each sensor by topic, `loaded`, and `mode`.
+
+        `loaded` (2,) is 1 for a loaded foot and 0 for an unloaded one, left first. `mode` (2,) is an index into
+        `MODES`: of the current step of a loaded foot, of the next step of an unloaded one.
+        """
         recognition = self._recognition
         modes = [recognition.current[foot] if self._loaded[foot] else recognition.upcoming[foot] for foot in SIDES]
         return {
@@ -124,6 +132,7 @@ class AssistanceController:
         Returns:
             (n,) N m, flexion positive, in the order of the joints.
         """
+        # (n,) N m
         target = np.array([_torque_share(joint, observation) for joint in self._joints]) * self._max_torque_nm
         # backward Euler step of a first-order lag
         self._torque += (target - self._torque) * PERIOD_S / (SMOOTHING_S + PERIOD_S)
@@ -138,16 +147,21 @@ def _torque_share(joint: str, observation: Mapping[str, Array]) -> float:
 
     A leg in swing takes the mode with the larger share of both legs, because a leg that swings up from the last tread
     has to be lifted though it comes down on the level. Without a sample of the joint the share is 0.
+
+    Args:
+        joint: Name of the joint with its side, such as `hip_l`.
+        observation: From `AssistanceObserver.observation`.
     """
     name, side = joint.split("_")
-    # an actuator's observation: torque command, torque, speed
-    foot, speed = SIDES.index(side), float(observation[f"exo/{joint}/actuator"][2])
+    foot = SIDES.index(side)
+    actuator = observation[f"exo/{joint}/actuator"]  # (3,) torque command and torque, N m, and speed, rad/s
+    speed = float(actuator[2])
     loaded = observation["loaded"][foot] > 0.0
     modes = [MODES[int(mode)] for mode in observation["mode"]]
     assistance = ASSISTANCE[modes[foot] if loaded else max(modes, key=lambda mode: ASSISTANCE[mode].share)]
     shares = (assistance.stance if loaded else assistance.swing).get(name, TorqueShares())  # ankles get no torque
-    if not abs(speed) > 0.0:
-        return 0.0  # NaN: no sample has arrived yet
+    if not abs(speed) > 0.0:  # at rest, or NaN, because no sample has arrived yet
+        return 0.0
     share = -shares.extending if speed < 0.0 else shares.bending
     full = STANCE_RADPS if speed < 0.0 and loaded else FULL_RADPS
     return assistance.share * share * min(abs(speed) / full, 1.0)

@@ -31,7 +31,7 @@ from stridetwin.studies.closed_loop.recognition import Recognition, TrueModes
 Recogniser = Callable[[Rig, Twin], Recognition]
 """Makes the mode recognition of a walk; from the twin it takes measured geometry, or the truth for comparison."""
 _EXO = Exo(mode=1)  # both hips and knees are driven
-_SENSED = ("insole", "encoder", "actuator")
+_SENSED = ("insole", "encoder", "actuator")  # groups of sensors that the controller reads
 
 
 class WalkResult(NamedTuple):
@@ -42,10 +42,10 @@ class WalkResult(NamedTuple):
 
 
 def simulate_bare_walk(config: TwinConfig, seed: int) -> WalkResult:
-    """Simulates the walk without exoskeleton, sensors and faults."""
+    """Simulates the walk with contacts and rigid shoes, without exoskeleton, sensors and faults."""
     twin = Twin(replace(config, exo=None, sensors=(), physics="dynamic", faults=(), shock=False), seed)
     walk = twin.walk
-    assert isinstance(walk, SimulatedWalk)
+    assert isinstance(walk, SimulatedWalk)  # dynamic physics gives one
     return WalkResult(twin=twin, walk=walk)
 
 
@@ -62,19 +62,20 @@ def simulate_assisted_walk(
     """
 
     def observer(rig: Rig) -> Observer:
-        """The controller's observer, which makes a new recognition for each walk; the plain streams without one."""
+        """The controller's observer, which makes a new recognition for each walk; without one the streams alone."""
         if recogniser is None:
             return Streams(rig)
+        # called when a walk begins: the environment, made below, then has its twin
         return AssistanceObserver(rig, lambda: recogniser(rig, env.physics.twin))
 
-    sensor_groups = tuple(dict.fromkeys((*_SENSED, *sensors)))
+    sensor_groups = tuple(dict.fromkeys((*_SENSED, *sensors)))  # each once
     env = environment(replace(config, exo=_EXO), seed, observer=observer, sensors=sensor_groups)
     physics = env.physics
     try:
         step = env.reset()
         controller = AssistanceController(physics.joints, env.action_spec().maximum)
         idle = np.zeros(len(physics.joints))
-        while not step.last():
+        while not step.last():  # one step of 10 ms after the other, to the end of the route or a fall
             step = env.step(idle if recogniser is None else controller.torques(step.observation))
         return WalkResult(twin=physics.twin, walk=physics.live.simulation.walk())
     finally:
@@ -83,9 +84,11 @@ def simulate_assisted_walk(
 
 def true_modes_of(twin: Twin, wrong: float = 0.0) -> TrueModes:
     """A recognition with the true modes of a walk, in which a share `wrong` of the steps has other modes."""
+    # of each foot: touch-down, ns, and mode of each step
     steps = {
         side: [(round(s.t_touch * 1e9), s.mode) for s in _select_landed(twin.reference.steps[side])] for side in SIDES
     }
+    # the wrong modes depend on the walk's seed; the key keeps their random numbers apart from others of the walk
     return TrueModes(steps, wrong, np.random.default_rng(np.random.SeedSequence(twin.seed, spawn_key=(2,))))
 
 
@@ -100,15 +103,17 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
         RMS force of thigh and shank cuffs, 0 without exoskeleton.
     """
     walk = result.walk
-    torque, speed = wearer_joints(walk)
+    torque, speed = wearer_joints(walk)  # (N, 4) N m and rad/s, of hips and knees
+    # (N,) W: positive power, and what of it exceeds the torque limits of the motors
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
     rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
     cuffs = _cuff_force_squared(result)  # (N,) like power and rest
+    # of both feet, by touch-down
     steps = sorted((s for side in SIDES for s in _select_landed(walk.steps[side])), key=lambda s: s.t_touch)
     cost_of_mode = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}
-    last = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
+    end_s = float(walk.t[-1]) if walk.fell_at is None else walk.fell_at
     for step, after in pairwise(steps):
-        if after.t_touch > last:
+        if after.t_touch > end_s:  # the walk has ended before the other foot's touch-down
             break
         during_step = (walk.t >= step.t_touch) & (walk.t < after.t_touch)
         cost = cost_of_mode[step.mode]
@@ -128,6 +133,7 @@ def _cuff_force_squared(result: WalkResult) -> Array:
         return np.zeros(len(t))
     t_ns = np.round(t * 1e9).astype(np.int64)
     motion = Replay(result.twin.model, result.walk).motion(t_ns)
+    # (N,) N of each cuff, by name
     return np.asarray(np.mean([np.square(force) for force in motion.cuff_force.values()], axis=0))
 
 

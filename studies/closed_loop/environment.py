@@ -34,7 +34,7 @@ from stridetwin.studies.closed_loop.plan_cache import cache_plans
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and knees of the built-in exoskeleton, N m; an exoskeleton of the user's has its own."""
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
-_ORDER = ("hip", "knee", "ankle")
+_ORDER = ("hip", "knee", "ankle")  # of the joints among the actions
 _OBSERVED = {
     "insole": (4, ("force",)),
     "ahrs": (7, ("q_world_sensor", "angular_rate")),
@@ -44,6 +44,7 @@ _OBSERVED = {
 }
 """By kind of sensor: the size of its observation, and the attributes of a sample that make it."""
 SENSORS = tuple(_OBSERVED)
+"""Groups of sensors of the walk, unless others are asked for: those that can be observed."""
 
 
 class WalkPhysics(control.Physics):
@@ -56,6 +57,7 @@ class WalkPhysics(control.Physics):
     Attributes:
         joints: Powered joints, in the order of actions: hips, knees, ankles, then others by name; left first.
         max_torque_nm: (n,) torque limit of each, N m; of an exoskeleton of the user's, those of its rig file.
+        samples: Samples that arrived in the last step.
         rig: The nominal sensor rig of the first walk, as estimators read it.
 
     Raises:
@@ -63,15 +65,16 @@ class WalkPhysics(control.Physics):
     """
 
     def __init__(self, config: TwinConfig, seeds: Iterator[int]) -> None:
-        powered = {} if config.exo is None else modules(config.exo)
+        """Sets joints, limits and rig; the first walk is only planned in `reset`."""
+        powered = {} if config.exo is None else modules(config.exo)  # motors by joint
         if not powered:
             raise _no_power_error(config)
         self.joints = tuple(sorted(powered, key=_rank))
         motor_limits = np.array([powered[joint].torque_max_nm for joint in self.joints])
         is_own = config.exo is not None and config.exo.user_exo is not None
         self.max_torque_nm = motor_limits if is_own else np.minimum(torque_limits_nm(self.joints), motor_limits)
-        self._driven = [self.joints.index(joint) for joint in powered]  # in the order of the motors
-        first = next(seeds)
+        self._driven = [self.joints.index(joint) for joint in powered]  # for each motor, the number of its action
+        first = next(seeds)  # for the rig; it is put back as the seed of the first walk
         self._config, self._seeds = config, chain((first,), seeds)
         self.rig: Rig = sensor_rig(config).nominal(first)
         self._plan, self._plan_control = cache_plans()
@@ -105,7 +108,7 @@ class WalkPhysics(control.Physics):
         if self._twin is None or seed != self._twin.seed:
             self._twin = Twin(self._config, seed, plan=self._plan, plan_control=self._plan_control)
         self._torque = np.zeros(len(self.joints))
-        # the motors read the last action at each of their steps, in their own order
+        # the motors read the last action at each of their steps, in their own order, whatever the joints' angles
         self._live = self._walking.enter_context(LiveTwin(self._twin, lambda angle: self._torque[self._driven]))
         self._live.advance(0.0)
         self.samples = []
@@ -123,7 +126,7 @@ class WalkPhysics(control.Physics):
         self._torque = np.array(control, float)
 
     def step(self, n_sub_steps: int = 1) -> None:
-        """Advances the walk; `samples` holds the samples that arrived."""
+        """Advances the walk by some time steps of `STEP_S`; `samples` then holds the samples that arrived meanwhile."""
         self.samples = self.live.advance(self.live.simulation.time_s + n_sub_steps * STEP_S)
 
     def time(self) -> float:
@@ -152,6 +155,7 @@ def wearer_joints(walk: SimulatedWalk) -> tuple[Array, Array]:
     """
     _, speed = walk.position_velocity(walk.t)
     names = walk.coordinates.names[6:]  # the hinges, without the six coordinates of the root
+    # column of each joint in torques and speeds, (4,)
     dof = [int(walk.coordinates.dof[names.index(joint)]) for joint in WEARER_JOINTS]
     return np.asarray(walk.torque[:, dof]), np.asarray(speed[:, dof])
 
@@ -168,7 +172,7 @@ def _rank(joint: str) -> tuple[int, str]:
 
 
 def _no_power_error(config: TwinConfig) -> ConfigError:
-    """The error of a walk without a powered joint, with what would have one."""
+    """The error of a walk without a powered joint; it names what the walk has instead, and what is expected."""
     value, valid = "none", "an exoskeleton in a mode that powers joints (1-4)"
     if config.exo is not None:
         value = f"mode {config.exo.mode}"
@@ -178,10 +182,15 @@ def _no_power_error(config: TwinConfig) -> ConfigError:
 
 
 def _walk_seeds(seed: Any) -> Iterator[int]:
-    """Seeds of consecutive walks from one seed for all or an iterable; each is checked when its walk is due."""
+    """Yields the seeds of consecutive walks; each is checked when its walk is due.
+
+    Args:
+        seed: One seed for all walks, or an iterable with one per walk; at a walk for which it has none left, the error
+            of an invalid seed is raised.
+    """
     try:
         seeds = iter(seed)
-    except TypeError:
+    except TypeError:  # no iterable
         seeds = repeat(seed)
     # after the last seed of an iterable comes a text, which `_check_seed` refuses
     return map(_check_seed, chain(seeds, repeat("used up")))
@@ -189,7 +198,7 @@ def _walk_seeds(seed: Any) -> Iterator[int]:
 
 def _check_seed(value: object) -> int:
     """The seed as a whole number from 0 on; raises ConfigError for anything else."""
-    with suppress(TypeError):
+    with suppress(TypeError):  # of a value that only seems to be an index
         if isinstance(value, SupportsIndex) and (seed := operator.index(value)) >= 0:
             return seed
     valid = "a whole number from 0 on, or an iterable of them with one per walk"
@@ -228,7 +237,8 @@ class Streams:
 
     def reset(self) -> None:
         """Starts a walk: all values are NaN."""
-        self._latest = {topic: np.full(_OBSERVED[kind][0], np.nan) for topic, kind in self._kind.items()}
+        sizes = {kind: size for kind, (size, _) in _OBSERVED.items()}
+        self._latest = {topic: np.full(sizes[kind], np.nan) for topic, kind in self._kind.items()}
 
     def update(self, samples: Iterable[Sample]) -> None:
         """Keeps the values of the samples that arrived, in time order."""
@@ -280,12 +290,15 @@ class Assistance(control.Task):
 
     def get_reward(self, physics: WalkPhysics) -> float:
         """Minus the wearer's positive work of hips and knees in the last step, J: never above 0."""
+        # (N, 4) W at the time steps of one control step, summed over joints and time
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:
         """Discount at the end of a walk: 0 after a fall, 1 at the end of the route; None while it goes on."""
         simulation = physics.live.simulation
-        return None if not simulation.is_over else 0.0 if simulation.fell_at is not None else 1.0
+        if not simulation.is_over:
+            return None
+        return 0.0 if simulation.fell_at is not None else 1.0
 
 
 def environment(

@@ -21,6 +21,7 @@ from stridetwin.sim.wearer.dimensions import Wearer
 
 PlanT = TypeVar("PlanT")
 Arguments = tuple[object, ...]
+"""Positional arguments of a planner."""
 MAX_BYTES = 1 << 30
 """Plans beyond this size are deleted, the longest unused first."""
 
@@ -34,6 +35,9 @@ def cache_plans(folder: Path | None = None) -> tuple[Callable[..., Reference], C
 
     Args:
         folder: Where the plans are kept; None for the user's cache.
+
+    Returns:
+        In place of `plan_reference` and of `plan_control`.
     """
     memory = Memory(folder or user_cache_path("stridetwin") / "plans", verbose=0)
     memory.reduce_size(bytes_limit=MAX_BYTES)
@@ -59,7 +63,8 @@ def _cache_function(memory: Memory, version: str, function: Callable[..., PlanT]
         print(f"stridetwin: note: planning {what}; kept in {memory.location} for the next time", file=sys.stderr)
         return function(*arguments)
 
-    plan.__qualname__ = function.__name__  # the name of its folder
+    plan.__qualname__ = function.__name__  # joblib names the folder of the results after it
+    # results are found by `key` and `version`; `arguments`, with the paths in them, are not compared
     cached_plan: Callable[[Arguments, str, Arguments], PlanT] = memory.cache(plan, ignore=["arguments"])
     return lambda *arguments: cached_plan(tuple(map(_without_paths, arguments)), version, arguments)
 

@@ -19,6 +19,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Sample
 
 LEVEL_MODE = "LG"
+"""Mode of level ground."""
 _LATE_NS = 100_000_000
 """A foot that lands later than planned is still in swing."""
 
@@ -62,11 +63,16 @@ class CameraRecognition(Recognition):
         """Sets the upcoming modes by a prediction.
 
         The current mode of a foot is what was predicted for the step it has taken.
+
+        Args:
+            estimate: Its `step` is the number of steps that have landed; its `steps` are the coming ones, the next
+                first, whose foot is "" if it is not known.
         """
-        if self._next is not None and estimate.step >= self._next[0]:
-            _, foot, mode = self._next
-            self.current[foot] = mode
-        for step in reversed(estimate.steps):  # of a foot's steps the first one counts
+        if self._next is not None:
+            number, foot, mode = self._next
+            if estimate.step >= number:  # the step that came next in the last prediction has landed
+                self.current[foot] = mode
+        for step in reversed(estimate.steps):  # the nearest step of a foot is set last, and stays
             if step.foot:
                 self.upcoming[step.foot] = step.mode
         first = estimate.steps[0]  # the next estimate tells whether it has landed
@@ -89,7 +95,7 @@ class LegRecognition(Recognition):
     def update(self, sample: Sample) -> None:
         """Passes a sample to the estimator; a new step with a known mode sets all modes."""
         step = self._legs.update(sample)
-        if step is not None and step.step > 0 and step.mode != UNKNOWN:
+        if step is not None and step.step > 0 and step.mode != UNKNOWN:  # step 0 is standing at the start
             self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
 
 
@@ -107,7 +113,7 @@ class TrueModes(Recognition):
     ) -> None:
         super().__init__()
         rng = rng or np.random.default_rng(0)
-        # per foot, touch-downs, ns; modes of standing at the start, of each step, and of standing at the end
+        # per foot, n touch-downs, ns, and n + 2 modes: of standing at the start, of each step, of standing at the end
         self._times = {foot: [t_ns for t_ns, _ in steps[foot]] for foot in SIDES}
         self._modes = {
             foot: [LEVEL_MODE, *(_corrupt_mode(mode, wrong, rng) for _, mode in steps[foot]), LEVEL_MODE]
@@ -116,9 +122,11 @@ class TrueModes(Recognition):
 
     def update(self, sample: Sample) -> None:
         """Sets the modes at the time of a sample; a step up to 0.1 s late is still upcoming."""
-        for foot, times in self._times.items():  # the number of landed steps is the index of the current mode
-            self.current[foot] = self._modes[foot][bisect_right(times, sample.t_ns)]
-            self.upcoming[foot] = self._modes[foot][bisect_right(times, sample.t_ns - _LATE_NS) + 1]
+        for foot, times in self._times.items():
+            # numbers of landed steps, now and of those that landed 0.1 s ago or earlier: indices of current modes
+            landed, landed_before = bisect_right(times, sample.t_ns), bisect_right(times, sample.t_ns - _LATE_NS)
+            self.current[foot] = self._modes[foot][landed]
+            self.upcoming[foot] = self._modes[foot][landed_before + 1]
 
 
 def _corrupt_mode(mode: str, wrong_share: float, rng: np.random.Generator) -> str:

@@ -23,6 +23,7 @@ from stridetwin.studies.result import Collected, FaultRow, Figures, NoPaper
 from stridetwin.studies.walks import RecordedWalk, record_shoes
 
 _FigureOfFeet = Literal["end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct"]
+# scores with a value per foot, of which the means over walks are given
 _OF_FEET: tuple[_FigureOfFeet, ...] = ("end_nees", "nees_mean", "nees_within_95_pct", "coverage_pct")
 
 
@@ -55,6 +56,7 @@ class _UncertaintyLog(FootToFoot):
         if estimate is not None and isinstance(sample, Imu):
             # (foot, axis, foot, axis): the states of both feet follow each other, each with its position first
             P = estimate.covariance.reshape(2, len(estimate.covariance) // 2, 2, -1)[:, :2, :, :2]
+            # (2, 2) m², covariance of the horizontal relative position; rounding may turn its trace negative
             apart = P[0, :, 0] + P[1, :, 1] - P[0, :, 1] - P[1, :, 0]
             self.apart_sd.append(math.sqrt(max(np.trace(apart), 0.0)))
         return estimate
@@ -64,7 +66,7 @@ def run_case(case: ExperimentCase) -> Row:
     """Runs the filter on one recorded walk with each fault.
 
     Returns:
-        The case's row with `faults`: label to `_run_with_fault`.
+        The case's row with `faults`: label of the fault to the scores and reported uncertainty of the paths.
     """
     with record_shoes(case) as walk:
         plans = fault_plans(case, walk.shoes.rig, walk.shoes.duration)
@@ -80,38 +82,44 @@ def _run_with_fault(plan: FaultPlan, walk: RecordedWalk, truth: Mapping[str, Tru
         truth: True path of each foot's IMU, by `l` and `r`.
 
     Returns:
-        `two_feet.score_paths`, `sd_max_m` (horizontal, of either foot) and `apart_sd_{mean,max}_m` (of the feet to each
-        other); or only `error`, the message with which the filter refuses.
+        The scores of both paths (`two_feet.score_paths`); the largest reported horizontal standard deviation of either
+        foot, `sd_max_m`; and that of the feet's position to each other, mean and largest, `apart_sd_mean_m` and
+        `apart_sd_max_m`. Or only `error`, the message with which the filter refuses.
     """
     estimator = _UncertaintyLog(plan.rig, true_start(truth))
     try:
         paths = follow(estimator, plan.samples(walk.samples()))
     except StrideTwinError as error:
         return {"error": str(error)}
-    # (N, 6, 6) of each foot; the first two entries are the horizontal position
-    ground = [paths[f].trajectory.covariance for f in FEET]
+    # (N, 6, 6) of each foot; the first two entries are the horizontal position, m²
+    pose_covariances = [paths[f].trajectory.covariance for f in FEET]
     return {
         **score_paths(paths, truth),
-        "sd_max_m": max(math.sqrt(float((P[:, 0, 0] + P[:, 1, 1]).max())) for P in ground if P is not None),
+        "sd_max_m": max(math.sqrt(float((P[:, 0, 0] + P[:, 1, 1]).max())) for P in pose_covariances if P is not None),
         "apart_sd_mean_m": float(np.mean(estimator.apart_sd)),
         "apart_sd_max_m": max(estimator.apart_sd),
     }
 
 
 def collect(results: list[FaultRow[FaultFigures]]) -> Collected[dict[str, Figures], NoPaper]:
-    """Means by fault over the walks; pairs are left and right. `error` is the filter's message where it refuses."""
+    """Means by fault over the walks; two numbers are of the left and the right foot.
+
+    A fault with which the filter refuses to run has only `error`, its first message, `refused`, the number of walks on
+    which it refused, and `of`, the number of all walks.
+    """
     return summarize_by_fault(results, _mean_figures)
 
 
 def _mean_figures(rows: list[FaultFigures]) -> Figures:
-    """Means of a fault's figures over walks, largest standard deviations.
+    """Means of a fault's figures over walks, and the largest standard deviations.
 
-    Or the first error and the number of refusals.
+    If the filter has refused any of the walks, only its first message (`error`), the number of refusals (`refused`) and
+    that of walks (`of`) are given.
     """
     errors = [f["error"] for f in rows if "error" in f]
     if errors:
         return {"error": errors[0], "refused": len(errors), "of": len(rows)}
-    # (walks, feet, axes) m
+    # (walks, feet, axes) m: left, right; x, y, z of the world
     ends: Array = np.array([f["end_error_m"] for f in rows])
     return {
         "end_error_m": np.linalg.norm(ends[:, :, :2], axis=2).mean(axis=0).tolist(),

@@ -64,9 +64,10 @@ _RELATIVE_POSITION_SD_M, _SONAR_SD_M = 0.001, 0.01  # on each axis, and of a ran
 _DATA_SHEET = math.radians(0.009) / STANDARD_GRAVITY_MPS2  # ADIS16485: 0.009 °/s/g; rad/s per m/s²
 OPPOSITE = (_DATA_SHEET, -_DATA_SHEET)
 """G-sensitivity of the left and the right gyro, the same on all axes, rad/s per m/s²."""
-_PER_METRE = 2.0 / (STRIDES * STRIDE_M * STRIDES * STRIDE_S * GRAVITY_MPS2)  # sensitivity per drift at the end
+# g-sensitivity per sideways drift at the end: a yaw rate k g over the time T turns the path by ½ k g T on average
+_PER_METRE = 2.0 / (STRIDES * STRIDE_M * STRIDES * STRIDE_S * GRAVITY_MPS2)
 UNEQUAL = (2.9687 * _PER_METRE, -1.2354 * _PER_METRE)
-"""Those that follow from the paper's ZUPT errors, m to the west: the mean of the two is a common drift."""
+"""G-sensitivities that follow from the paper's ZUPT errors, m to the west: the mean of the two is a common drift."""
 
 
 @dataclass(frozen=True)
@@ -93,13 +94,14 @@ class SteadyWalk:
             foot: `l` or `r`.
             t_ns: (N,) times, ns.
         """
-        half = 0.5 * (foot == "r")
-        # strides done at each instant; k is the number of the present stride, u the share of its swing that has passed
+        half = 0.5 * (foot == "r")  # strides that the foot is ahead, and late
+        # (N,) strides done; k is the number of the present stride, u the share of its swing that has passed
         strides = (t_ns * 1e-9 - _STAND_S) / STRIDE_S - half
         k = np.clip(np.floor(strides), 0, self.strides - 1)
         u = np.clip((strides - k) / _SWING_SHARE, 0.0, 1.0)
         # the derivatives by u times this are those by time
         per_s = 1.0 / (_SWING_SHARE * STRIDE_S)
+        # (N,) shares of the largest rise and pitch, and their derivatives by u
         lift, lift_rate = _bump(u, 0.0, 1.0)
         heel_off, heel_off_rate = _bump(u, 0.0, 0.6)
         toes_up, toes_up_rate = _bump(u, 0.45, 1.0)
@@ -125,7 +127,7 @@ def ideal_imu(sensor: Track) -> tuple[Array, Array]:
     """
     # intervals (N - 1,), s, with mean rates and specific forces, as on an Earth that does not rotate
     dt, rate, force = compute_increments(sensor[:1], sensor[1:], np.array([0.0, 0.0, -GRAVITY_MPS2]))
-    # attitude in the middle of each interval, from the world to the sensor
+    # rotation from the world's axes to the sensor's in the middle of each interval, after half of the turn in it
     to_sensor = (sensor.rotation[:-1] * Rotation.from_rotvec(0.5 * dt[:, None] * rate)).inv()
     velocity = 0.5 * (sensor.v_body_in_world[:-1] + sensor.v_body_in_world[1:])
     coriolis = 2.0 * np.cross(EARTH_RATE_IN_WORLD, velocity)
@@ -144,12 +146,15 @@ def _bump(u: Array, start: float, end: float) -> tuple[Array, Array]:
         (N,) values at u (N,), and (N,) derivatives by u.
     """
     x = np.clip((u - start) / (end - start), 0.0, 1.0)
-    hill = 4.0 * x * (1.0 - x)
+    hill = 4.0 * x * (1.0 - x)  # its derivative by u is 4 (1 - 2 x) / (end - start)
     return hill**3, 12.0 * hill**2 * (1.0 - 2.0 * x) / (end - start)
 
 
 def _paper_rig() -> Rig:
-    """Shoes of the standard rig with the paper's field of view, and IMUs without biases (0 means unknown)."""
+    """Shoes of the standard rig with the paper's field of view, and IMUs without biases.
+
+    Standard deviations of the biases are nearly 0, because the rig takes 0 for unknown.
+    """
     rig = standard_rig(replace(load_scenario("jao_straight_53m").config, sensors=("foot_imu", "foot_camera", "sonar")))
     # 400 pixels are half of an image's width
     focal = 400.0 / math.tan(_CAMERA_FOV_RAD / 2)
@@ -177,6 +182,13 @@ class JaoSimulation:
 
     Args:
         walk: Motion of both feet.
+
+    Attributes:
+        walk: Motion of both feet.
+        rig: The shoes with the paper's sensors, without calibration errors.
+        t_ns: (N + 1,) stamps of the motion; the IMUs have samples at all but the first.
+        imus: By foot, track of the IMU at these stamps.
+        ideal: By foot, (N, 3) rates, rad/s, and (N, 3) specific forces, m/s², without noise (`ideal_imu`).
     """
 
     def __init__(self, walk: SteadyWalk) -> None:
@@ -188,7 +200,8 @@ class JaoSimulation:
         self.t_ns = np.round(np.arange(n + 1) * 1e9 / rate_hz).astype(np.int64)
         self.imus = {f: self._imu(f, self.t_ns) for f in FEET}
         self.ideal = {f: ideal_imu(self.imus[f]) for f in FEET}
-        self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}  # an image at every second sample
+        # by foot, what its camera sees of the other board: an image at every second sample of the IMUs
+        self._views = {f: self._view(f, self.t_ns[2::2]) for f in FEET}
         # ranges at 25 Hz: stamps (S,), ns, and true distances (S,), m, between both sonars
         t_sonar = np.arange(1, math.floor(walk.duration_s * 25.0)) * 40_000_000
         mounts = {f: self.rig.others[f"/foot_{f}/sonar"].mount.T_body_sensor for f in FEET}
@@ -215,13 +228,13 @@ class JaoSimulation:
             Samples by foot, and the (N, 3) white noise of the rates in them, rad/s.
         """
         blocks, noises = {}, {}
-        for foot, k in zip(FEET, g_sensitivity):
+        for foot, sensitivity in zip(FEET, g_sensitivity):
             imu = self.rig.imu(f"/foot_{foot}/imu")
             rate, force = self.ideal[foot]
-            per_sample = math.sqrt(imu.rate_hz)
+            per_sample = math.sqrt(imu.rate_hz)  # from a noise density to the standard deviation of a sample
             noises[foot] = rng.normal(0.0, imu.gyroscope_noise_density * per_sample, rate.shape)
             measured = force + rng.normal(0.0, imu.accelerometer_noise_density * per_sample, force.shape)
-            columns = {"angular_rate": rate + k * force + noises[foot], "specific_force": measured}
+            columns = {"angular_rate": rate + sensitivity * force + noises[foot], "specific_force": measured}
             blocks[foot] = Block(topic=imu.topic, kind=Imu, t_ns=self.t_ns[1:], columns=columns)
         return blocks, noises
 
@@ -239,6 +252,7 @@ class JaoSimulation:
         sd = _RELATIVE_POSITION_SD_M
         aiding_measurements: list[BoardObservation | RelativePosition | Range] = []
         for foot in FEET:
+            # stamps, positions of the other IMU, the board's corners, and their rays and depths (see `_view`)
             t_ns, relative, points, rays, depth = self._views[foot]
             relative = relative + rng.normal(0.0, sd, relative.shape)
             # noise of 1 mm · √points across the ray, as an angle at the point's depth
@@ -250,7 +264,7 @@ class JaoSimulation:
                     RelativePosition(topic=topic, t_ns=t, p_other_in_imu=relative[i], sd=sd),
                     BoardObservation(topic=topic, t_ns=t, points_in_board=points, rays=rays[i], ray_sd=ray_sd[i]),
                 ]
-        t_sonar, distance = self._echoes
+        t_sonar, distance = self._echoes  # stamps, ns, and true distances, m
         for foot in FEET:
             heard = distance + rng.normal(0.0, _SONAR_SD_M, len(distance))
             aiding_measurements += [
@@ -272,6 +286,8 @@ class JaoSimulation:
             (2,) m for each foot alone, and m for both coupled, whose heading errors are averaged.
         """
         dt = np.diff(self.t_ns)[:, None] * 1e-9
+        # by foot, (N,) steps to the north between samples, m, and (N,) heading errors, rad: sums of the noise about the
+        # vertical
         walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
         headings = [np.cumsum(self.imus[f].rotation[1:].apply(noises[f] * dt)[:, 2]) for f in FEET]
         alone = np.array([float(heading @ way) for heading, way in zip(headings, walked)])
@@ -280,6 +296,7 @@ class JaoSimulation:
     def analytic_floor(self) -> tuple[float, float]:
         """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2."""
         strides, density = self.walk.strides, self.rig.imu("/foot_l/imu").gyroscope_noise_density
+        # v T = length of the walk; √(2/π) is the mean absolute value of a standard normal variable
         sd = STRIDE_M * strides * density * math.sqrt(strides * STRIDE_S / 3.0)
         one = math.sqrt(2.0 / math.pi) * sd
         return one, one / math.sqrt(2.0)
@@ -297,14 +314,15 @@ class JaoSimulation:
         """
         other_foot = "r" if foot == "l" else "l"
         camera, board = self.rig.cameras[f"/foot_{foot}/camera"], self.rig.boards[f"foot_{other_foot}"]
-        # the outermost corners between squares lie one square inside the board's edge
+        # (4, 3) outermost corners between squares, which lie one square inside the board's edge
         half = board.square_m * (np.array(board.squares) / 2 - 1)
         points = np.array([[x, y, 0.0] for x in (-half[0], half[0]) for y in (-half[1], half[1])])
         T_world_camera = self.walk.foot(foot, t_ns).to_sensor(camera.mount.T_body_sensor).poses()
         T_world_board = self.walk.foot(other_foot, t_ns).to_sensor(board.mount.T_body_sensor).poses()
         T_camera_board = np.linalg.inv(T_world_camera) @ T_world_board
+        # (S, 4, 3) the corners in the camera's frame
         in_camera = np.einsum("nij,mj->nmi", T_camera_board[:, :3, :3], points) + T_camera_board[:, None, :3, 3]
-        # the board's normal points towards the camera
+        # the board's normal, its z axis, points towards the camera
         facing = np.einsum("ni,ni->n", T_camera_board[:, :3, 2], T_camera_board[:, :3, 3]) < 0.0
         is_visible = facing & np.all(is_in_image(camera, in_camera), axis=1)
         imu, other_imu = self._imu(foot, t_ns), self._imu(other_foot, t_ns)
@@ -319,7 +337,7 @@ class JaoSimulation:
         )
 
 
-_simulation = cache(JaoSimulation)
+_simulation = cache(JaoSimulation)  # one simulation per motion, shared by all runs in a process
 
 
 class MethodEnds(TypedDict):
@@ -369,7 +387,7 @@ def run_seed(
     simulation, rng = _simulation(SteadyWalk()), np.random.default_rng(seed)
     blocks, noises = simulation.inertial(rng, g_sensitivity)
     aiding_measurements = simulation.aiding_measurements(rng)
-    alone, together = simulation.noise_floor_m(noises)
+    alone, together = simulation.noise_floor_m(noises)  # m: of each gyro, and of both coupled
     figures: dict[str, MethodEnds] = {}
     for method in methods:
         estimator = FootToFoot(
@@ -379,6 +397,7 @@ def run_seed(
             earth_rate_in_world=EARTH_RATE_IN_WORLD,
             **parameter_keywords(FootToFoot, method),
         )
+        # `errors` and `nees` at the end: left, then right
         paths, errors, nees = estimator.run(blocks, aiding_measurements), [], []
         for foot in FEET:
             covariance = paths[foot].trajectory.covariance
@@ -396,9 +415,9 @@ def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     one, two = _simulation(SteadyWalk()).analytic_floor()
     # (runs, 3): left alone, right alone, both coupled
     drawn = np.abs([r["floor_m"] for r in results])
-    unequal = _summary([r["unequal"] for r in results])
+    unequal = _end_error_figures([r["unequal"] for r in results])
     summary: Summary = {
-        **_summary([r["methods"] for r in results]),
+        **_end_error_figures([r["methods"] for r in results]),
         "nees_position_mean": {m: float(np.mean([r["methods"][m]["end_nees"] for r in results])) for m in methods},
         "random_walk_floor_m": {
             "one_gyro_analytic": one,
@@ -412,8 +431,11 @@ def collect(results: Sequence[SimulationRow]) -> Collected[Summary, Figures]:
     return {"summary": summary, "paper": {k: v for k, v in paper.items() if k in summary}}
 
 
-def _summary(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
+def _end_error_figures(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
     """Figures of the end errors by method over runs.
+
+    Args:
+        runs: Of each run, method to its errors at the end.
 
     Returns:
         `mean_end_error_m` (horizontal; left, right), `end_position_sd_m` (left west, left north, right west, right
@@ -422,7 +444,7 @@ def _summary(runs: Sequence[dict[str, MethodEnds]]) -> Summary:
     summary: Summary = {}
     for method in runs[0]:
         errors = np.array([run[method]["end_error_m"] for run in runs])  # (runs, feet, axes north, west, up)
-        ddof = min(1, len(errors) - 1)
+        ddof = min(1, len(errors) - 1)  # 0 with a single run, whose standard deviation is 0
         figures = {
             "mean_end_error_m": np.linalg.norm(errors[:, :, :2], axis=2).mean(axis=0),
             "end_position_sd_m": np.array([errors[:, f, axis].std(ddof=ddof) for f in range(2) for axis in (1, 0)]),
@@ -448,7 +470,7 @@ def table(result: Result[Summary, EndErrors, SimulationRow]) -> list[str]:
     """Our figures beside the paper's, as lines of text; pairs are left and right."""
     summary, paper_errors = result["summary"], result["paper"]["mean_end_error_m"]
     rows = [
-        (m, {**{name: of.get(m, "") for name, of in summary.items()}, "paper": paper_errors.get(m, "")})
+        (m, {**{name: by_method.get(m, "") for name, by_method in summary.items()}, "paper": paper_errors.get(m, "")})
         for m in REPORTED_METHODS
     ]
     floors = [f"floor, {name:<17}{value:9.3f}" for name, value in summary["random_walk_floor_m"].items()]

@@ -39,7 +39,7 @@ CASES = {
 
 
 MethodFigures = dict[str, float | list[float]]
-"""A figure by method; pairs are left and right."""
+"""A figure by method; two numbers are of the left and the right foot, four of left y, left x, right y, right x."""
 Summary = dict[str, MethodFigures | int]
 """Figures by name, each by method, and the number of walks that fell."""
 
@@ -66,11 +66,11 @@ def run_case(case: ExperimentCase) -> Row:
     """Simulates one walk and runs every method on it, in each of `CASES`.
 
     Returns:
-        The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (board observations) and method to
-        `two_feet.score_paths`.
+        The case's row with `scenario`, `fell_at_s`, and `cases`: case to `sightings` (the number of board observations)
+        and, by method, the scores of both feet's paths (`two_feet.score_paths`).
     """
     with record_shoes(case) as walk:
-        truth = walk.truth()
+        truth = walk.truth()  # by foot
         start = true_start(truth)
         figures_of_case: dict[str, Figures] = {}
         for name in CASES:
@@ -80,7 +80,7 @@ def run_case(case: ExperimentCase) -> Row:
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
             paths, observation_count = run_every_method(walk.rig(wide=wide), walk.imus(wide=wide), samples, start)
             figures_of_case[name] = {
-                **{m: score_paths(p, truth) for m, p in paths.items()},
+                **{method: score_paths(of_feet, truth) for method, of_feet in paths.items()},
                 "sightings": observation_count,
             }
         return case.row(scenario=walk.shoes.metadata["scenario"], fell_at_s=walk.fell_at_s, cases=figures_of_case)
@@ -99,20 +99,21 @@ def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iter
         touches: (T,) touch-downs of both feet, ns, in order; images after an odd number of them are left out.
     """
     for sample in samples:
-        if not (isinstance(sample, Image) and np.searchsorted(touches, sample.t_ns) % 2 == 1):
+        touch_count = np.searchsorted(touches, sample.t_ns)  # touch-downs before the sample
+        if not (isinstance(sample, Image) and touch_count % 2 == 1):
             yield sample
 
 
 def collect(results: list[WalkRow]) -> Collected[Summary, EndErrors]:
-    """Figures by method for gyros without saturation, then with a suffix for the other cases.
+    """Figures by method for gyros without saturation, then with the name of the case before the unit for the others.
 
-    Pairs are left and right.
+    Two numbers are of the left and the right foot.
     """
     summary: Summary = {}
     for case in CASES:
         suffix = "" if case == "unclipped" else f"_{case}"
-        of = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
-        for name, values in _summary(of).items():
+        scores_of_method = {m: [r["cases"][case][m] for r in results] for m in COMPARED_METHODS}
+        for name, values in _figures_over_walks(scores_of_method).items():
             # the suffix comes before the unit, such as `mean_end_error_clipped_m`
             stem, _, unit = name.rpartition("_")
             summary[f"{stem}{suffix}_{unit}"] = values
@@ -128,18 +129,25 @@ def _read_paper_errors(scenario: str) -> EndErrors:
     return paper_errors["jao_loop_126m"] if scenario == "jao_loop_126m" else {}
 
 
-def _summary(of: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]:
-    """Means and standard deviations over walks, by figure and method, of the walks' rows by method."""
-    # end errors by method, (walks, feet, axes) m
-    ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in of.items()}
+def _figures_over_walks(scores_of_method: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]:
+    """Means, standard deviations and largest values over walks, by figure and method.
+
+    Args:
+        scores_of_method: Method to the scores of each walk.
+    """
+    # end errors by method, (walks, feet, axes) m: left, right; x, y, z of the world
+    ends = {m: np.array([w["end_error_m"] for w in walks]) for m, walks in scores_of_method.items()}
 
     def mean(
         name: Literal["end_error_pct", "feet_disagree_rms_m", "end_nees", "nees_within_95_pct"],
     ) -> MethodFigures:
-        return {m: np.mean([w[name] for w in walks], axis=0).tolist() for m, walks in of.items()}
+        """Mean of a score over the walks, by method; of each foot where the score has two values."""
+        return {m: np.mean([w[name] for w in walks], axis=0).tolist() for m, walks in scores_of_method.items()}
 
     return {
+        # horizontal
         "mean_end_error_m": {m: np.linalg.norm(e[:, :, :2], axis=2).mean(axis=0).tolist() for m, e in ends.items()},
+        # left y, left x, right y, right x: the order of the paper; of a single walk it is 0
         "end_position_sd_m": {
             m: [float(e[:, f, axis].std(ddof=min(1, len(e) - 1))) for f in range(2) for axis in (1, 0)]
             for m, e in ends.items()
@@ -147,7 +155,9 @@ def _summary(of: dict[MethodName, list[FootScores]]) -> dict[str, MethodFigures]
         "mean_abs_up_error_m": {m: np.abs(e[:, :, 2]).mean(axis=0).tolist() for m, e in ends.items()},
         "mean_end_error_pct": mean("end_error_pct"),
         "feet_disagree_rms_m": mean("feet_disagree_rms_m"),
-        "feet_disagree_max_m": {m: max(w["feet_disagree_max_m"] for w in walks) for m, walks in of.items()},
+        "feet_disagree_max_m": {
+            m: max(w["feet_disagree_max_m"] for w in walks) for m, walks in scores_of_method.items()
+        },
         "end_nees_mean": mean("end_nees"),
         "nees_within_95_pct": mean("nees_within_95_pct"),
     }
@@ -160,6 +170,7 @@ def _by_method(summary: Summary, name: str) -> MethodFigures:
     return figures
 
 
+# header, width, and format of a method's figures, whose short names `table` sets
 _COLUMNS = (
     ("end error m", 15, "{end:.3f}"),
     ("paper m", 12, "{paper:.2f}"),
@@ -172,7 +183,7 @@ _COLUMNS = (
 
 
 def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
-    """Our figures beside the paper's, case by case, as lines of text; pairs are left and right."""
+    """Our figures beside the paper's, case by case, as lines of text; two numbers are of the left and right foot."""
     summary, paper_errors = result["summary"], result["paper"].get("mean_end_error_m", {})
     lines = [f"{len(result['cases'])} walks, {summary['walks_that_fell']} of them ended by a fall"]
     for case, description in CASES.items():
@@ -184,8 +195,8 @@ def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
             "rms": _by_method(summary, f"feet_disagree_rms{suffix}_m"),
             "largest": _by_method(summary, f"feet_disagree_max{suffix}_m"),
             "nees": _by_method(summary, f"end_nees{suffix}_mean"),
-            "paper": {} if case == "half_blind" else paper_errors,
+            "paper": {} if case == "half_blind" else paper_errors,  # the paper has no such case
         }
-        rows = [(m, {name: of.get(m, "") for name, of in columns.items()}) for m in COMPARED_METHODS]
+        rows = [(m, {name: by_method.get(m, "") for name, by_method in columns.items()}) for m in COMPARED_METHODS]
         lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

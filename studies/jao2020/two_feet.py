@@ -30,6 +30,7 @@ _NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))
 _ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 
 FootPaths = dict[str, FootInsPath]
+"""Estimated path of each foot's IMU, by `l` and `r`."""
 
 
 class MeasurementRecorder(FootToFoot):
@@ -53,14 +54,14 @@ class MeasurementRecorder(FootToFoot):
     def update(self, sample: Imu | Image | Aiding) -> FootToFootEstimate | None:
         """Updates the filter with a sample and records the relative position that each board observation gives."""
         estimate = super().update(sample)
-        for observation in estimate.observations if estimate else ():
+        for observation in estimate.observations if estimate else ():  # boards seen in this image
             assert estimate is not None
             self.observations += 1
-            foot = self._rig.cameras[observation.topic].mount.body[len("foot_")]
-            other_foot = FEET[1 - FEET.index(foot)]
+            foot = self._rig.cameras[observation.topic].mount.body[len("foot_")]  # `l` of the body `foot_l`
+            other_foot = "r" if foot == "l" else "l"
             T_imu_camera = _in_imu(self._rig, foot, self._rig.cameras[observation.topic].mount)
             T_other_board = _in_imu(self._rig, other_foot, self._rig.boards[f"foot_{other_foot}"].mount)
-            # prior of the board's orientation: the rotation between the feet by the filter's attitudes
+            # prior of the board's orientation: the rotation between the feet's IMUs by the filter's attitudes
             R_world = {f: Rotation.from_quat(e.pose.q_world_frame, scalar_first=True) for f, e in estimate.feet.items()}
             R_imu_other = (R_world[foot].inv() * R_world[other_foot]).as_matrix()
             relative = RelativePosition.of_observation(
@@ -70,7 +71,7 @@ class MeasurementRecorder(FootToFoot):
                 R_camera_board=T_imu_camera[:3, :3].T @ R_imu_other @ T_other_board[:3, :3],
                 rotation_sd=_ROTATION_SD_RAD,
             )
-            self.relative += [relative] if relative else []
+            self.relative += [relative] if relative else []  # None: the observation gives no position
         return estimate
 
 
@@ -100,6 +101,7 @@ def run_every_method(
     Returns:
         Paths by method and foot, and the number of board observations.
     """
+    # our method runs first and records what the published ones get: relative positions, and sonar ranges (`echoes`)
     recorder, echoes = MeasurementRecorder(rig, start), list[Range]()
     proposed = follow(recorder, _record_echoes(samples, echoes))
     paths: dict[str, FootPaths] = {
@@ -133,16 +135,22 @@ class FootScores(TypedDict):
 
 
 def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
-    """Scores of the paths of both feet, ready for JSON; pairs are left and right.
+    """Scores of the paths of both feet, ready for JSON; lists are of the left and the right foot.
+
+    Args:
+        paths: Estimated path of each foot's IMU, by `l` and `r`.
+        truth: True path of each.
 
     Returns:
-        `end_error_m`: (3,) in world axes each. `end_error_pct`: horizontal, relative to the horizontal distance of the
-        foot. `end_nees`, `nees_mean` and `nees_within_95_pct`: of the position. `coverage_pct`: share of the
-        truth's time before the last estimate, where the end is scored. `feet_disagree_{rms,max}_m`: error of the
-        right IMU's position relative to the left one, in the left one's heading.
+        `end_error_m`: (3,) estimated minus true position at the end in world axes. `end_error_pct`: its horizontal
+        size, relative to the horizontal distance that the foot has walked. `end_nees`, `nees_mean` and
+        `nees_within_95_pct`: NEES of the position, at the end, mean, and share within its 95 % bound. `coverage_pct`:
+        share of the truth's time before the last estimate, where the end is scored. `feet_disagree_rms_m` and
+        `feet_disagree_max_m`: error of the right IMU's position relative to the left one, in the left one's heading.
     """
+    # each foot's path beside its truth; not aligned, because the filter starts at the true poses
     in_world = {f: compare(paths[f].trajectory, truth[f], transform=_NOT_ALIGNED) for f in FEET}
-    apart = feet_disagreement_m(in_world)
+    apart_m = feet_disagreement_m(in_world)
     scores: FootScores = {
         "end_error_m": [],
         "end_error_pct": [],
@@ -150,35 +158,42 @@ def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
         "nees_mean": [],
         "nees_within_95_pct": [],
         "coverage_pct": [],
-        "feet_disagree_rms_m": float(np.sqrt(np.mean(apart**2))),
-        "feet_disagree_max_m": float(apart.max()),
+        "feet_disagree_rms_m": float(np.sqrt(np.mean(apart_m**2))),
+        "feet_disagree_max_m": float(apart_m.max()),
     }
     for foot, compared in in_world.items():
+        # (K,) NEES of the position along the path, and (3,) error at its end
         nees, end_m = nees_position(compared), compared.error_m[-1]
         # horizontal distance that the foot has walked
         ahead_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
-        t_ns, last = truth[foot].t_ns, compared.truth.t_ns[-1]
+        t_ns, last_ns = truth[foot].t_ns, compared.truth.t_ns[-1]  # stamps of the truth; that of the last estimate
         scores["end_error_m"].append(end_m.tolist())
         scores["end_error_pct"].append(100.0 * float(np.linalg.norm(end_m[:2]) / ahead_m))
         scores["end_nees"].append(float(nees[-1]))
         scores["nees_mean"].append(float(nees.mean()))
+        # up to the 95 % quantile of the chi-squared distribution with three degrees of freedom
         scores["nees_within_95_pct"].append(100.0 * float(np.mean(nees <= CHI2_3_95)))
-        scores["coverage_pct"].append(100.0 * float((last - t_ns[0]) / (t_ns[-1] - t_ns[0])))
+        scores["coverage_pct"].append(100.0 * float((last_ns - t_ns[0]) / (t_ns[-1] - t_ns[0])))
     return scores
 
 
 def feet_disagreement_m(in_world: Mapping[str, PathComparison]) -> Array:
-    """(K,) m, error of the right IMU's position relative to the left one, at common stamps.
+    """(K,) m, error of the right IMU's position relative to the left one, at the K stamps that both paths have.
 
-    Both are rotated about the vertical so that the left one's heading is correct, because a common heading drift is no
-    disagreement of the feet.
+    The estimated relative position is rotated about the vertical so that the left IMU's heading is correct, because a
+    common heading drift is no disagreement of the feet.
+
+    Args:
+        in_world: Estimate and truth of each foot's IMU in the world, by `l` and `r`.
     """
     left, right = in_world["l"], in_world["r"]
-    _, i, k = np.intersect1d(left.estimate.t_ns, right.estimate.t_ns, return_indices=True)
-    estimated = right.estimate.p_frame_in_world[k] - left.estimate.p_frame_in_world[i]
-    true = right.truth.p_frame_in_world[k] - left.truth.p_frame_in_world[i]
+    # numbers of the common stamps in both paths
+    _, in_left, in_right = np.intersect1d(left.estimate.t_ns, right.estimate.t_ns, return_indices=True)
+    # (K, 3) m from the left IMU to the right one, in world axes
+    estimated = right.estimate.p_frame_in_world[in_right] - left.estimate.p_frame_in_world[in_left]
+    true = right.truth.p_frame_in_world[in_right] - left.truth.p_frame_in_world[in_left]
     q_est, q_true = (
-        Rotation.from_quat(path.q_world_frame[i], scalar_first=True) for path in (left.estimate, left.truth)
+        Rotation.from_quat(path.q_world_frame[in_left], scalar_first=True) for path in (left.estimate, left.truth)
     )
     # (K, 3, 3) from the estimated heading of the left foot to the true one
     turn = vertical_rotation((q_true * q_est.inv()).as_matrix())

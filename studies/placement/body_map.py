@@ -27,7 +27,7 @@ from stridetwin.studies.placement.measure import MeasuredPlaces
 from stridetwin.studies.placement.problem_file import Place, PlacementProblem, scenario_at
 
 _SIZE = 620  # pixels, width and height of a panel
-_BAR = 110  # pixels for the legend
+_BAR = 150  # pixels, width of the legend
 _MARGIN = 1.7  # shown extent over the extent of the dots
 _LEAST_M = 0.13  # least extent that a panel shows around its middle
 _BEST_PX = 9  # half width of the mark of the best place
@@ -35,8 +35,8 @@ _FAINT = 0.1  # opacity of the bodies without dots
 _MANY = 150  # more dots than this are drawn smaller
 _RAY_M = 0.05  # from a sensor to the dot of a viewing direction
 _INK = (46, 28, 15)  # BGR
-_MOVED = ("position_mm", ".mount", ".board", "camera_mount")
-_SUN = (0.4, 0.3, 1.5)
+_MOVED = ("position_mm", ".mount", ".board", "camera_mount")  # parts of the paths of fields that move a sensor
+_SUN = (0.4, 0.3, 1.5)  # m, a light; it shines towards the origin
 _VIEWS = ((0.0, -8.0), (65.0, -32.0))
 """Azimuth, relative to the side of the dots, and elevation, deg."""
 
@@ -78,7 +78,7 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
         searched: All measured places.
         best: The best one.
     """
-    dots = _dots(problem, folder, searched)
+    dots = _collect_dots(problem, folder, searched)
     if not dots:
         return None
     # with one weighing score the colours show its values: a loss times `sign` is the value
@@ -89,6 +89,7 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
     config = scenario_at(problem, problem.bases[0], best, folder).config
     bodies = sorted({dot.body for dot in dots})
     span = min(d.loss for d in dots), max(d.loss for d in dots)
+    # one picture per body and view, side by side; with three or more bodies only the first view
     panels = [
         _draw_panel(config, body, [d for d in dots if d.body == body], view, span)
         for body in bodies
@@ -105,23 +106,27 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
     return BodyImage(cv2.imencode(".png", image)[1].tobytes(), description)
 
 
-def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> list[_Dot]:
-    """One dot per sensor and position, or viewing direction if there is one position; worst first.
+def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> list[_Dot]:
+    """The dots of all sensors that the placement moves, worst first.
 
-    Sensors with one of each have none.
+    A sensor with several positions has a dot at each. One with a single position, but several viewing directions, has a
+    dot per direction. Any other sensor has none.
 
     Args:
         problem: The placement.
         folder: Its output folder, which contains the user's parts.
         searched: All measured places.
     """
+    # names of the knobs that move a sensor
     moving = [
         knob.name
         for free in problem.free
         for knob in free.knobs
         if any(word in f".{path.text}" for path in free.paths for word in _MOVED)
     ]
+    # by the values of these knobs, as text: name and mount of each sensor, and whether it is a board
     mounts_by_values: dict[str, list[tuple[str, Mount, bool]]] = {}
+    # by name of the sensor, its body, and the point in the body's frame, as text: the dot with the lowest loss
     positions: dict[tuple[str, ...], _Dot] = {}
     directions: dict[tuple[str, ...], _Dot] = {}
     for i in np.flatnonzero(np.isfinite(searched.losses)).tolist() if moving else ():
@@ -129,8 +134,9 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
         # places that differ in other values alone have the same mounts, which are then computed once
         key = json.dumps([place.values.get(name) for name in moving])
         if key not in mounts_by_values:
-            mounts_by_values[key] = list(_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
+            mounts_by_values[key] = list(_list_mounts(scenario_at(problem, problem.bases[0], place, folder).config))
         for name, mount, board in mounts_by_values[key]:
+            # position, and viewing direction: the sensor's z axis
             p, ahead = mount.T_body_sensor[:3, 3], mount.T_body_sensor[:3, 2]
             position_dot = _Dot(body=mount.body, p_in_body=p, loss=loss, board=board)
             for best, dot in (
@@ -140,15 +146,15 @@ def _dots(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces) -> 
                 at = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
                 if at not in best or loss < best[at].loss:
                     best[at] = dot
+    # by name of the sensor, the numbers of its positions and of its viewing directions
     moved, turned = (Counter(name for name, *_ in dots) for dots in (positions, directions))
-    # a sensor with several positions has a dot at each; one with a single position a dot per viewing direction
     dots = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
     dots += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
     return sorted(dots, key=lambda dot: -dot.loss)
 
 
-def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
-    """Name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
+def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
+    """Yields name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
 
     The right side mirrors the left one, so its sensors are left out.
     """
@@ -158,7 +164,10 @@ def _mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     mounts = {topic: sensor.mount for kind in (rig.imus, rig.cameras, rig.others) for topic, sensor in kind.items()}
     for topic, mount in mounts.items():
         if topic not in inside and not mount.body.endswith("_r") and not mount.body.startswith("exo_"):
-            yield "head or chest" if topic in rig.cameras and "_l/" not in topic else topic, mount, False
+            # a camera that is not on the left shoe is on head or chest; the topic would tell on which, and places may
+            # differ in that
+            is_on_upper_body = topic in rig.cameras and "_l/" not in topic
+            yield "head or chest" if is_on_upper_body else topic, mount, False
     for name, board in rig.boards.items():
         if not name.endswith("_r"):
             yield "board", board.mount, True
@@ -177,29 +186,36 @@ def _draw_panel(
         span: Lowest and highest loss of all dots.
     """
     model, data = _pose_standing(config, body)
-    T = data.body(body)
-    rotation = T.xmat.reshape(3, 3)
-    points = np.array([d.p_in_body for d in dots]) @ rotation.T + T.xpos
+    posed_body = data.body(body)
+    rotation = posed_body.xmat.reshape(3, 3)  # from the body's axes to the world's
+    points = np.array([d.p_in_body for d in dots]) @ rotation.T + posed_body.xpos  # (N, 3) m in the world
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    axis = T.xpos + rotation @ np.mean([shape.p for shape in find_shapes(model, {model.body(body).id})], axis=0)
-    # the horizontal direction from the body's middle to the dots: the camera looks against it
-    out = (points - axis).mean(axis=0)[:2]
+    # (3,) m, middle of the body's shapes
+    shape_positions = [shape.p for shape in find_shapes(model, {model.body(body).id})]
+    body_middle = posed_body.xpos + rotation @ np.mean(shape_positions, axis=0)
+    # (2,) the horizontal direction from there to the dots: the camera looks against it
+    out = (points - body_middle).mean(axis=0)[:2]
     azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
-    lookat = (middle + np.array([*axis[:2], middle[2]])) / 2
+    # between the dots and the body, at the dots' height
+    lookat = (middle + np.array([*body_middle[:2], middle[2]])) / 2
+    # half of what the picture shows, m, and tangent of half the angle of view; their ratio is the camera's distance
     reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
     slope = math.tan(math.radians(model.vis.global_.fovy / 2))
     view = lookat, azimuth, elevation, reach / slope
     with FilmCamera(model, _SIZE, _SIZE) as camera:
         image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])
+    # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions
     uv = _pixels(points, *view, _SIZE / 2 / slope)
     eyes = np.array([d.p_in_body if d.origin is None else d.origin for d in dots])
-    from_uv = _pixels(eyes @ rotation.T + T.xpos, *view, _SIZE / 2 / slope)
+    from_uv = _pixels(eyes @ rotation.T + posed_body.xpos, *view, _SIZE / 2 / slope)
     best, worst = span
     losses = np.array([d.loss for d in dots])
+    # share 1, yellow, for the lowest loss
     colours = _viridis((worst - losses) / (worst - best) if worst > best else np.ones(len(dots)))
+    usual_px = 6 if len(dots) < _MANY else 4
     for at, start, colour, dot in zip(uv, from_uv, colours, dots):
         cv2.line(image, np.rint(start).astype(int), np.rint(at).astype(int), colour, 1, cv2.LINE_AA)
-        _draw_mark(image, at, _BEST_PX if dot is dots[-1] else 6 if len(dots) < _MANY else 4, colour, dot.board)
+        _draw_mark(image, at, _BEST_PX if dot is dots[-1] else usual_px, colour, dot.board)  # the last dot is the best
     return image
 
 
@@ -228,13 +244,16 @@ def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoc
     shown = {model.body(name).id for name in (body, UPPERS.get(body, body), body.replace("foot", "toe"))}
     for geom in range(model.ngeom):
         carrier = model.geom_bodyid[geom]
+        # a part that is worn is fixed to its parent: it has no joint
         is_worn = model.body_parentid[carrier] in shown and not model.body_jntnum[carrier]
         if carrier in shown or is_worn:
             continue
         material, name = model.geom_matid[geom], model.body(carrier).name
         colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        opacity = 0.0 if name.startswith("rig_") else _FAINT / 3 if name.startswith("exo_") else _FAINT
-        model.geom_matid[geom] = -1
+        # sensors on other bodies vanish, and an exoskeleton is fainter than the wearer
+        opacity_without_sensors = _FAINT / 3 if name.startswith("exo_") else _FAINT
+        opacity = 0.0 if name.startswith("rig_") else opacity_without_sensors
+        model.geom_matid[geom] = -1  # without material the colour below counts
         model.geom_rgba[geom] = [*colour[:3], opacity]
     return model, data
 
@@ -251,6 +270,7 @@ def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, dist
         focal: Focal length, pixels.
     """
     a, e = math.radians(azimuth), math.radians(elevation)
+    # the camera's axes in the world
     ahead = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([math.sin(a), -math.cos(a), 0.0])
     up = np.cross(right, ahead)
@@ -259,7 +279,7 @@ def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, dist
 
 
 def _viridis(share: Array) -> list[list[int]]:
-    """BGR colours of values from 0, dark, to 1, yellow."""
+    """Colours of (N,) values from 0, dark, to 1, yellow: N lists of blue, green and red, 0-255."""
     levels = np.round(255 * share).astype(np.uint8)
     colours: list[list[int]] = cv2.applyColorMap(levels[:, None], cv2.COLORMAP_VIRIDIS)[:, 0].tolist()
     return colours
@@ -283,6 +303,7 @@ def _draw_mark(image: Rgb, at: Array, size: int, colour: Sequence[int], board: b
         cv2.fillConvexPoly(image, shape, colour, cv2.LINE_AA, 4)
         cv2.polylines(image, [shape], True, _INK, line, cv2.LINE_AA, 4)
     else:
+        # a filled disc (thickness -1), then its outline
         for paint, thickness in ((colour, -1), (_INK, line)):
             cv2.circle(image, (u, v), 16 * size, paint, thickness, cv2.LINE_AA, 4)
 
@@ -295,11 +316,13 @@ def _draw_color_key(best: float, worst: float, name: str) -> Rgb:
         worst: Value at the bottom.
         name: The score's name, shown on two lines of 18 characters.
     """
-    image = np.full((_SIZE, _BAR + 40, 3), 255, np.uint8)
-    top, bottom, left = 70, _SIZE - 40, 18
+    image = np.full((_SIZE, _BAR, 3), 255, np.uint8)
+    top, bottom, left = 70, _SIZE - 40, 18  # pixels, of the bar
     image[top:bottom, left : left + 24] = np.array(_viridis(np.linspace(1.0, 0.0, bottom - top)))[:, None]
+    # text, its corner at the lower left, pixels, and scale of the font
     texts = [(name[:18], (6, 30), 0.42), (name[18:36], (6, 48), 0.42)]
     for y, value in zip(np.linspace(top, bottom, 5), np.linspace(best, worst, 5)):
+        # + 0.0 turns -0 into 0
         texts.append((f"{value + 0.0:.3g}", (left + 32, int(y) + 5), 0.5))
     for text, corner, scale in texts:
         cv2.putText(image, text, corner, cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, 1, cv2.LINE_AA)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from stridetwin.sim.wearer.limbs import LimbShape
 
 SURFACES = {"shoe": "foot_l", "head": "head", "chest": "torso"}
+"""Body of each surface, by its name."""
 _OUTSIDE_M = 0.6  # distance from the body's axis that lies outside of every surface
 
 
@@ -33,7 +34,7 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
     Args:
         surface: Name in `SURFACES`; all are as wide to the left as to the right.
         person: The wearer.
-        around_rad: Direction from the body's axis, from forward aside.
+        around_rad: Direction from the body's axis: 0 is forward, a right angle is aside.
         up_m: Height in the body's frame.
         off_m: Distance outward of the surface.
 
@@ -44,17 +45,17 @@ def point_on_surface(surface: str, person: Person, around_rad: float, up_m: floa
         StrideTwinError: There is no surface at that height.
     """
     out = np.array([math.cos(around_rad), math.sin(around_rad), 0.0])
-    # a ray from outside towards the axis meets the surface first
+    # a ray from outside towards the axis meets the surface first; `away` is the distance until then, infinite for none
     origin = _OUTSIDE_M * out + [0.0, 0.0, up_m]
-    away = min(shape.ray_distance(origin, -out) for shape in _shapes(surface, person))
-    if not math.isfinite(away) or away > _OUTSIDE_M:
+    away = min(shape.ray_distance(origin, -out) for shape in _shapes_of_surface(surface, person))
+    if not math.isfinite(away) or away > _OUTSIDE_M:  # beyond the axis is the other side of the body
         raise StrideTwinError(f"the {surface} has no surface at a height of {1e3 * up_m:g} mm in that direction")
     return np.asarray(origin + (off_m - away) * out)
 
 
 @cache
-def _shapes(surface: str, person: Person) -> list[LimbShape]:
-    """Shapes of the body of a surface, for one wearer."""
+def _shapes_of_surface(surface: str, person: Person) -> list[LimbShape]:
+    """The geometric shapes of one wearer's body that form a surface (`SURFACES`), in the body's frame."""
     import mujoco  # imported late, because placements are listed and read without the simulator
 
     from stridetwin.sim.wearer.body import add_wearer, compile_model
@@ -66,9 +67,9 @@ def _shapes(surface: str, person: Person) -> list[LimbShape]:
     return find_shapes(model, {model.body(SURFACES[surface]).id})
 
 
-_DIGITS = 6  # of a number that is chosen: of any unit and size
-_MM_DIGITS = 3  # after the point, of a position on a surface
-_MOST_STEPS = 1000
+_DIGITS = 6  # significant digits of a number that is chosen, of any unit and size
+_MM_DIGITS = 3  # digits after the point of a position on a surface, mm
+_MOST_STEPS = 1000  # of one number in a sweep
 _Number = Annotated[Number, Field(ge=-1e6, le=1e6)]
 
 
@@ -109,7 +110,7 @@ class Knob:
         """
         if self.step is None:
             raise self.at.error({"between": [self.low, self.high]}, "a step, as the method is sweep")
-        count = math.floor((self.high - self.low) / self.step + 1e-9) + 1
+        count = math.floor((self.high - self.low) / self.step + 1e-9) + 1  # 1e-9: the upper bound in spite of rounding
         if count > _MOST_STEPS:
             raise self.at.error(self.step, f"at most {_MOST_STEPS} steps")
         return [self._round(self.low + i * self.step) for i in range(count)]
@@ -180,6 +181,7 @@ class FreeField:
         """
         if self.surface is None:
             return chosen[self.knobs[0].name]
+        # the coordinates on the surface: those that are fixed, and the chosen ones, whose knobs' names end in theirs
         place = {**self.fixed, **{k.name.rpartition("/")[2]: to_number(chosen[k.name]) for k in self.knobs}}
         around_rad, up_m, off_m = math.radians(place["around_deg"]), 1e-3 * place["up_mm"], 1e-3 * place["off_mm"]
         try:
@@ -190,12 +192,13 @@ class FreeField:
 
 
 def _check_order(span: tuple[float, float]) -> tuple[float, float]:
-    """The range of a free value.
+    """Checks the range of a free value, and returns it.
 
     Raises:
         PydanticCustomError: The lower end is not below the upper one.
     """
-    if span[0] >= span[1]:
+    lowest, highest = span
+    if lowest >= highest:
         raise field_error(list(span), "two numbers, the lower one first")
     return span
 
@@ -254,7 +257,7 @@ _COORDINATES = ("around_deg", "up_mm", "off_mm")
 
 
 def _form(node: object) -> str:
-    """Tag of the form of a free field."""
+    """Tag of the form of a free field: a point on a surface, a choice, or a range, which also reports other forms."""
     keys = node if isinstance(node, dict) else ()
     return "=over" if "over" in keys else "=choice" if "choice" in keys else "=between"
 
@@ -276,18 +279,25 @@ def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: F
         spec: A range, a choice, or a point on a surface.
         at: Position in the file.
     """
-    name = ", ".join(path.text for path in paths).replace("sensors.", "")
+    name = ", ".join(path.text for path in paths).replace("sensors.", "")  # in tables, without the common beginning
     if isinstance(spec, Among):
         return FreeField(paths=paths, knobs=(Knob(name=name, values=spec.choice, at=at),), at=at)
     if isinstance(spec, Between):
-        return FreeField(paths=paths, knobs=(_number(name, spec, at),), at=at)
+        return FreeField(paths=paths, knobs=(_knob_between(name, spec, at),), at=at)
+    # a point on a surface: a knob for each coordinate that is a range, the others are fixed
     place = {key: getattr(spec, key) for key in _COORDINATES}
     free = {key: value for key, value in place.items() if isinstance(value, Between)}
-    knobs = tuple(_number(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
+    knobs = tuple(_knob_between(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
     fixed = {"off_mm": 0.0} | {key: value for key, value in place.items() if key not in free}
     return FreeField(paths=paths, knobs=knobs, surface=spec.over, fixed=fixed, at=at)
 
 
-def _number(name: str, spec: Between, at: FieldLocation) -> Knob:
-    """A knob for a number between bounds."""
+def _knob_between(name: str, spec: Between, at: FieldLocation) -> Knob:
+    """A knob for a number between bounds.
+
+    Args:
+        name: Its name in tables.
+        spec: Bounds and step.
+        at: Position in the file.
+    """
     return Knob(name=name, low=spec.between[0], high=spec.between[1], step=spec.step, at=at)

@@ -35,6 +35,7 @@ from stridetwin.studies.placement.problem_file import Place, PlacementProblem, p
 from stridetwin.studies.placement.scores import GEOMETRIC_SCORES, PlaceRow, PlaceScore, Seeing
 from stridetwin.studies.placement.visibility import PosedWalk, geometric_scores, pose_walk
 
+# keys of a scenario that change its sensors, not the walk
 _SENSORS_ALONE = ("sensors", "camera_mount", "faults", "ideal_sensors")
 _MAX_PLACES = 200  # that are measured before the next ones are read
 _MAX_GROUP = 25  # places that one worker scores on a walk in one go
@@ -49,6 +50,7 @@ def placement_forecast(problem: PlacementProblem, measured: int) -> Forecast:
         problem: The placement.
         measured: Number of walks with a row.
     """
+    # the unchanged place, and those of the sweep or the search
     places = 1 + (grid_size(problem.knobs) if problem.search is None else problem.search.budget)
     walks = len(problem.bases) * len(problem.seeds)
     missing = max(places * walks - measured, 0)
@@ -154,7 +156,7 @@ def _plan_walk_once(run: str, visit: Visit) -> PosedWalk:
     """
     key = run, visit.walk
     if key not in _posed_walks:
-        # full, or with walks of another run, which may be planned otherwise
+        # the memory is full, or holds walks of another run, which may have been planned by other rules
         if len(_posed_walks) == _MAX_POSED_WALKS or any(cached_run != run for cached_run, _ in _posed_walks):
             _posed_walks.clear()
         try:
@@ -208,8 +210,8 @@ class MeasuredPlaces:
         return np.asarray(self.values.mean(axis=1))
 
     def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
-        """The places of some numbers, in this order."""
-        failed = {k: self.failed[i] for k, i in enumerate(numbers) if i in self.failed}
+        """The places of some numbers, in this order; they are numbered anew, from 0."""
+        failed = {new: self.failed[old] for new, old in enumerate(numbers) if old in self.failed}
         places, values = [self.places[i] for i in numbers], self.values[numbers]
         return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
 
@@ -238,12 +240,12 @@ class Measure:
     ) -> None:
         self._problem, self._folder, self._rows = problem, folder.absolute(), rows
         self._executor, self._progress = executor, progress
-        self._names = tuple(s.name for s in problem.scores if s.geometric)
+        self._names = tuple(s.name for s in problem.scores if s.geometric)  # geometric scores
         names = [s.name for s in problem.scores if not s.geometric]
         self._estimators = estimators_of(names, f"{problem.path}: scores")
         self._forecast = placement_forecast(problem, len(rows))
-        # names this run for the workers' memory of walks; whether the scores' names have been checked on first rows
-        self._run_name, self._is_checked = uuid4().hex, False
+        self._run_name = uuid4().hex  # names this run for the workers' memory of walks
+        self._is_checked = False  # whether the first rows have shown that the estimators report all scores
         self.keys: list[str] = []
 
     def __call__(self, places: Sequence[Place], seeds: Sequence[int], stage: str) -> MeasuredPlaces:
@@ -261,7 +263,7 @@ class Measure:
         scores = self._problem.scores
         walks = [f"{base.name}, seed {seed}" for base in self._problem.bases for seed in seeds]
         values = np.full((len(places), len(walks), len(scores)), np.nan)
-        failed: dict[int, str] = {}
+        failed: dict[int, str] = {}  # reason by number of the place
         for first in range(0, len(places), _MAX_PLACES):
             part = range(first, min(first + _MAX_PLACES, len(places)))
 
@@ -288,6 +290,7 @@ class Measure:
             seeds: Seeds of the walks of each scenario.
             failed: Gets the reason, by the place's number, why a scenario cannot have a place.
         """
+        # walks are numbered scenario by scenario, and within one seed by seed
         for (i, place), (b, base) in product(places, enumerate(self._problem.bases)):
             plain = plain_of(self._problem, base, place)
             try:
@@ -312,21 +315,27 @@ class Measure:
             progress: Receives the share of the work that is done (0-1).
         """
         none: list[PlaceRow] = [{}] * len(visits)  # where scores of one of the two sorts are not asked for
+        # rows with geometric scores, and rows with those of estimators
         posed = self._score_posed(visits, progress) if self._names else none
         recorded = self._score_recordings(visits, walks, progress) if self._estimators else none
         return [{**a, **b, "failed": a.get("failed", {}) | b.get("failed", {})} for a, b in zip(posed, recorded)]
 
     def _score_posed(self, visits: list[Visit], progress: Callable[[float], None]) -> list[PlaceRow]:
-        """Rows with the geometric scores."""
+        """Rows of visits with the geometric scores.
+
+        Args:
+            visits: The visits.
+            progress: Receives the share of the work that is done (0-1).
+        """
         versions = partial(code_versions, visibility.__name__)
         seeing, sources = self._problem.seeing, versions()["sources"]
-        jobs, walks = [], Counter[str]()
+        jobs, counts = [], Counter[str]()  # number of visits of each walk so far
         for visit in visits:
             config = repr(visit.scenario.config)
             key = content_key("geometric", config, visit.seed, self._names, vars(seeing), sources)
             # visits of one walk run together, so that its plan is made once, at most `_MAX_GROUP` in a group
-            group = f"{visit.walk} {walks[visit.walk] // _MAX_GROUP}"
-            walks[visit.walk] += 1
+            group = f"{visit.walk} {counts[visit.walk] // _MAX_GROUP}"
+            counts[visit.walk] += 1
             jobs.append(Job(name=visit.label, key=key, task=visit, group=group))
         score = partial(score_posed, self._names, seeing, self._run_name)
         return self._run(jobs, Work(run=one_by_one(score), versions=versions), progress)
@@ -346,7 +355,7 @@ class Measure:
             jobs.append(Job(name=visit.label, key=key, task=visit))
         work = Work(run=one_by_one(partial(score_recording, self._folder, self._estimators)), versions=versions)
         if jobs and not self._is_checked:
-            share = walks / len(jobs)
+            share = walks / len(jobs)  # of the work that the first place is
             self._check_scores(self._run(jobs[:walks], work, lambda done: progress(share * done)))
             self._is_checked = True
         return self._run(jobs, work, progress)
@@ -368,9 +377,12 @@ class Measure:
         return [{"failed": {"walk": row.reason}} if isinstance(row, Failure) else row for row in results]
 
     def _check_scores(self, rows: Sequence[PlaceRow]) -> None:
-        """Raises ConfigError for a score that its estimator, which reports others, reports on no walk."""
+        """Raises ConfigError for a score that its estimator lacks on every walk, although it reports others on each.
+
+        An estimator that reports nothing on a walk may just not be fed by it, so this tells nothing about its scores.
+        """
         for score in self._problem.scores:
-            # an estimator that reports nothing at all may just not be fed by these walks
+            # names of the scores that the estimator reports on each walk
             reported = [score.find_reported(row) for row in rows]
             if not score.geometric and all(names and score.metric not in names for names in reported):
                 valid = f"a score of its estimator: {suggest(score.metric, sorted(set().union(*reported)))}"

@@ -17,6 +17,7 @@ from stridetwin.studies.placement.result import PlacementResult
 from stridetwin.studies.significance import interval_text, intervals, pareto_front
 
 _DOT, _BEST, _AS_IT_IS = "#7a8fa8", PALETTE[0], PALETTE[1]
+# dots of a figure: most that are drawn, up to how many are drawn larger, and diameter of one among many, pixels
 _MOST_DOTS, _FEW_DOTS, _DOT_PX = 2000, 50, 4
 
 
@@ -31,9 +32,10 @@ def placement_page(
         result: Result of `run_placement`, for table and sentences.
         image: The body map; None without one.
     """
+    # short facts below the title, among them the first sentence of the comparison
     chips = [f"{result['tried']} places and as it is", f"{len(result['walks'])} walks each", *result["words"][:1]]
     lead = "Means over the same walks at every place, with 95 % intervals; the best first."
-    if len(result["table"]) <= result["tried"]:
+    if len(result["table"]) <= result["tried"]:  # fewer than all places and the unchanged one
         lead += f" These are {len(result['table'])} of them; places.csv has all."
     if result["walks_of_table"] != result["walks"]:
         lead += f" The table is from {len(result['walks_of_table'])} walks that the search has not seen."
@@ -52,9 +54,9 @@ def placement_page(
         )
     if drawn := _value_map(problem, searched):
         sections.append(section("Score over two values", "The other values are the best ones.", drawn))
-    if profiles := _profiles(problem, searched):
+    if profiles := _score_over_each_value(problem, searched):
         sections.append(section("Score over each value", "One dot per place.", multiples(profiles)))
-    if fronts := _fronts(searched):
+    if fronts := _draw_fronts(searched):
         lead = "No place on the Pareto front can be improved in one score without a loss in the other."
         sections.append(section("Trade-offs between scores", lead, multiples(fronts)))
     return page("Placement", problem.description, chips, sections, "Drawn by stridetwin place.")
@@ -66,6 +68,7 @@ def _table(problem: PlacementProblem, result: PlacementResult) -> str:
     head = ("place", *knobs, *(s.name for s in problem.scores))
     rows = [
         (
+            # the rank, and below it the reason for a missing score
             Markup("<br>").join([str(row["rank"]), *([row["failed"]] if "failed" in row else [])]),
             *(value_text(row["values"], name) for name in knobs),
             *(interval_text(row["scores"].get(s.name)) for s in problem.scores),
@@ -91,12 +94,17 @@ def _first_weighted(problem: PlacementProblem) -> int:
 
 
 def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
-    """The first weighted score over the first two numbers of a sweep, at the best other values."""
+    """The first weighted score over the first two numbers of a sweep, at the best other values.
+
+    "" for a search, which has no grid of values, for a placement with fewer than two numbers, and without a scored
+    place.
+    """
     numbers, places = [knob for knob in problem.knobs if not knob.values], _find_scored(searched)
     if problem.search is not None or len(numbers) < 2 or not places:
         return ""
     (across, up), k = numbers[:2], _first_weighted(problem)
     xs, ys = across.numbers, up.numbers
+    # score of the best place with each pair of values; NaN where no place has a score
     best = np.full((len(ys), len(xs)), np.nan)
     for i in reversed(places):  # best last, so that it stays where places share both values
         values = searched.places[i].values
@@ -111,17 +119,21 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     return plot.html()
 
 
-def _profiles(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
-    """The first weighted score over each value: one dot per place; for a choice the best place with its interval."""
-    numbers, k = _find_scored(searched), _first_weighted(problem)
+def _score_over_each_value(problem: PlacementProblem, searched: MeasuredPlaces) -> list[str]:
+    """Figures of the first weighted score, one over each knob; none without a scored place.
+
+    Over a number there is one dot per place, over a choice the best place with each value and its interval.
+    """
+    scored, k = _find_scored(searched), _first_weighted(problem)
+    if not scored:
+        return []
     return [
-        (_over_choices if knob.values else _over_numbers)(knob, searched, numbers, k)
+        _draw_over_choices(knob, searched, scored, k) if knob.values else _draw_over_numbers(knob, searched, scored, k)
         for knob in problem.knobs
-        if numbers
     ]
 
 
-def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
+def _draw_over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
     """The k-th score of the best place with each value of a choice, with intervals.
 
     Args:
@@ -130,7 +142,7 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
         numbers: Numbers of the places with a loss, best first.
         k: Number of the score.
     """
-    best: dict[int, int] = {}
+    best: dict[int, int] = {}  # by number of the value: number of the best place with it
     for i in numbers:  # best first, so the first place with a value is the best one with it
         best.setdefault(knob.values.index(searched.places[i].values[knob.name]), i)
     column_intervals = intervals(searched.values[list(best.values()), :, k].T)
@@ -141,13 +153,20 @@ def _over_choices(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
         y_label=searched.scores[k].name,
         x_names=[format_value(value) for value in knob.values],
     )
-    ends = [(i.mean if i.low is None else i.low, i.mean if i.high is None else i.high) for i in column_intervals]
+    # without an interval both ends are the mean
+    ends = [
+        (
+            interval.mean if interval.low is None else interval.low,
+            interval.mean if interval.high is None else interval.high,
+        )
+        for interval in column_intervals
+    ]
     plot.curves([[(x, low), (x, high)] for x, (low, high) in zip(best, ends)], _BEST, width=3, label="95 % interval")
     plot.dots(list(best), [interval.mean for interval in column_intervals], _BEST, size=10, label="best place")
     return plot.html()
 
 
-def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
+def _draw_over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: int) -> str:
     """The k-th score over a number: one dot per place, and the score of the unchanged scenario as a line.
 
     Args:
@@ -160,8 +179,9 @@ def _over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int], k: i
     x, means = [to_number(searched.places[i].values[knob.name]) for i in shown], searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)
     plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
+    # the first place is the best one
     plot.dots(x[:1], means[:1], _BEST, size=9, label=_best_label(searched))
-    if np.isfinite(searched.losses[0]):
+    if np.isfinite(searched.losses[0]):  # of the unchanged scenario
         plot.line([min(x), max(x)], 2 * [searched.means[0, k]], _AS_IT_IS, width=1.2, label="unchanged")
     return plot.html()
 
@@ -176,16 +196,21 @@ def _dot_px(count: int) -> int:
     return _DOT_PX if count > _FEW_DOTS else 2 * _DOT_PX
 
 
-def _fronts(searched: MeasuredPlaces) -> list[Markup]:
-    """The first score against each of the others: all places and the Pareto front."""
+def _draw_fronts(searched: MeasuredPlaces) -> list[Markup]:
+    """Figures of the first score against each of the others: all places and the Pareto front.
+
+    A pair of scores has no figure if no place has both, or if one of them is equal at all places.
+    """
     plots = []
     for k in range(1, len(searched.scores)):
         scores, (x, y) = [searched.scores[i] for i in (0, k)], searched.means[:, [0, k]].T
         has_both = np.isfinite(x) & np.isfinite(y)
-        if not has_both.any() or not (np.ptp(x[has_both]) and np.ptp(y[has_both])):  # without a choice between the two
+        if not has_both.any() or not (np.ptp(x[has_both]) and np.ptp(y[has_both])):  # `ptp`: largest minus smallest
             continue
+        # (P, 2), and the numbers of the places on the front in the order of the first score
         losses = np.column_stack([score.losses(side) for score, side in zip(scores, (x, y))])
         best = sorted(pareto_front(np.where(has_both[:, None], losses, np.inf)), key=lambda i: x[i])
+        # numbers of the places that are drawn
         rows = [i for i in searched.best_first if has_both[i]][:_MOST_DOTS]
         names = [score.name for score in scores]
         plot = Plot(title=" and ".join(names), x_label=names[0], y_label=names[1], height=320)

@@ -40,6 +40,7 @@ from stridetwin.studies.placement.scores import PlaceScore, ScoresInFile, Seeing
 from stridetwin.studies.seeds import SeedsInFile
 
 MAX_PLACES = 100_000
+"""Most places of a sweep, and largest budget of a search."""
 _SUFFIXES = (".yaml", ".yml")
 AS_IT_IS = "as it is"
 """Label of the unchanged scenario."""
@@ -150,6 +151,7 @@ def find_problem(name: str) -> Path:
     """
     if name in problems():
         return problems()[name]
+    # a suffix or a folder tells a path from a name of the catalogue
     path = Path(name)
     if path.suffix.lower() in _SUFFIXES or path.parent != Path("."):
         return path
@@ -169,7 +171,7 @@ def read_problem(path: Path) -> PlacementProblem:
     assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the placement's folder")
     bases = files.bases(file.scenarios, data["scenarios"], where.key("scenarios"))
-    common = files.variables(file.set, where.key("set"))
+    common = files.variables(file.set, where.key("set"))  # values that all scenarios share
     for variable in (*common, *(v for base in bases for v in base.variables)):
         if variable.varies:
             raise variable.at.error("a distribution", "one value; free variables belong in free")
@@ -178,7 +180,10 @@ def read_problem(path: Path) -> PlacementProblem:
         description=file.placement,
         bases=bases,
         variables=common,
-        free=tuple(_free(files, name, spec, where.key("free").key(name)) for name, spec in file.free.items()),
+        free=tuple(
+            _read_free_field(files, name, spec, where.key("free").key(name)) for name, spec in file.free.items()
+        ),
+        # these keys have the names of the attributes
         **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
         search=file.method,
         user_files=files.user_files,
@@ -196,7 +201,11 @@ def read_problem(path: Path) -> PlacementProblem:
 
 
 def check_budget(problem: PlacementProblem, at: FieldLocation) -> None:
-    """Checks that the budget of a search suffices for every start and every combination of choices.
+    """Checks that the budget of a search suffices for one place per start, and per combination of choices.
+
+    Args:
+        problem: The placement.
+        at: Position of the budget, for errors.
 
     Raises:
         ConfigError: The budget is too small; the message has the smallest valid one.
@@ -210,7 +219,7 @@ def check_budget(problem: PlacementProblem, at: FieldLocation) -> None:
         raise at.error(problem.search.budget, f"{min_budget} or more ({why})")
 
 
-def _free(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldLocation) -> FreeField:
+def _read_free_field(files: NamedFiles, name: str, spec: Between | Among | Over, at: FieldLocation) -> FreeField:
     """A free field of the block `free`, with the names that files get in the output folder.
 
     Args:
@@ -246,6 +255,7 @@ def format_value(value: object) -> str:
     """A value as text for tables."""
     if isinstance(value, float):
         return f"{value:g}"
+    # a file of the user's is shown without the folder that it has in the output
     text = value if isinstance(value, str) else json.dumps(value)
     return text.removeprefix(f"../{FILES}/")
 
@@ -265,7 +275,7 @@ def plain_of(problem: PlacementProblem, base: Base, place: Place) -> PlainScenar
     for variable in (*problem.variables, *base.variables):
         set_values(plain, variable.paths, variable.distribution.at(0.0), variable.at)
     if place.values:
-        person = _person(plain, problem.free, base)
+        person = _read_person(plain, problem.free, base)
         for free in problem.free:
             set_values(plain, free.paths, free.value(place.values, person), free.at)
     return plain
@@ -276,7 +286,7 @@ def scenario_at(problem: PlacementProblem, base: Base, place: Place, folder: Pat
     return scenario_of(plain_of(problem, base, place), folder / SCENARIOS / f"{base.name}.yaml")
 
 
-def _person(plain: PlainScenario, free: Sequence[FreeField], base: Base) -> Person:
+def _read_person(plain: PlainScenario, free: Sequence[FreeField], base: Base) -> Person:
     """The walker of a scenario's plain data; the default person where no free field is on a surface.
 
     The whole scenario may be invalid before the free fields are set. So its `person` is read alone, on a few steps.
@@ -288,8 +298,9 @@ def _person(plain: PlainScenario, free: Sequence[FreeField], base: Base) -> Pers
     """
     if all(f.surface is None for f in free):
         return Person()
-    steps = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
-    return scenario_of({**steps, **{k: plain[k] for k in ("person",) if k in plain}}, Path(base.name)).config.person
+    valid_scenario = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+    person = {"person": plain["person"]} if "person" in plain else {}
+    return scenario_of({**valid_scenario, **person}, Path(base.name)).config.person
 
 
 def check_ends(problem: PlacementProblem, folder: Path) -> None:
@@ -300,16 +311,18 @@ def check_ends(problem: PlacementProblem, folder: Path) -> None:
     """
     middle = {knob.name: knob.middle for knob in problem.knobs}
     ends = [(knob, end) for knob in problem.knobs for end in knob.ends]
+    # the unchanged scenario, then one place per end
     places = [Place(), *(Place(values=middle | {knob.name: end}) for knob, end in ends)]
     for base in problem.bases:
-        for changed, place in zip([None, *ends], places):
+        for changed, place in zip([None, *ends], places):  # `changed`: knob and end of the place
             try:
                 scenario_at(problem, base, place, folder)
             except ConfigError as error:
-                raise errors_in_user_files(error, problem.user_files) or _refusal(base, changed, error) from error
+                located_error = errors_in_user_files(error, problem.user_files) or _locate_error(base, changed, error)
+                raise located_error from error
 
 
-def _refusal(base: Base, changed: tuple[Knob, object] | None, error: ConfigError) -> StrideTwinError:
+def _locate_error(base: Base, changed: tuple[Knob, object] | None, error: ConfigError) -> StrideTwinError:
     """The error of a scenario at the place in the placement's file that causes it.
 
     Args:
@@ -321,8 +334,9 @@ def _refusal(base: Base, changed: tuple[Knob, object] | None, error: ConfigError
     if changed is None:
         return base.at.error(base.written, f"a scenario that takes what is set {why}")
     knob, end = changed
-    if error.source == knob.at.source:
+    if error.source == knob.at.source:  # it is located in the placement's file already
         return error
-    if f"{knob.at.path}.".startswith(f"free.{error.field}.{error.value}."):  # a key that the scenario does not have
+    # the scenario does not have a key of the path: `field` is the mapping that lacks it, and `value` the key
+    if f"{knob.at.path}.".startswith(f"free.{error.field}.{error.value}."):
         return knob.at.error(error.value, error.valid)
     return knob.at.error(end, f"what {base.name} can have {why}")

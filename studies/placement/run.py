@@ -26,7 +26,7 @@ from stridetwin.studies.placement.scores import PlaceRow
 from stridetwin.studies.placement.search import grid, optimise
 from stridetwin.studies.significance import compare_places, comparison_text, intervals, pareto_front
 
-_USED = "another placement uses it: expected a folder of its own"
+_USED = "another placement uses it: expected a folder of its own"  # message about the output folder
 _SHOWN = 10  # places in the table
 _LONG = 40  # characters: longer labels are replaced by the rank
 _ALIKE = 0.05  # share of every range: closer places count as one in the table of a search
@@ -81,18 +81,22 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
             measure = Measure(problem, folder, rows, executor, progress)
             searched = _search(problem, measure)
             if not np.isfinite(searched.losses).any():
+                # names of the scores with a weight, and the first reason for a missing score
                 weighing = ", ".join(score.name for score in problem.scores if score.weight)
                 why = next(filter(None, searched.failed.values()), "the walks do not feed an estimator of this name")
                 raise StrideTwinError(f"{problem.path}: scores: no place has all that weigh, {weighing}: {why}")
-            final = _finalists(problem, searched, measure)
+            final = _measure_finalists(problem, searched, measure)
         rows.sort(measure.keys)
-        result = _result(problem, searched, final)
+        result = _make_result(problem, searched, final)
         _write(problem, folder, searched, final.places[0], result)
     return result
 
 
 def _request(problem: PlacementProblem) -> dict[str, object]:
-    """What binds a folder to a placement, as JSON; another number of walks or a larger budget continues it."""
+    """What must be equal for a folder's results to be continued, as JSON.
+
+    Seeds, their number and the budget are not part of it, so that more walks or a larger budget continue the results.
+    """
     return {
         "placement": problem.description,
         "scenarios": [plain_of(problem, base, Place()) for base in problem.bases],
@@ -113,7 +117,7 @@ def _check_folder(folder: Path, problem: PlacementProblem, resume: bool) -> None
     Raises:
         StrideTwinError: The folder cannot be used; the message says what to do.
     """
-    previous = read_request(folder)
+    previous = read_request(folder)  # what the folder was made for; None if it has no request
     if previous is not None and not (isinstance(previous, dict) and "placement" in previous):
         raise StrideTwinError(f"{folder}: holds results of another command: expected another folder")
     if not resume and any((folder / name).exists() for name in (ROWS, REQUEST)):
@@ -139,7 +143,7 @@ def _search(problem: PlacementProblem, measure: Measure) -> MeasuredPlaces:
     return measure([Place(), *places], problem.seeds, "places")
 
 
-def _finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Measure) -> MeasuredPlaces:
+def _measure_finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Measure) -> MeasuredPlaces:
     """The places of the table, the unchanged one among them, best first.
 
     Args:
@@ -148,8 +152,9 @@ def _finalists(problem: PlacementProblem, searched: MeasuredPlaces, measure: Mea
         searched: All measured places.
         measure: Measures places.
     """
-    shown = _distinct_best(problem, searched, _SHOWN if problem.confirm is None else problem.confirm.places)
-    final = searched.part(shown if 0 in shown else [*shown, 0])
+    count = _SHOWN if problem.confirm is None else problem.confirm.places
+    shown = _distinct_best(problem, searched, count)
+    final = searched.part(shown if 0 in shown else [*shown, 0])  # place 0 is the unchanged one
     if problem.confirm is not None:
         first = max(problem.seeds) + 1  # seeds that the search has not used
         final = measure(final.places, range(first, first + problem.confirm.walks), "confirm")
@@ -166,27 +171,33 @@ def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: i
     """
     numbers: list[int] = []
     for i in searched.best_first:
-        if len(numbers) == count or not np.isfinite(searched.losses[i]):
+        if len(numbers) == count or not np.isfinite(searched.losses[i]):  # places without a loss come last
             break
-        if problem.search is None or not any(
-            _are_alike(problem, searched.places[i], searched.places[k]) for k in numbers
-        ):
+        is_alike = (_are_alike(problem, searched.places[i], searched.places[better]) for better in numbers)
+        if problem.search is None or not any(is_alike):
             numbers.append(i)
     return numbers
 
 
 def _are_alike(problem: PlacementProblem, a: Place, b: Place) -> bool:
-    """Whether two changed places have the same choices, and numbers within `_ALIKE` of each range."""
+    """Whether two places have the same choices, and numbers that differ by at most `_ALIKE` of each range.
+
+    The unchanged scenario, which has no values, is like no place.
+    """
     if not a.values or not b.values:
         return False
-    pairs = [(knob, a.values[knob.name], b.values[knob.name]) for knob in problem.knobs]
-    return all(
-        first == second if knob.values else abs(to_number(first) - to_number(second)) <= _ALIKE * (knob.high - knob.low)
-        for knob, first, second in pairs
-    )
+    for knob in problem.knobs:
+        first, second = a.values[knob.name], b.values[knob.name]
+        if knob.values:
+            is_alike = first == second
+        else:
+            is_alike = abs(to_number(first) - to_number(second)) <= _ALIKE * (knob.high - knob.low)
+        if not is_alike:
+            return False
+    return True
 
 
-def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:
+def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: MeasuredPlaces) -> PlacementResult:
     """The result of `run_placement` as JSON holds it, without the files.
 
     Args:
@@ -195,7 +206,7 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
         final: Places of the table, best first.
     """
     names = [score.name for score in problem.scores]
-    # per score, the intervals of all places
+    # for each score, the mean of each place over the walks with its interval
     columns = [intervals(values.T) for values in np.moveaxis(final.values, 2, 0)]
     table: list[PlaceInTable] = []
     for i, place in enumerate(final.places):
@@ -225,6 +236,7 @@ def _result(problem: PlacementProblem, searched: MeasuredPlaces, final: Measured
         "best": {"label": table[0]["label"], "values": table[0]["values"]},
         "table": table,
         "comparisons": [
+            # places are named by their rank, from 1
             {
                 "first": p.first + 1,
                 "second": p.second + 1,
@@ -270,7 +282,7 @@ def _write(
         with atomic_file(folder / "body.png") as file:
             file.write_bytes(image.png)
     else:
-        (folder / "body.png").unlink(missing_ok=True)  # of another problem
+        (folder / "body.png").unlink(missing_ok=True)  # the map of an earlier run, in which a sensor moved
     result["files"] = files
     texts["placement.json"] = to_json(result)
     texts["places.csv"] = _csv(problem, searched)
@@ -287,7 +299,7 @@ def _csv(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     writer.writerow([*(k.name for k in problem.knobs), *(s.name for s in problem.scores), "failed"])
     for i in searched.best_first:
         values = searched.places[i].values
-        row = [format_value(values[k.name]) if values else "" for k in problem.knobs]
+        row = [format_value(values[k.name]) if values else "" for k in problem.knobs]  # the unchanged place has none
         scores = [f"{x:.6g}" if np.isfinite(x) else "" for x in searched.means[i]]
         writer.writerow([*row, *scores, searched.failed.get(i, "")])
     return out.getvalue()

@@ -25,7 +25,7 @@ GEOMETRIC_SCORES = {
     "weight_g": ("", False, "weight of all enabled sensors"),
     "foot_weight_g": ("", False, "weight of the sensors on one foot"),
 }
-"""Scores that need no recording: the sensors that they ask for, whether more is better, and what they are."""
+"""Scores that need no recording: the group of sensors that they need, whether more is better, and what they are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,9 +85,10 @@ class PlaceScore:
         return scale is not None and scale.higher_is_better
 
     def losses(self, values: Array) -> Array:
-        """Losses of any shape, lower is better: the values, negative if more is better.
+        """Losses, lower is better, of values of any shape.
 
-        Errors with a sign count without it.
+        Where more is better they are the negative values, otherwise the absolute values, so that an error with a sign
+        counts by its size.
         """
         return -values if self.higher_is_better else np.abs(values)
 
@@ -99,23 +100,22 @@ class PlaceScore:
     def of(self, row: PlaceRow) -> float:
         """Value of the score in the row of a place on a walk.
 
-        The mean of both feet where there are two, NaN if it is missing.
+        It is the mean of both feet where the estimator gives one for each, and NaN if the score is missing.
         """
         if self.geometric:
             return float(row.get("scores", {}).get(self.name, math.nan))
-        values = [
-            output_scores[self.metric] for output_scores in self._of_estimator(row) if self.metric in output_scores
-        ]
+        values = [output[self.metric] for output in self._scores_of_estimator(row) if self.metric in output]
         return sum(values) / len(values) if values else math.nan
 
     def find_reported(self, row: PlaceRow) -> set[str]:
         """Names of all scores that the score's estimator reports in a row."""
-        return {metric for output_scores in self._of_estimator(row) for metric in output_scores}
+        return {metric for output in self._scores_of_estimator(row) for metric in output}
 
-    def _of_estimator(self, row: PlaceRow) -> list[Scores]:
-        """Scores of each output of the score's estimator in a row: one, or one per foot."""
+    def _scores_of_estimator(self, row: PlaceRow) -> list[Scores]:
+        """Scores of each output of the score's estimator in a row: one, or one per foot; none if it has not run."""
         name, outputs = self.name.partition(".")[0], row.get("estimators", {})
-        return [outputs[key] for key in ([name] if name in outputs else [f"{name}_l", f"{name}_r"]) if key in outputs]
+        keys = [name] if name in outputs else [f"{name}_l", f"{name}_r"]
+        return [outputs[key] for key in keys if key in outputs]
 
 
 def _check_score_name(name: str) -> str:
@@ -139,13 +139,13 @@ class _Weighed(FileModel):
     weight: Annotated[Number, Field(ge=0, le=1e9)] | None = None
 
 
-def _short(node: object) -> object:
-    """The long form of a score that is given as text alone."""
+def _to_long_form(node: object) -> object:
+    """The long form of a score that is given as text alone; other nodes as they are."""
     return {"score": node} if isinstance(node, str) else node
 
 
-def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
-    """The scores of a placement with their weights; without weights the first has 1 and the others 0.
+def _to_place_scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
+    """The scores of a placement with their weights; a first score without weight has 1, any other has 0.
 
     Raises:
         PydanticCustomError: A score occurs twice, or none has a weight above 0.
@@ -154,7 +154,8 @@ def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
     for i, item in enumerate(items):
         if any(score.name == item.score for score in scores):
             raise field_error(item.score, "every score once", i, "score")
-        weight = item.weight if item.weight is not None else 0.0 if i else 1.0
+        default_weight = 0.0 if i else 1.0
+        weight = default_weight if item.weight is None else item.weight
         scores.append(PlaceScore(name=item.score, weight=weight))
     if not any(score.weight for score in scores):
         raise field_error([score.name for score in scores], "at least one score with a weight above 0")
@@ -162,8 +163,8 @@ def _scores(items: tuple[_Weighed, ...]) -> tuple[PlaceScore, ...]:
 
 
 ScoresInFile = Annotated[
-    tuple[Annotated[_Weighed, BeforeValidator(_short, json_schema_input_type=str | _Weighed)], ...],
+    tuple[Annotated[_Weighed, BeforeValidator(_to_long_form, json_schema_input_type=str | _Weighed)], ...],
     Field(min_length=1),
-    AfterValidator(_scores),
+    AfterValidator(_to_place_scores),
 ]
 """Type of the list `scores`."""

@@ -15,9 +15,9 @@ from stridetwin.studies.placement.free import Knob
 from stridetwin.studies.placement.problem_file import Optimise, Place
 
 _SPREAD = 0.25  # initial standard deviation of the search, as a share of every range
-_WORST = 1e12  # a place without a score; only ranks count
+_WORST = 1e12  # loss of a place without a score: only the order of losses counts
 _KEY = 7  # key of the search's random numbers
-_MORE_STARTS = 8  # times the requested number, if some end early
+_MORE_STARTS = 8  # most starts over the requested number, as starts that end early leave budget for others
 
 
 def grid(knobs: Sequence[Knob]) -> list[Place]:
@@ -50,13 +50,14 @@ def optimise(
         warnings.simplefilter("ignore")  # its warning that it cannot plot without matplotlib
         import cma
     numbers, choices = [k for k in knobs if not k.values], [k for k in knobs if k.values]
-    combinations = list(itertools.product(*(k.values for k in choices)))
+    combinations = list(itertools.product(*(k.values for k in choices)))  # one, without values, if there is no choice
     size = max(len(numbers), 2)  # the method needs two dimensions; the second one is then a dummy
+    # (starts, size) points of the unit cube, whose edges are the ranges of the numbers
     starts = quasi_random_points("sobol", _MORE_STARTS * options.starts, size, seed, (_KEY,))
     starts[0] = 0.5  # the first start is the middle of all ranges
     # the budget of combination i is ends[i + 1] - ends[i]
     ends = [options.budget * i // len(combinations) for i in range(len(combinations) + 1)]
-    tried: dict[str, Place] = {}
+    tried: dict[str, Place] = {}  # by `Place.key`
     for at, (combination, share) in enumerate(zip(combinations, np.diff(ends).tolist())):
         chosen = dict(zip((knob.name for knob in choices), combination))
         for k, start in enumerate(starts):  # the unused budget of a converged start goes to the next one
@@ -72,6 +73,7 @@ def optimise(
                 "randn": lambda *shape, rng=rng: rng.standard_normal(shape),
                 "verbose": -9,
                 "maxfevals": left,
+                # a start ends once losses or places hardly differ, or after five generations of equal losses
                 "tolfun": 1e-9,
                 "tolx": 1e-4,
                 "tolflatfitness": 5,
@@ -79,17 +81,17 @@ def optimise(
             search = cma.CMAEvolutionStrategy(start, _SPREAD, cma_options)
             while left > 0 and not search.stop():
                 points = search.ask()
-                places = [Place(values=_numbers(numbers, point) | chosen) for point in points[:left]]
+                places = [Place(values=_values_at(numbers, point) | chosen) for point in points[:left]]
                 losses = [x if math.isfinite(x) else _WORST for x in loss(places)]
                 tried |= {place.key: place for place in places}
                 left -= len(places)
                 if len(places) < len(points):
                     break  # the budget ends within a generation
                 search.tell(points, losses)
-            share += left
+            share += left  # what this start has not used
     return list(tried.values())
 
 
-def _numbers(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, object]:
+def _values_at(knobs: Sequence[Knob], point: Sequence[float]) -> dict[str, object]:
     """Values of the knobs at a point of the unit cube, by name."""
     return {knob.name: knob.at_share(float(u)) for knob, u in zip(knobs, point)}

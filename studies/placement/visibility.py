@@ -30,10 +30,10 @@ AHEAD_M, ASIDE_M = np.arange(0.5, 2.51, 0.25), (-0.25, 0.0, 0.25)
 NEAR_M = 0.03  # nearer points are not in an image
 _EVERY = 5  # every n-th instant is used where each needs hundreds of lines of sight
 _FAN = (16, 12)  # lines of sight across and down the image that find the walker's own body
-_ARM_M = 1.0  # their length
+_ARM_M = 1.0  # depth at which they end
 _SHORT_OF_M = 0.02  # a line of sight ends this far before the ground
 _CELLS = {"insole": 4, "interaction": 2}  # number of parts of a sensor
-_WITHIN = ("head_imu", "exo_imu", "actuator")  # components of other parts, or of the exoskeleton
+_WITHIN = ("head_imu", "exo_imu", "actuator")  # inside other parts or the exoskeleton: they add no weight
 
 Flags = NDArray[np.bool_]
 
@@ -64,20 +64,21 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     Raises:
         StrideTwinError: The walk is infeasible, or the simulator is not installed.
     """
+    # without sensors and faults, so that places that differ in these share the walk
     bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
     twin = make_twin(bare, seed)
     steps = [step for side in SIDES for step in twin.walk.steps[side]]
     # from the first toe-off to the last touch-down
     offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
     ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
-    t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)
-    q, v = twin.walk.position_velocity(t)
+    t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)  # (N,) s
+    q, v = twin.walk.position_velocity(t)  # generalised positions and velocities at these instants
     motion = twin.player().motion(np.round(t * 1e9).astype(np.int64))
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
-    s = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])
+    along_m = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])  # (N,) m along the route
     # (N, A, 2): at each instant, every distance ahead on each of the lines beside the route
-    ahead = np.stack([layout.way.point((s[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
+    ahead = np.stack([layout.way.point((along_m[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)
     return PosedWalk(bodies=bodies, limbs=Limbs.of(twin.model, q, v), terrain=twin.terrain, ground=ground)
@@ -85,7 +86,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
 
 def is_in_image(camera: CameraCalibration, points: Array) -> Flags:
     """(...) whether points (..., 3) m of the optical frame are in the image and at least `NEAR_M` in front of it."""
-    z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.nan)
+    z = np.where(points[..., 2] > NEAR_M, points[..., 2], np.nan)  # NaN pixels are in no image
     pixels = DistortionModel(camera).pixels((points[..., :2] / z[..., None]).reshape(-1, 2))
     inside = (pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))
     return np.asarray(inside.all(axis=1).reshape(z.shape))
@@ -130,28 +131,29 @@ def see_board(
     carrier, board_body = walk.bodies[camera.mount.body], walk.bodies[board.mount.body]
     T_world_camera = carrier.poses() @ camera.mount.T_body_sensor
     T_world_board = board_body.poses() @ board.mount.T_body_sensor
-    eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]
+    eye, middle = T_world_camera[:, :3, 3], T_world_board[:, :3, 3]  # (N, 3) m, camera and centre of the board
     # points 0, the centre, and 1-4, the corners of the board: (N, 5, 3) in the world, then in the camera's frame
-    half = np.array([*board.squares, 0.0]) * board.square_m / 2
+    half = np.array([*board.squares, 0.0]) * board.square_m / 2  # half of the board's width and height, m
     corners = np.array([[0, 0, 0], [-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
     points = corners @ np.swapaxes(T_world_board[:, :3, :3], 1, 2) + middle[:, None]
     R_world_camera = T_world_camera[:, :3, :3]
-    seen_from = (points - eye[:, None]) @ R_world_camera
-    away = eye - middle
+    in_camera = (points - eye[:, None]) @ R_world_camera
+    away = eye - middle  # from the board to the camera
     distance = np.linalg.norm(away, axis=1)
+    # cosine of the angle between the board's normal and the line of sight
     facing = np.sum(away * T_world_board[:, :3, 2], axis=1) / np.maximum(distance, 1e-9)
-    x, y, z = seen_from[:, 0].T  # of the centre
-    z = np.maximum(z, 1e-6)
+    x, y, z = in_camera[:, 0].T  # of the centre
+    z = np.maximum(z, 1e-6)  # a centre behind the camera is not in the image, but must not divide by 0
     focal = math.sqrt(camera.intrinsics[0] * camera.intrinsics[1])
     px = focal * board.square_m / z
     in_view = (
-        is_in_image(camera, seen_from).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
+        is_in_image(camera, in_camera).all(axis=1) & (px >= seeing.least_px) & (facing > math.cos(seeing.incidence_rad))
     )
 
     # velocity of the board's centre as seen in the rotating camera
     rotation_velocity = np.cross(_angular_rate(carrier), middle - eye)
     relative = _velocity(board_body, middle) - _velocity(carrier, eye) - rotation_velocity
-    vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T
+    vx, vy, vz = (relative[:, None] @ R_world_camera)[:, 0].T  # in the camera's axes, m/s
     blur_px = exposure_s * focal * np.hypot((vx * z - x * vz) / z**2, (vy * z - y * vz) / z**2)
 
     behind_limbs, behind_ground = np.zeros_like(in_view), np.zeros_like(in_view)
@@ -175,7 +177,10 @@ def _velocity(body: Track, p_in_world: Array) -> Array:
 
 
 def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
-    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points."""
+    """(M, K) whether the ground or an object on it is between (M, 3) eyes and (M, K, 3) points, m in the world.
+
+    A surface at the point itself does not hide it: the last `_SHORT_OF_M` of a line of sight do not count.
+    """
     sight = points - eyes[:, None]
     length = np.linalg.norm(sight, axis=-1)
     origins = np.broadcast_to(eyes[:, None], points.shape).reshape(-1, 3)
@@ -185,7 +190,7 @@ def _is_behind_ground(walk: PosedWalk, eyes: Array, points: Array) -> Flags:
 
 
 def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[float, float]) -> tuple[float, float]:
-    """What a depth camera of this range sees over a walk.
+    """How much of the ground ahead a depth camera sees over a walk, and how much of its image is the walker.
 
     Args:
         walk: The walk.
@@ -193,14 +198,17 @@ def measure_outlook(walk: PosedWalk, camera: CameraCalibration, range_m: tuple[f
         range_m: Nearest and farthest depth that it measures.
 
     Returns:
-        Share of the ground 0.5 to 2.5 m ahead on the route, and share of the image that the walker's body fills.
+        Share of the ground 0.5 to 2.5 m ahead on the route that is seen, and share of the image that the walker's body
+        fills, both 0-1 and means over the walk.
     """
-    rows = np.arange(0, len(walk), _EVERY)
+    rows = np.arange(0, len(walk), _EVERY)  # (M,) numbers of the instants
     T = walk.bodies[camera.mount.body][rows].poses() @ camera.mount.T_body_sensor
     eye, R = T[:, :3, 3], T[:, :3, :3]
     ground = walk.ground[rows]
-    seen_from = (ground - eye[:, None]) @ R
-    seen = is_in_image(camera, seen_from) & (seen_from[..., 2] > range_m[0]) & (seen_from[..., 2] < range_m[1])
+    nearest_m, farthest_m = range_m
+    in_camera = (ground - eye[:, None]) @ R  # (M, A, 3) m in the camera's frame
+    depth = in_camera[..., 2]
+    seen = is_in_image(camera, in_camera) & (depth > nearest_m) & (depth < farthest_m)
     seen &= ~walk.limbs.occludes(rows, eye, ground) & ~_is_behind_ground(walk, eye, ground)
     # a regular grid of pixels, and the lines of sight through them, in the camera's frame and in the world
     u, v = np.meshgrid(*((np.arange(n) + 0.5) * size / n for n, size in zip(_FAN, (camera.width, camera.height))))
@@ -225,6 +233,7 @@ def geometric_scores(
         StrideTwinError: A sensor that a score needs is off, or a part has no weight.
     """
     groups = {sensor.group for sensor in sensor_rig.sensors.values()}
+    # group of sensors that each score needs; "" for none
     needed = {name: GEOMETRIC_SCORES[name][0] for name in names}
     for name, group in needed.items():
         if group and group not in groups:
@@ -257,7 +266,7 @@ def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dic
         board, part = board_seen_by(sensor_rig, topic), sensor_rig.sensors[topic].part
         if board is not None and isinstance(part, CameraPart):
             visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
-    seen = np.array([s.seen for s in visibilities])
+    seen = np.array([s.seen for s in visibilities])  # (cameras, N)
     # instants with a board in view, over both cameras
     in_view = sum(int(s.in_view.sum()) for s in visibilities)
     scores = {
@@ -273,6 +282,7 @@ def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dic
 
 def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
     """Scores of the head camera: seen share of the ground ahead, and share of the image with the own body, %."""
+    # the head camera is the one with depth
     topic, camera = next((topic, camera) for topic, camera in sensor_rig.rig.cameras.items() if camera.depth_topic)
     part = sensor_rig.sensors[topic].part
     assert isinstance(part, RgbdPart)
@@ -281,7 +291,15 @@ def _score_outlook(sensor_rig: SensorRig, walk: PosedWalk) -> dict[str, float]:
 
 
 def _weight_g(sensor_rig: SensorRig, body: str | None) -> float:
-    """Weight of all sensors, or of those on one body, g."""
+    """Weight of all sensors, or of those on one body, g.
+
+    Args:
+        sensor_rig: The sensors.
+        body: Name of the body; None for all sensors.
+
+    Raises:
+        StrideTwinError: A part has no weight.
+    """
     total = 0.0
     for topic, sensor in sensor_rig.sensors.items():
         if sensor.group in _WITHIN or body not in (None, sensor.calibration.mount.body):

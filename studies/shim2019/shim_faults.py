@@ -20,6 +20,7 @@ ESTIMATORS = ("contact_terrain",)
 """Estimators whose parameters `--set` changes here."""
 
 USUAL = "usual"
+"""The usual manner of walking; only on its walks faults are injected."""
 
 
 class ShimFaultRow(FaultRow[list[StepRow]]):
@@ -44,8 +45,9 @@ def run_case(case: ExperimentCase) -> Row:
         manner = walk.labels["manner"]
         plans = fault_plans(case, twin.rig, twin.duration_s)
         if manner != USUAL:
-            plans = {manner: next(iter(plans.values()))}  # the first one is without fault
+            plans = {manner: next(iter(plans.values()))}  # the file's first entry is without fault
         for label, plan in plans.items():
+            # the geometry as measured, with the errors that faults add to the measurement
             exo = nominal_geometry(twin.size, plan.rig, case.seed, [fault for fault, _ in plan.planned])
             estimator = ContactTerrain(plan.rig, exoskeleton=exo, **parameter_keywords(ContactTerrain, PROPOSED))
             estimates = estimator.run(plan.samples(samples))
@@ -59,16 +61,16 @@ def run_case(case: ExperimentCase) -> Row:
 def collect(results: list[ShimFaultRow]) -> Collected[dict[str, dict[str, float]], NoPaper]:
     """Summary by fault over the steps of all walks: errors, coverage, classes, and steps that did not happen."""
     collected = summarize_by_fault(
-        results, lambda cases: _figures([ScoredStep(**row) for rows in cases for row in rows])
+        results, lambda cases: _step_figures([ScoredStep(**row) for rows in cases for row in rows])
     )
     for name, figures in collected["summary"].items():
         figures["false_steps"] = sum(r["false_steps"][name] for r in results)
     return collected
 
 
-def _figures(steps: list[ScoredStep]) -> dict[str, float]:
+def _step_figures(steps: list[ScoredStep]) -> dict[str, float]:
     """Figures of `step_figures` under one fault, with largest errors and shares of unknown and wrong classes."""
-    matched = [s for s in steps if s.is_matched]
+    matched = [s for s in steps if s.is_matched]  # steps with an estimate
     return {
         **step_figures(steps, []),
         "slope_max_deg": max((abs(math.degrees(s.slope_error)) for s in matched), default=0.0),

@@ -19,6 +19,7 @@ from stridetwin.studies.shim2019.shim_table5 import CASES, ShimResult, TrialRow,
 SHOWN = {"shim_level": "Level walk", "shim_stairs": "Stair", "shim_ramp_14": "Ramp of 14°"}
 DOTS = 150
 """Number of dots per mode in Figure 24, evenly chosen from all steps to limit the page's size."""
+# colours of the modes and of the methods
 _COLORS = dict(zip(MODES, ("#5b6b7f", PALETTE[1], PALETTE[5], PALETTE[0], PALETTE[4])))
 _METHOD_COLORS = dict(zip(METHODS, PALETTE[2:]))
 
@@ -49,7 +50,7 @@ def report(result: ShimResult) -> str:
 def _figure_22(case: TrialRow, method: str) -> list[Markup]:
     """Figure 22: side views of the walks of one trial with the planes and normals that a method estimates."""
     figures = []
-    for walk, title in SHOWN.items():
+    for walk, title in SHOWN.items():  # scenario, and title of its figure
         steps = [ScoredStep(**row) for row in case["walks"][walk][method]]
         if any(s.is_matched for s in steps):
             figures.append(steps_from_aside(lay_out(load_scenario(walk).config.route), steps, title))
@@ -57,7 +58,12 @@ def _figure_22(case: TrialRow, method: str) -> list[Markup]:
 
 
 def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
-    """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method."""
+    """Figure 23: means and standard deviations of absolute slope or elevation, by terrain and method.
+
+    Args:
+        cases: Rows of the trials.
+        quantity: `slope` or `elevation`.
+    """
     scale, unit = (np.degrees(1.0), "°") if quantity == "slope" else (1e3, "mm")
     plot = Plot(
         title=f"Figure 23, {quantity}",
@@ -68,11 +74,14 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
     )
     for k, method in enumerate((METHODS[0], *METHODS)):  # k = 0: the true values, which are the same for any method
         name = f"estimated_{quantity}" if k else quantity
-        values = [[abs(getattr(s, name)) * scale for s in _of_case(cases, method, case)] for case in CASES]
+        # for each case of the table, the absolute values of its steps in the plot's unit; a case may have no steps
+        values = [[abs(getattr(s, name)) * scale for s in _steps_of_case(cases, method, case)] for case in CASES]
+        # numbers of the table's cases with steps, which are their places on the axis, and the means there
         at = np.array([i for i, case_values in enumerate(values) if case_values])
         means = np.array([np.mean(case_values) for case_values in values if case_values])
         if k:
             sd = [np.std(case_values) for case_values in values if case_values]
+            # the methods side by side, to the right and the left of the case's place
             plot.dots(at + 0.24 * k - 0.36, means, _METHOD_COLORS[method], sd=sd, size=7, label=f"{method}, mean ± SD")
         else:
             plot.curves([[(i - 0.35, m), (i + 0.35, m)] for i, m in zip(at, means)], INK, label="true")
@@ -82,8 +91,8 @@ def _figure_23(cases: Sequence[TrialRow], quantity: str) -> str:
 def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     """Figure 24: the steps of a method in the plane of normalised slope and elevation."""
     steps = [s for case in cases for walk in case["walks"].values() for s in _select_matched(walk[method])]
+    # (N, 2) slope and elevation, then both relative to their largest value; 1e-9 where all are 0
     points = np.array([(s.estimated_slope, s.estimated_elevation) for s in steps]).reshape(-1, 2)
-    # relative to the largest slope and the largest elevation
     points /= np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-9)
     modes = np.array([s.mode for s in steps])
     plot = Plot(
@@ -97,15 +106,21 @@ def _figure_24(cases: Sequence[TrialRow], method: str) -> str:
     for mode, color in _COLORS.items():
         step_numbers = np.flatnonzero(modes == mode)
         if len(step_numbers):
-            step_numbers = step_numbers[  # at most `DOTS` of them, evenly
-                np.unique(np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int))
-            ]
-            plot.dots(points[step_numbers, 0], points[step_numbers, 1], color, size=4, label=mode)
+            # at most `DOTS` of the mode's steps, evenly
+            places = np.linspace(0, len(step_numbers) - 1, min(len(step_numbers), DOTS)).astype(int)
+            shown = step_numbers[np.unique(places)]
+            plot.dots(points[shown, 0], points[shown, 1], color, size=4, label=mode)
     return plot.html()
 
 
-def _of_case(cases: Sequence[TrialRow], method: str, name: str) -> list[ScoredStep]:
-    """The estimated steps of all trials that belong to one case of the table."""
+def _steps_of_case(cases: Sequence[TrialRow], method: str, name: str) -> list[ScoredStep]:
+    """The estimated steps of all trials that belong to one case of the table.
+
+    Args:
+        cases: Rows of the trials.
+        method: Method that has estimated the steps.
+        name: Case of the table, such as `SA`.
+    """
     walk, mode = CASES[name]
     return [s for case in cases for s in _select_matched(case["walks"][walk][method]) if not mode or s.mode == mode]
 

@@ -52,9 +52,10 @@ CASES = {
     },
 }
 """Case of the table to walk and mode; "" takes the whole walk."""
-_CLASSES = "classification_accuracy_pct"
+_CLASSES = "classification_accuracy_pct"  # figure of the share of right classes
 _Trials = list[tuple[int, dict[str, list[ScoredStep]]]]  # subject, and walk to steps
 FIGURES = ("d_rmse_mm", "h_rmse_mm", "y_rmse_mm", "slope_rmse_deg", "elevation_rmse_mm")
+"""RMS errors of the table: displacement per step forward, up and left, slope, and elevation."""
 
 
 CaseFigures = dict[str, dict[str, float]]
@@ -98,7 +99,7 @@ def run_case(case: ExperimentCase) -> Row:
     """
     methods, fell = (*METHODS, *case.estimators), []
     walks: dict[str, dict[str, list[StepRow]]] = {}
-    false = dict.fromkeys(methods, 0)
+    false_counts = dict.fromkeys(methods, 0)
     for walk in case.walks():
         twin = Twin(walk.config, case.seed)
         samples, footprints = simulate_walk(twin)
@@ -107,10 +108,10 @@ def run_case(case: ExperimentCase) -> Row:
         for method in methods:
             estimates = estimate_steps(method, twin.rig, exo, samples)
             walks[walk.config.name][method] = [s.row() for s in score_steps(footprints, estimates)]
-            false[method] += false_steps(footprints, estimates)
+            false_counts[method] += false_steps(footprints, estimates)
         if twin.fell_at is not None:
             fell.append(walk.config.name)
-    return case.row(fell=fell, walks=walks, false_steps=false)
+    return case.row(fell=fell, walks=walks, false_steps=false_counts)
 
 
 def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Sample]) -> list[StepEstimate]:
@@ -128,10 +129,11 @@ def estimate_steps(name: str, rig: Rig, exo: Exoskeleton, samples: Iterable[Samp
     if name in METHODS:
         keywords = parameter_keywords(ContactTerrain, name)
         return ContactTerrain(rig, options=Options(method=name), exoskeleton=exo, **keywords).run(iter(samples))
+    # an installed estimator runs with the first of its methods, and gets the geometry as metadata, as from a recording
     estimator_class = registry.estimator(name)
     options = Options(method=estimator_class.declaration.methods[0], metadata={METADATA_KEY: to_text(exo)})
     estimator = estimator_class(rig, options=options, **parameter_keywords(estimator_class, options.method))
-    last: dict[int, StepEstimate] = {}
+    last: dict[int, StepEstimate] = {}  # last estimate by number of the step; 0 is standing at the start
     for sample in samples:
         estimate = estimator.update(sample)
         if isinstance(estimate, StepEstimate) and estimate.step > 0:
@@ -147,7 +149,7 @@ def simulate_walk(twin: Twin) -> tuple[list[Sample], list[Footprint]]:
     """
     samples: list[Sample] = []
     footprints = []
-    for chunk in twin.blocks():
+    for chunk in twin.blocks():  # what happens in one stretch of the walk: blocks of samples by topic, and footprints
         blocks = [item for item in chunk if isinstance(item, Block) and not item.topic.startswith("/truth")]
         samples += merge(*blocks, key=lambda s: s.t_ns)
         footprints += [item for item in chunk if isinstance(item, Footprint)]
@@ -160,33 +162,49 @@ def collect(results: list[TrialRow]) -> ShimCollected:
     by_subject: dict[str, dict[str, CaseFigures]] = {}
     for method in results[0]["false_steps"]:
         trials = [
-            (r["subject"], {walk: [ScoredStep(**row) for row in of[method]] for walk, of in r["walks"].items()})
+            (
+                r["subject"],
+                {
+                    walk: [ScoredStep(**row) for row in rows_of_method[method]]
+                    for walk, rows_of_method in r["walks"].items()
+                },
+            )
             for r in results
         ]
         # the published method has no classes of its own: a support vector machine gives them
         subjects = {who for who, _ in trials}
+        # `classed`: subjects whose steps have classes
         trials, classed = _classify_steps(trials) if method == "published" else (trials, subjects)
-        summary[method] = _table(trials, classed)
+        summary[method] = _figures_by_case(trials, classed)
         summary[method]["all"]["false_steps"] = sum(r["false_steps"][method] for r in results)
         by_subject[method] = {
-            f"S{who}": _table([(w, walks) for w, walks in trials if w == who], classed) for who in sorted(subjects)
+            f"S{who}": _figures_by_case([(w, walks) for w, walks in trials if w == who], classed)
+            for who in sorted(subjects)
         }
     return {"summary": summary, "paper": {"Shim et al. 2019": read_paper_figures("Stotal")}, "by_subject": by_subject}
 
 
 def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
-    """Steps classified by a support vector machine, trained on every other subject (Table 7).
+    """Classifies each subject's steps by a support vector machine that is trained on all other subjects (Table 7).
+
+    Args:
+        trials: Subject, and walk to steps, of each trial.
 
     Returns:
         The trials with classified steps, and the subjects with a machine: training data from the other subjects may be
         insufficient.
     """
     machines = {}  # by subject, trained on the others
-    for who in {w for w, _ in trials}:
+    for who in {subject for subject, _ in trials}:
         steps = [
-            s for w, walks in trials if w != who for walk_steps in walks.values() for s in walk_steps if s.is_matched
+            step
+            for subject, walks in trials
+            if subject != who
+            for walk_steps in walks.values()
+            for step in walk_steps
+            if step.is_matched
         ]
-        if len({s.mode for s in steps}) > 1:
+        if len({s.mode for s in steps}) > 1:  # a machine needs at least two classes
             slopes, elevations = [s.estimated_slope for s in steps], [s.estimated_elevation for s in steps]
             machines[who] = TerrainSvm(slopes, elevations, [s.mode for s in steps])
 
@@ -204,7 +222,7 @@ def _classify_steps(trials: _Trials) -> tuple[_Trials, set[int]]:
     return classified_trials, set(machines)
 
 
-def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
+def _figures_by_case(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
     """Figures by case of the table, and over all walks (`all`).
 
     Args:
@@ -213,12 +231,14 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
     """
     rows = {}
     for case, (walk, mode) in CASES.items():
+        # subject, and the steps of this mode ("" for all) of each trial
         chosen = [(who, [s for s in walks[walk] if not mode or s.mode == mode]) for who, walks in trials]
-        places = [e for _, walks in trials for e in displacement_errors(walks[walk], mode)]
-        rows[case] = _figures(chosen, places, classed)
+        # errors of the displacement per step, m: forward, up, left
+        displacements = [error for _, walks in trials for error in displacement_errors(walks[walk], mode)]
+        rows[case] = _figures(chosen, displacements, classed)
         # the sideways error after the best rotation of the whole path about the vertical
-        sideways = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(align_yaw(walks[walk]), mode)]
-        rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways)))) if sideways else 0.0
+        sideways_mm = [1e3 * y for _, walks in trials for _, _, y in displacement_errors(align_yaw(walks[walk]), mode)]
+        rows[case]["y_turned_rmse_mm"] = float(np.sqrt(np.mean(np.square(sideways_mm)))) if sideways_mm else 0.0
     all_walks = [(who, walk_steps) for who, walks in trials for walk_steps in walks.values()]
     rows["all"] = _figures(all_walks, [], classed)
     classified_steps = [s for who, walk_steps in all_walks if who in classed for s in walk_steps]
@@ -231,25 +251,28 @@ def _table(trials: _Trials, classed: set[int]) -> dict[str, dict[str, float]]:
 
 
 def _figures(
-    walks: Sequence[tuple[int, list[ScoredStep]]], places: Sequence[tuple[float, float, float]], classed: set[int]
+    walks: Sequence[tuple[int, list[ScoredStep]]],
+    displacements: Sequence[tuple[float, float, float]],
+    classed: set[int],
 ) -> dict[str, float]:
-    """Figures of `step_figures`, with classes only from some subjects.
+    """Errors and coverage of the steps of some walks (`step_figures`), with right classes only of some subjects.
 
     Args:
         walks: Subject and steps of each walk.
-        places: Errors of `displacement_errors`, m; empty to leave them out.
+        displacements: Errors of the displacement per step, m, forward, up and left (`displacement_errors`); empty to
+            leave them out.
         classed: Subjects whose classes count; without any of their steps, the classes are left out.
     """
-    figures = step_figures([s for _, walk_steps in walks for s in walk_steps], places)
+    figures = step_figures([s for _, walk_steps in walks for s in walk_steps], displacements)
     classified_steps = [s for who, walk_steps in walks if who in classed for s in walk_steps]
-    del figures[_CLASSES]
+    del figures[_CLASSES]  # that of all subjects
     return figures | (
         {_CLASSES: percent(s.estimated_mode == s.mode for s in classified_steps)} if classified_steps else {}
     )
 
 
 def read_paper_figures(who: str) -> dict[str, dict[str, float]]:
-    """The paper's table: case to figures.
+    """The paper's table: case to its RMS errors by name (`FIGURES`), as far as the paper reports them.
 
     Args:
         who: Subject, S1-S7, or Stotal.
@@ -258,6 +281,7 @@ def read_paper_figures(who: str) -> dict[str, dict[str, float]]:
     return {row["case"]: {name: float(row[name]) for name in FIGURES if row[name]} for row in rows}
 
 
+# header, width, and format of a case's figures: each error beside the paper's, then ours alone
 _COLUMNS = (
     *(
         column
@@ -285,6 +309,7 @@ def table(result: ShimResult) -> list[str]:
         "y, aligned: the same after the whole path is rotated: its heading is that with which the AHRSs start",
     ]
     for method, summary in result["summary"].items():
+        # label and figures of each line: the paper's under the name `paper_FIGURE`, then ours
         rows = [
             (case, {**{f"paper_{f}": paper_figures.get(case, {}).get(f, "") for f in FIGURES}, **row})
             for case, row in summary.items()
@@ -303,7 +328,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     """Mean and standard deviation of errors, the paper's, and those of Huo et al. that it quotes."""
     paper_errors = read_reference("shim2019")
     huo = paper_errors["huo_et_al"]
-    # figure, name of the line, its cases, and mean and SD of both papers
+    # figure, name of the line, its cases, and [mean, SD] of both papers
     quoted = [
         ("elevation_mm", "LW", ("LW",), paper_errors["elevation_error_mm"]["LW"], huo["elevation_error_mm"]["LW"]),
         ("elevation_mm", "SA", ("SA",), paper_errors["elevation_error_mm"]["SA"], huo["elevation_error_mm"]["SA_SD"]),
@@ -316,6 +341,7 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
     heads = [*summary, "Shim et al. 2019", "Huo et al."]
     lines = [f"{'error, mean ± sd':<26}" + "".join(f"{head:>19}" for head in heads)]
     for figure, case_names, cases, *papers in quoted:
+        # of each of our methods, then of the papers
         pairs = [_mean_and_sd([rows[case] for case in cases], figure) for rows in summary.values()] + papers
         name, unit = figure.split("_")
         cells = "".join(f"{f'{mean:.2f} ± {sd:.2f}':>19}" for mean, sd in pairs)
@@ -324,7 +350,15 @@ def _mean_errors(summary: Mapping[str, CaseFigures]) -> list[str]:
 
 
 def _mean_and_sd(rows: Sequence[dict[str, float]], figure: str) -> tuple[float, float]:
-    """Mean and standard deviation of the pooled errors of several cases: sd² = rms² - mean²."""
+    """Mean and standard deviation of the pooled errors of several cases: sd² = rms² - mean².
+
+    Args:
+        rows: Figures of each case.
+        figure: Quantity and unit, such as `slope_deg`.
+
+    Returns:
+        Both in this unit; 0 without estimated steps.
+    """
     name, unit = figure.split("_")
     # estimated steps of each case, which weigh its mean and its mean square
     counts = np.array([row["steps"] - row["steps_missed"] for row in rows])

@@ -66,7 +66,8 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
     Args:
         method: The method.
         recording: With what it needs.
-        make_walk: Gives the poses of the default odometry, for estimators that take poses, see `align_odometry`.
+        make_walk: Gives the walk with the poses of the default odometry (`align_odometry`), or None without valid
+            poses; it is only called for estimators that take poses.
 
     Raises:
         StrideTwinError: The recording does not feed the estimator, lacks the truth, or the estimator gives no output.
@@ -75,6 +76,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
     declaration = estimator_class.declaration
     kind = kind_of(declaration)
     options = with_metadata(estimator_class, Options(method=method.method), recording)
+    # the estimator may run several times on a recording, such as once per foot
     instances = [
         replace(instance, parameters=method.parameters)
         for instance in runnable_on(estimator_class, options, rig_of(recording), recording.topics)
@@ -92,8 +94,9 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
         if walk is None:
             outputs += kind.run(instance, recording)
         else:
-            posed = kind, instance.with_poses_of(walk.frame)
-            outputs += replay([posed], recording, walk.poses, walk.camera, walk)[0][1]
+            fed_instance = kind, instance.with_poses_of(walk.frame)
+            _, instance_outputs = replay([fed_instance], recording, walk.poses, walk.camera, walk)[0]
+            outputs += instance_outputs
     return {evaluation.name: dict(evaluation.scores) for evaluation in kind.evaluate(outputs, recording)}
 
 

@@ -105,7 +105,7 @@ def score_values(study: Study, rows: Sequence[StudyRow]) -> Array:
         study: The study.
         rows: Those of the walks of the first combination, then of the next ones.
     """
-    # rows are ordered by combination, then by walk
+    # rows are ordered by combination, then by walk; so the list's order is combination, walk, method, score
     values = [
         [_mean_of_outputs(row["scores"].get(method.name, {}), score) for score in study.scores]
         for row in rows
@@ -116,15 +116,27 @@ def score_values(study: Study, rows: Sequence[StudyRow]) -> Array:
 
 
 def _mean_of_outputs(outputs: dict[str, Scores], score: str) -> float:
-    """The mean over outputs, such as both feet; a score whose sign has a meaning counts without it."""
+    """The mean of a score over a method's outputs, such as both feet; NaN if none has it.
+
+    Of a score whose sign has a meaning, absolute values are averaged, so that they do not cancel.
+
+    Args:
+        outputs: Scores of each output on one walk, by the output's name.
+        score: Name of the score.
+    """
     scale = scale_of(score)
     values = [scores[score] for scores in outputs.values() if score in scores]
     return float(np.mean(np.abs(values) if scale is not None and scale.signed else values)) if values else np.nan
 
 
 def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
-    """The result as JSON holds it: the study, `table`, `comparisons`, `words` and `failed`."""
-    values = score_values(study, rows)
+    """The result as JSON holds it, without the written files.
+
+    Args:
+        study: The study.
+        rows: Those of the walks of the first combination, then of the next ones.
+    """
+    values = score_values(study, rows)  # (combinations, methods, walks, scores)
     labels = [dict(combination.labels) for combination in study.combinations]
     table: list[TableLine] = [
         {"levels": label, "method": method.name, "scores": {}} for label in labels for method in study.methods
@@ -134,7 +146,8 @@ def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
         for line, column in zip(table, intervals(values[..., s].reshape(len(table), -1).T)):
             if np.isfinite(column.mean):
                 line["scores"][score] = column.row()
-    comparisons = _compare(study, values)
+    comparisons = _compare_with_first(study, values)
+    # levels and seed of each row
     walks = [(label, seed) for label in labels for seed in study.seeds]
     failed: list[MethodFailure] = [
         {"levels": label, "seed": seed, "method": name, "reason": why}
@@ -154,25 +167,44 @@ def collect_result(study: Study, rows: Sequence[StudyRow]) -> StudyResult:
     }
 
 
-def _compare(study: Study, values: Array) -> list[MethodComparison]:
-    """Each method against the first in each combination, walk by walk, on the scale of the score."""
-    places: list[ComparedMethod] = []
+def _compare_with_first(study: Study, values: Array) -> list[MethodComparison]:
+    """Tests each method against the first one in each combination, walk by walk, on the scale of the score.
+
+    Args:
+        study: The study.
+        values: (C, M, W, S) scores of C combinations, M methods and W walks. A method is only compared where it and
+            the first one have the score on every walk.
+
+    Returns:
+        Ordered by score, method and combination.
+    """
+    compared: list[ComparedMethod] = []
+    # of each comparison, the (W,) losses minus those of the first method, and the scale of the score
     columns, scales = list[Array](), list[Scale]()
+    # s, m, c: numbers of score, method and combination
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])
         # method 0 is what the others are compared with; both need every walk
         if m and scale is not None and len(study.seeds) > 1 and np.isfinite(values[c, [0, m], :, s]).all():
-            first, current = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
-            columns.append(np.subtract(current, first))
+            losses_of_first, losses = ([scale.loss(value) for value in values[c, i, :, s]] for i in (0, m))
+            columns.append(np.subtract(losses, losses_of_first))
             scales.append(scale)
             levels = dict(study.combinations[c].labels)
-            places.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
+            compared.append({"score": study.scores[s], "method": study.methods[m].name, "levels": levels})
     tested = differences(np.column_stack(columns)) if columns else []
-    return [{**place, **_change(scale, difference)} for place, scale, difference in zip(places, scales, tested)]
+    return [
+        {**method, **_to_score_change(scale, difference)} for method, scale, difference in zip(compared, scales, tested)
+    ]
 
 
-def _change(scale: Scale, difference: Difference) -> ScoreChange:
-    """A difference of losses as a change of the score: in % or points, with interval, p-value and verdict."""
+def _to_score_change(scale: Scale, difference: Difference) -> ScoreChange:
+    """A difference of losses as a change of the score: in % or points, with interval, p-value and verdict.
+
+    Args:
+        scale: Scale of the score.
+        difference: Mean loss of a method minus that of the first one; a larger loss is worse.
+    """
+    # where more is better, the change has the other sign than the loss, and the ends change places
     ends = [scale.change(end) for end in (difference.low, difference.high) if end is not None]
     low, high = sorted(ends) if ends else (None, None)
     directions = ("higher", "lower") if scale.kind == CLAIM else ("worse", "better")
@@ -189,12 +221,14 @@ def _change(scale: Scale, difference: Difference) -> ScoreChange:
 
 def _describe_comparisons(study: Study, comparisons: Sequence[MethodComparison]) -> list[str]:
     """For each score and method, in which combinations it differs significantly from the first method."""
-    first, why = study.methods[0].name, missing_test_reason(len(study.seeds))
-    if why or len(study.methods) == 1:
-        return [why] if why else []
+    first, why_untested = study.methods[0].name, missing_test_reason(len(study.seeds))
+    if why_untested:
+        return [why_untested]
+    if len(study.methods) == 1:  # nothing to compare
+        return []
     texts = []
     for score, method in product(study.scores, study.methods[1:]):
-        by_verdict: dict[str, list[str]] = {}
+        by_verdict: dict[str, list[str]] = {}  # combinations with their changes, by verdict; "" is not significant
         for comparison in comparisons:
             if (comparison["score"], comparison["method"]) == (score, method.name):
                 by_verdict.setdefault(comparison["verdict"], []).append(_describe_change(comparison))
@@ -242,8 +276,10 @@ def csv_text(study: Study, rows: Sequence[StudyRow]) -> str:
     """All scores as CSV: one row per walk, method and score."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
+    # levels of each combination, by seed and combination; those that take turns differ from seed to seed
     labels = [[walk.labels for walk in study.walks(seed)] for seed in study.seeds]
     writer.writerow([*labels[0][0], "seed", "method", "score", "value"])
+    # c, w, m, s: numbers of combination, walk, method and score
     for (c, w, m, s), value in np.ndenumerate(score_values(study, rows).swapaxes(1, 2)):
         number = f"{value:.9g}" if np.isfinite(value) else ""
         writer.writerow([*labels[w][c].values(), study.seeds[w], study.methods[m].name, study.scores[s], number])

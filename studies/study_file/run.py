@@ -36,6 +36,7 @@ from stridetwin.studies.study_file.walk import (
 )
 
 STUDY_FILES = REPORT, TABLE, VALUES = "study.html", "study.json", "study.csv"
+"""Names of the files of a study: its report, its result, and all scores."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +65,12 @@ class StudyOptions(BatchOptions):
     def command(self, study: Study) -> str:
         """The command line that gives this result again."""
         option_values = {"--seed": self.first, "--subset": self.subset, "--physics": self.physics}
-        arguments = [str(word) for name, value in option_values.items() if value is not None for word in (name, value)]
-        arguments += [word for text in to_texts(self.parameters) for word in ("--set", text)]
+        arguments: list[str] = []
+        for name, value in option_values.items():
+            if value is not None:
+                arguments += [name, str(value)]
+        for text in to_texts(self.parameters):
+            arguments += ["--set", text]
         return shlex.join(["stridetwin", "experiment", study.path.name, *arguments])
 
 
@@ -81,7 +86,7 @@ def run_study(
         study: The study.
         options: Which walks, and where.
         progress: Receives the stage and its progress (0-1).
-        announce: Receives the size of what is missing, see `size.Size.describe`.
+        announce: Receives the size of what is missing as text (`size.Size.describe`).
 
     Returns:
         The result of `results.collect_result`, with `files`.
@@ -115,13 +120,13 @@ def run_study(
 
 
 def _size(jobs: Sequence[Job[StudyWalk]], study: Study) -> Size:
-    """What some walks take, at least one."""
-    sampled_jobs = jobs[:: -(-len(jobs) // SAMPLED)]
+    """What some walks take, at least one, estimated from a sample of them: walks, estimates and time."""
+    sampled_jobs = jobs[:: -(-len(jobs) // SAMPLED)]  # every n-th one, rounded up: at most `SAMPLED`
     return size_of([[job.task.scenario.config] for job in sampled_jobs], len(jobs), len(study.methods))
 
 
 def _row_of_failure(failure: Failure) -> StudyRow:
-    """The row of a walk without scores."""
+    """The row of a walk that has no scores, because its worker died: the reason is that of the walk itself."""
     return {"scores": {}, "failed": {WALK: failure.reason}}
 
 
@@ -133,7 +138,7 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
         folder: The output folder, which contains the user's parts.
         physics: Replaces that of the scenarios; None leaves it.
     """
-    walks, scenarios = [], dict[str, Scenario]()
+    walks, scenarios = [], dict[str, Scenario]()  # scenarios by combination and levels, as text
     for combination in study.combinations:
         for seed in study.seeds:
             of_seed = combination.with_levels(study.levels(seed))
@@ -148,7 +153,7 @@ def _list_walks(study: Study, folder: Path, physics: str | None) -> list[tuple[s
 
 def _check_sensors(study: Study, walks: Sequence[tuple[str, StudyWalk]]) -> None:
     """Refuses a method that no combination has the sensors for."""
-    first_walks = [walk for _, walk in walks[:: len(study.seeds)]]
+    first_walks = [walk for _, walk in walks[:: len(study.seeds)]]  # one of each combination
     for method in study.methods:
         reasons = [missing_sensors_reason(method, walk.scenario) for walk in first_walks]
         if all(reasons):

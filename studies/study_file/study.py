@@ -20,7 +20,7 @@ from stridetwin.studies.design import Design, DesignFile, read_design
 from stridetwin.studies.study_file.methods import Method, make_method
 
 _NIS = "nis_"
-"""Prefix of the scores of paths that are not declared one by one."""
+"""Prefix of the scores of the innovations (NIS) by kind of measurement, which are not declared one by one."""
 
 
 class MethodInFile(FileModel):
@@ -76,6 +76,7 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
     where = FieldLocation(source=str(path))
     data = read_yaml(path, most_values=LARGEST_FILE_VALUES)
     file = validate(StudyFile, data, path)
+    # `--set` may only name estimators of the study
     check_used(parameters, {spec.estimator for spec in file.methods.values()} & set(registry.names()))
     methods = tuple(
         make_method(
@@ -88,7 +89,9 @@ def read_study(path: Path, parameters: ParameterValues = MappingProxyType({})) -
         for name, spec in file.methods.items()
     )
     _check_scores(file, methods, where.key("scores"))
-    return Study(**vars(read_design(file, cast("dict[str, object]", data), path)), methods=methods, scores=file.scores)
+    design = read_design(file, cast("dict[str, object]", data), path)
+    # a study has all attributes of its design
+    return Study(**vars(design), methods=methods, scores=file.scores)
 
 
 def _check_scores(file: StudyFile, methods: tuple[Method, ...], at: FieldLocation) -> None:

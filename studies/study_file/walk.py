@@ -45,15 +45,20 @@ class StudyWalk:
 
 
 def missing_sensors_reason(method: Method, scenario: Scenario) -> str:
-    """Why the sensors of a scenario do not feed a method; "" if they do."""
+    """Why the sensors of a scenario do not feed a method, or the estimators that it needs; "" if they do."""
     try:
+        # without any sensor the method would have nothing to read
         return "" if sensors_of(estimators_of([method.estimator]), scenario.config) else "needs no sensors"
     except StrideTwinError as error:
         return str(error)
 
 
 def keep_needed_sensors(scenario: Scenario, methods: Iterable[Method]) -> Scenario:
-    """The scenario with only those sensors that the methods read which it can feed; all sensors if it feeds none."""
+    """The scenario without the sensors that no method reads.
+
+    Methods that the scenario cannot feed, because it lacks a sensor, do not count. If it can feed none of them, all
+    sensors stay.
+    """
     fed = [method.estimator for method in methods if not missing_sensors_reason(method, scenario)]
     return with_sensors_for(scenario, estimators_of(fed)) if fed else scenario
 
@@ -74,14 +79,15 @@ def run_walk(folder: Path, walk: StudyWalk) -> StudyRow:
         with tempfile.TemporaryDirectory(dir=folder / UNFINISHED) as name:
             path = Path(name) / "walk.mcap"
             record(make_twin(walk.scenario, walk.seed), path)
-            recording = Recording(path, bool(walk.scenario.config.faults))
+            # faults may leave a recording that is refused unless it is read leniently
+            recording = Recording(path, lenient=bool(walk.scenario.config.faults))
             # the odometry runs once for all methods that take its poses, and only if there is one
             make_walk = cache(lambda: align_odometry(recording))
             for method in walk.methods:
                 try:
                     scores[method.name] = run_method(method, recording, make_walk)
                 except Exception as error:
-                    if was_interrupted(error):
+                    if was_interrupted(error):  # Ctrl-C in compiled code arrives as another exception
                         raise KeyboardInterrupt from error
                     failed[method.name] = _one_line(error, path)
     except StrideTwinError as error:
@@ -92,6 +98,9 @@ def run_walk(folder: Path, walk: StudyWalk) -> StudyRow:
 
 
 def _one_line(error: Exception, path: Path) -> str:
-    """The message on one line, without a path on this machine."""
+    """The message on one line, without the given path, which is only of this machine.
+
+    The type of an error that is not this project's is put before its message.
+    """
     text = str(error) if isinstance(error, StrideTwinError) else f"{type(error).__name__}: {error}"
     return " ".join(text.replace(f"{path}: ", "").replace(f"{path}/", "").split())

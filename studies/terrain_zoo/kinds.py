@@ -34,20 +34,21 @@ from stridetwin.studies.zhao2023.mode_walks import MOUNTS
 
 Rng = np.random.Generator
 MakeWalk = Callable[[TwinConfig, Rng], TwinConfig]
+"""Makes a walk of a kind from a random one (`draw_base_walk`); further values are drawn from the generator."""
 
 CALIBRATED = CalibrationSd(
     rotation_rad=math.radians(0.2), position_m=1e-3, intrinsics=1e-3, offset_s=1e-3, depth_scale=5e-3, readout=0.03
 )
 """Errors of a careful calibration, as in the walks that test the odometry."""
 _SENSORS = ("insole", "head_imu", "head_camera")
-_BMI = (19.0, 30.0)  # kg/m²
+_BMI = (19.0, 30.0)  # lowest and highest body mass index, kg/m²
 _STOP_M = 0.45  # distance at which the walker stops before an obstacle
 
 
 def draw_base_walk(rng: Rng) -> TwinConfig:
     """Draws a walk on level ground: person, gait, camera with its calibration errors, and surroundings."""
     height_m = float(rng.uniform(1.52, 1.93))
-    mass_kg = float(np.clip(rng.uniform(*_BMI) * height_m**2, 45.0, 110.0))
+    mass_kg = float(np.clip(rng.uniform(*_BMI) * height_m**2, 45.0, 110.0))  # body mass index · height²
     person = Person(height_m=height_m, mass_kg=mass_kg, sex=str(rng.choice(["male", "female"])))
     gaze = Gaze(kind=str(rng.choice(["ahead", "terrain", "wandering"])))
     gait = Gait(speed_mps=float(rng.uniform(0.7, 1.35)), step_sd=float(rng.uniform(0.01, 0.03)), gaze=gaze)
@@ -56,7 +57,7 @@ def draw_base_walk(rng: Rng) -> TwinConfig:
         segments=(Level(length_m=15.0),),
         width_m=float(rng.uniform(1.2, 2.4)),
         scenery=str(rng.choice(["outdoor", "room", "corridor"])),
-        texture=str(rng.choice(["rich", "rich", "plain"])),
+        texture=str(rng.choice(["rich", "rich", "plain"])),  # two of three walks are rich
         light=float(rng.uniform(0.75, 1.1)),
     )
     return TwinConfig(
@@ -84,7 +85,15 @@ def _with_camera(config: TwinConfig, **changes: Any) -> TwinConfig:
 
 
 def _ramp(rng: Rng, low_deg: float, high_deg: float, length_m: float = 4.0, *, down: bool) -> Ramp:
-    """Draws the slope of a ramp of about a given length, at least 60 mm high."""
+    """Draws the slope of a ramp of a given length, and makes it at least 60 mm high, if need be by more length.
+
+    Args:
+        rng: Draws the slope.
+        low_deg: Lowest slope.
+        high_deg: Highest slope.
+        length_m: Horizontal length.
+        down: Whether it leads down.
+    """
     angle = math.radians(rng.uniform(low_deg, high_deg))
     return Ramp(angle_rad=angle, rise_m=max(0.06, length_m * math.tan(angle)), down=down)
 
@@ -94,7 +103,7 @@ def _ramps(low_deg: float, high_deg: float) -> MakeWalk:
 
     def make(config: TwinConfig, rng: Rng) -> TwinConfig:
         """The walk with two ramps drawn between the bounds."""
-        up, down = (_ramp(rng, low_deg, high_deg, down=way) for way in (False, True))
+        up, down = (_ramp(rng, low_deg, high_deg, down=is_down) for is_down in (False, True))
         return _with_terrain(config, up, Level(length_m=float(rng.uniform(1.2, 2.5))), down)
 
     return make
@@ -132,7 +141,7 @@ def _usual_stair(rng: Rng) -> Stairs:
 
 
 def _stair_and_ramp(config: TwinConfig, rng: Rng, low_deg: float = 4.0, high_deg: float = 8.0) -> TwinConfig:
-    """The walk up a usual stair, over a landing, and down a ramp."""
+    """The walk up a usual stair, over a landing, and down a ramp whose slope is drawn between two bounds."""
     return _with_terrain(config, _usual_stair(rng), Level(length_m=2.0), _ramp(rng, low_deg, high_deg, down=True))
 
 
@@ -150,8 +159,8 @@ def _keep_walk(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _ramp_with_landing(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over two equal ramps of one direction with a landing between them."""
     down = bool(rng.integers(2))
-    first = _ramp(rng, 4.0, 8.0, 3.0, down=down)
-    return _with_terrain(config, first, Level(length_m=float(rng.uniform(1.3, 2.0))), first)
+    ramp = _ramp(rng, 4.0, 8.0, 3.0, down=down)
+    return _with_terrain(config, ramp, Level(length_m=float(rng.uniform(1.3, 2.0))), ramp)
 
 
 def _camber(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -170,15 +179,15 @@ def _ramp_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
 
 def _crest(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over a crest or a dip: a ramp up directly before or after one down."""
-    up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=way) for way in (False, True))
+    up, down = (_ramp(rng, 4.0, 9.0, 3.5, down=is_down) for is_down in (False, True))
     return _with_terrain(config, *((up, down) if rng.integers(2) else (down, up)))
 
 
 def _uneven_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over a stair whose risers differ by up to 20 mm from a usual height."""
     even = _usual_stair(rng)
-    heights = tuple(float(h) for h in even.heights_m[0] + rng.uniform(-0.02, 0.02, even.risers))
-    return _up_and_down(config, rng, replace(even, riser_m=heights))
+    risers_m = tuple(float(h) for h in even.heights_m[0] + rng.uniform(-0.02, 0.02, even.risers))
+    return _up_and_down(config, rng, replace(even, riser_m=risers_m))
 
 
 def _street(config: TwinConfig, rng: Rng) -> TwinConfig:
@@ -244,9 +253,9 @@ def _turn_at_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _lanes(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over one of three lanes side by side: a stair, a ramp, and level ground."""
     stair, ramp = _usual_stair(rng), _ramp(rng, 5.0, 10.0, 3.0, down=False)
-    chains = ((stair,), (ramp,), (Level(length_m=3.0),))
-    order = rng.permutation(3)
-    side_by_side = Lanes(lanes=tuple(chains[i] for i in order), walk=int(rng.integers(3)))
+    lanes = ((stair,), (ramp,), (Level(length_m=3.0),))  # segments of each lane
+    order = rng.permutation(3)  # from left to right
+    side_by_side = Lanes(lanes=tuple(lanes[i] for i in order), walk=int(rng.integers(3)))  # `walk`: the walked lane
     return _with_terrain(replace(config, route=replace(config.route, scenery="outdoor", width_m=1.2)), side_by_side)
 
 
@@ -283,8 +292,8 @@ def _scatter_things(rng: Rng, from_m: float, to_m: float) -> tuple[Thing, ...]:
         from_m: Begin of the part of the route with the things.
         to_m: Its end.
     """
-    places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))
-    side = float(rng.choice([-1, 1]))
+    places = np.sort(rng.uniform(from_m, to_m - 1.2, 3))  # m along the route; 1.2 m before the end stay free
+    side = float(rng.choice([-1, 1]))  # 1: left
     return (
         Thing(kind="table", at_m=float(places[0]), left_m=side * float(rng.uniform(1.1, 1.3))),
         Thing(kind="stripe", at_m=float(places[1])),
@@ -312,6 +321,7 @@ def _clutter_before_stair(config: TwinConfig, rng: Rng) -> TwinConfig:
 def _furniture(config: TwinConfig, rng: Rng) -> TwinConfig:
     """The walk over level ground between furniture, over a mat that has no depth."""
     width_m = float(rng.uniform(2.0, 2.4))
+    # of five pieces of furniture: m along the route, 1 for left or -1 for right, and kind
     places = np.arange(1.5, 8.0, 1.3) + rng.uniform(0.0, 0.5, 5)
     sides = rng.permutation([-1.0, -1.0, 1.0, 1.0, float(rng.choice([-1, 1]))])
     kinds = rng.permutation(["chair", "chair", "crate", "crate", "crate"])
@@ -380,6 +390,12 @@ WALK_KINDS = {
 
 
 def draw_walk(name: str, seed: int) -> TwinConfig:
-    """Draws the walk of a kind and a seed."""
+    """Draws the walk of a kind and a seed; equal ones give equal walks.
+
+    Args:
+        name: Key of `WALK_KINDS`.
+        seed: Seed of the walk.
+    """
+    # the sum of the name's bytes lets kinds draw different numbers from one seed
     rng = np.random.default_rng([seed, sum(name.encode())])
     return replace(WALK_KINDS[name].make(draw_base_walk(rng), rng), name=name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TypedDict
 
 import numpy as np
@@ -20,8 +20,8 @@ from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
 _SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
 _OURS, _PUBLISHED = METHODS
-_UNTUNED = "kinds that are not in the tuning set"
-_ALL = "all"
+_UNTUNED = "kinds that are not in the tuning set"  # label of the walks of these kinds
+_ALL = "all"  # label of all walks
 
 
 class ZooRow(CaseRow):
@@ -47,35 +47,36 @@ ZooResult = Result[ZooSummary, NoPaper, ZooRow]
 
 def collect(results: list[ZooRow]) -> Collected[ZooSummary, NoPaper]:
     """Figures of modes and odometry: over all walks, over the kinds outside the tuning set, and by kind."""
-    groups: dict[str, Callable[[ZooRow], bool]] = {
-        _ALL: lambda row: True,
-        _UNTUNED: lambda row: not WALK_KINDS[row["kind"]].tuned,
+    # rows of each line of the table, by its label
+    rows_of_line = {
+        _ALL: list(results),
+        _UNTUNED: [row for row in results if not WALK_KINDS[row["kind"]].tuned],
     }
-    kinds = [name for name in WALK_KINDS if any(row["kind"] == name for row in results)]
-    of = {name: [row for row in results if inside(row)] for name, inside in groups.items()}
-    of |= {name: [row for row in results if row["kind"] == name] for name in kinds}
+    rows_of_line |= {name: [row for row in results if row["kind"] == name] for name in WALK_KINDS}
     return {
         "summary": {
-            "groups": {name: _figures(rows) for name, rows in of.items() if rows},
-            "odometry": {name: _odometry(rows) for name, rows in of.items() if rows},
-            "confusion": mode_figures(_scores(results, _OURS))["confusion"],
+            "groups": {name: _group_figures(rows) for name, rows in rows_of_line.items() if rows},
+            "odometry": {name: _odometry_figures(rows) for name, rows in rows_of_line.items() if rows},
+            "confusion": mode_figures(_scores_of_method(results, _OURS))["confusion"],
         },
         "paper": {},
     }
 
 
-def _scores(rows: Iterable[ZooRow], method: str) -> list[ModeScores]:
+def _scores_of_method(rows: Iterable[ZooRow], method: str) -> list[ModeScores]:
+    """The scores of a method on each walk, from the walks' rows."""
     return [ModeScores.of(row["methods"][method]) for row in rows]
 
 
-def _figures(rows: list[ZooRow]) -> Figures:
+def _group_figures(rows: list[ZooRow]) -> Figures:
     """Figures of our method over walks, and the published method's share of right steps."""
-    walks = _scores(rows, _OURS)
+    walks = _scores_of_method(rows, _OURS)
     steps = [step for walk in walks for step in walk.steps]
-    proposed, published = mode_figures(walks), mode_figures(_scores(rows, _PUBLISHED))
+    proposed, published = mode_figures(walks), mode_figures(_scores_of_method(rows, _PUBLISHED))
     right = sum(step.is_correct for step in steps)
     # 95 % interval of the share of right steps
     interval = binomtest(right, len(steps)).proportion_ci(0.95, method="wilson") if steps else None
+    # error of the slope and its reported standard deviation, of the steps up (RA) and down (RD) a ramp
     slopes = [(s.slope_rad, s.slope_sd_rad) for s in steps if s.mode in ("RA", "RD")]
     slope_rms = rms([error for error, _ in slopes])
     return {
@@ -90,7 +91,7 @@ def _figures(rows: list[ZooRow]) -> Figures:
         "transitions_pct": proposed["transition_accuracy_pct"],
         "lead_median_s": proposed["lead_time_s"]["median"],
         "lead_p5_s": proposed["lead_time_s"]["p5"],
-        "sure_and_wrong_pct": _sure_and_wrong(steps),
+        "sure_and_wrong_pct": _sure_and_wrong_pct(steps),
         "calibration_error": proposed["calibration_error"],
         "slope_rms_deg": None if slope_rms is None else math.degrees(slope_rms),
         "slope_inside_pct": inside_pct(slopes),
@@ -99,20 +100,21 @@ def _figures(rows: list[ZooRow]) -> Figures:
     }
 
 
-def _sure_and_wrong(steps: Sequence[ScoredMode]) -> float | None:
-    """Share of the steps with a wrong mode of a probability above 0.9, %."""
+def _sure_and_wrong_pct(steps: Sequence[ScoredMode]) -> float | None:
+    """Share of the steps whose predicted mode was wrong and had a probability above `_SURE`, %; None without steps."""
     wrong = [not s.is_correct and bool(s.probabilities) and max(s.probabilities) > _SURE for s in steps]
     return 100.0 * sum(wrong) / len(wrong) if wrong else None
 
 
-def _odometry(rows: list[ZooRow]) -> Figures:
+def _odometry_figures(rows: list[ZooRow]) -> Figures:
     """Figures of the odometry over walks.
 
     Returns:
-        Median and worst end height relative to the distance, %, tilt after 5 m, deg, and error of the mount, deg; the
-        mean share of time inside the reported 95 % bound, %.
+        Median and worst absolute error of the height at the end relative to the distance, %, of the tilt after 5 m,
+        deg, and of the camera's mount on its IMU, deg; the mean share of time inside the reported 95 % bound, %.
     """
     rows_of_odometry = [row["odometry"] for row in rows]
+    # one value per walk; a walk of less than 5 m has no tilt
     height = [100.0 * abs(o["end_height_m"]) / o["distance_m"] for o in rows_of_odometry]
     tilt = [math.degrees(o["tilt_rad"]) for o in rows_of_odometry if math.isfinite(o["tilt_rad"])]
     mount = [math.degrees(o["mount_rad"]) for o in rows_of_odometry if "mount_rad" in o]
@@ -127,6 +129,7 @@ def _odometry(rows: list[ZooRow]) -> Figures:
     }
 
 
+# header, width, and format of a line's figures, of modes and of the odometry
 _COLUMNS = (
     ("walks", 6, "{walks}"),
     ("steps", 7, "{steps}"),
@@ -151,7 +154,7 @@ _ODOMETRY = (
     ("mount, median deg", 19, "{mount_median_deg:.2f}"),
     ("worst deg", 11, "{mount_worst_deg:.2f}"),
 )
-_WIDTH = 46
+_WIDTH = 46  # of the labels, characters
 
 
 def table(result: ZooResult) -> list[str]:
@@ -192,7 +195,7 @@ def _label(name: str) -> str:
 def report(result: ZooResult) -> str:
     """The experiment as an HTML page."""
     cases, name = result["cases"], result["experiment"]
-    steps = {m: [s for walk in _scores(cases, m) for s in walk.steps] for m in METHODS}
+    steps = {m: [s for walk in _scores_of_method(cases, m) for s in walk.steps] for m in METHODS}
     sections = [
         section("By kind", "Steps predicted right, ours and the published method.", text_block(overall_lines(result))),
         section("Odometry", "Height and tilt of the camera's path.", text_block(odometry_lines(result))),

@@ -28,7 +28,7 @@ ESTIMATORS = ("dvio", "locomotion_mode", "terrain_map")
 
 _SETTLED_M = 5.0  # way after which the tilt is scored
 _EVERY = 20
-"""Poses at the IMU's rate are scored at a twentieth of it."""
+"""Every n-th of the odometry's poses is scored, which come at the IMU's rate."""
 
 
 def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
@@ -38,15 +38,15 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
 
     Args:
         case: Its seed and options.
-        kinds: See `kinds_of`.
+        kinds: Which kinds take turns: `all`, `tuned` (those on which parameters may be tuned), or one by its name.
 
     Returns:
-        The case's row with `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`, and `mount_rad`), and
-        `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
+        The case's row with `kind`, `mount`, `fell_at_s`, `odometry` (`odometry_figures`, and `mount_rad`, the error of
+        the camera's estimated mount), and `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
     names = kinds_of(kinds)
     kind, (config,) = names[case.seed % len(names)], list_configs(case, kinds)
-    mount, poses = config.rig_mount, list[Pose]()
+    mount, poses = config.rig_mount, list[Pose]()  # body of the camera; valid poses of the odometry
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
             samples_with_poses(recording, mount, "dvio", on_pose=poses.append), recording, (*METHODS, *case.estimators)
@@ -62,13 +62,22 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
 
 
 def list_configs(case: ExperimentCase, kinds: str = "all") -> list[TwinConfig]:
-    """The one walk of a case; `kinds` as in `kinds_of`."""
+    """The one walk of a case, as a list.
+
+    Args:
+        case: Its seed draws the walk and chooses its kind.
+        kinds: Which kinds take turns from seed to seed: `all`, `tuned`, or one by its name (`kinds_of`).
+    """
     names = kinds_of(kinds)
     return [replace(draw_walk(names[case.seed % len(names)], case.seed), physics=case.physics)]
 
 
 def kinds_of(kinds: str) -> list[str]:
-    """Names of kinds: `all`, `tuned` (those on which parameters may be tuned), or one by its name."""
+    """Names of the kinds of walks that a choice stands for.
+
+    Args:
+        kinds: `all`, `tuned` (those on which parameters may be tuned), or one by its name.
+    """
     return [name for name, entry in WALK_KINDS.items() if kinds in ("all", name) or (kinds == "tuned" and entry.tuned)]
 
 
@@ -85,7 +94,8 @@ def odometry_figures(poses: list[Pose], recording: Recording, mount: str) -> dic
         share of the walk with the position within its own 95 % bound.
     """
     comparison = compare(trajectory_of(poses), TruePath.of(recording.block(f"/truth/{mount}/imu/odometry")))
-    tilt = _tilt(comparison.estimate.q_world_frame, comparison.truth.q_world_frame)
+    # (K,) rad, and whether 5 m have been walked before
+    tilt = _tilt_rad(comparison.estimate.q_world_frame, comparison.truth.q_world_frame)
     settled = comparison.distance_m - comparison.distance_m[0] > _SETTLED_M
     scores = score(comparison)
     return {
@@ -101,11 +111,18 @@ def mount_error(estimated: Odometry | None, config: TwinConfig) -> float:
     if estimated is None:
         return math.nan
     rig, mount = standard_rig(config), config.rig_mount
+    # (4, 4) true pose of the camera in its IMU's frame
     true = camera_in_frame(rig, rig.cameras[f"/{mount}/color"], f"{mount}/imu")
     return float(Rotation.from_matrix(true[:3, :3].T @ transform(estimated)[:3, :3]).magnitude())
 
 
-def _tilt(estimated: Array, true: Array) -> Array:
-    """(N,) rad, angle between the estimated and the true vertical, from (N, 4) quaternions."""
+def _tilt_rad(estimated: Array, true: Array) -> Array:
+    """(N,) rad, angle between the estimated and the true vertical, seen from the sensor.
+
+    Args:
+        estimated: (N, 4) quaternions from the sensor to the world, w first.
+        true: (N, 4) true ones.
+    """
+    # (N, 3) the world's vertical in the sensor's axes
     est, ref = (Rotation.from_quat(q, scalar_first=True).inv().apply([0.0, 0.0, 1.0]) for q in (estimated, true))
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(est, ref), axis=1), np.sum(est * ref, axis=1)))

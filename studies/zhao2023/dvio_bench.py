@@ -60,22 +60,31 @@ def collect(results: list[BenchRow]) -> Collected[Summary, PaperErrors]:
     """Means by method over the walks of each sequence and over the sequences, beside the paper's figures on EuRoC."""
     summary: Summary = {}
     for method in results[0]["methods"]:
-        of: dict[str, list[OdometryFigures]] = {}
+        walks_of_sequence: dict[str, list[OdometryFigures]] = {}
         for r in results:
-            of.setdefault(r["sequence"], []).append(r["methods"][method])
-        by_name = {name: of[name] for name in SEQUENCES if name in of}
+            walks_of_sequence.setdefault(r["sequence"], []).append(r["methods"][method])
+        # in the order of `SEQUENCES`
+        ordered = {name: walks_of_sequence[name] for name in SEQUENCES if name in walks_of_sequence}
         summary[method] = {
-            "ape_rmse_m": _by_sequence(by_name, "ape_rmse_m"),
-            "rpe_5m_pct": _by_sequence(by_name, "rpe_5m_pct"),
-            "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in by_name.items()},
+            "ape_rmse_m": _means_by_sequence(ordered, "ape_rmse_m"),
+            "rpe_5m_pct": _means_by_sequence(ordered, "rpe_5m_pct"),
+            # number of walks on which the odometry failed
+            "failures": {name: sum(bool(w["failure"]) for w in walks) for name, walks in ordered.items()},
         }
     summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
     return {"summary": summary, "paper": read_paper_figures()}
 
 
-def _by_sequence(walks: dict[str, list[OdometryFigures]], figure: FigureName) -> dict[str, float | None]:
-    """Mean over the walks of each sequence, and over the sequences; None if no walk has the figure."""
+def _means_by_sequence(walks: dict[str, list[OdometryFigures]], figure: FigureName) -> dict[str, float | None]:
+    """Mean of a figure over the walks of each sequence, by its name, and over these means as `mean`.
+
+    A mean is None if no walk has the figure.
+
+    Args:
+        walks: Sequence to the figures of its walks.
+        figure: Name of the figure.
+    """
     values = {name: mean(sequence_walks, figure) for name, sequence_walks in walks.items()}
     defined = [v for v in values.values() if v is not None]
     return {**values, "mean": float(np.mean(defined)) if defined else None}
@@ -94,15 +103,17 @@ def table(result: Result[Summary, PaperErrors, BenchRow]) -> list[str]:
     """The sequences as lines of text, each beside the one of EuRoC of similar difficulty."""
     summary, paper_figures = result["summary"], result["paper"]
     methods = list(result["cases"][0]["methods"])
+    # time per frame, and by sequence the angular rates of head or chest on its last walk
     time_ms, rates = get_figures(summary, "time_ms"), {r["sequence"]: r["rate_radps"] for r in result["cases"]}
     columns = [("as", 8, "{like}"), ("rad/s p95", 11, "{rate[p95]:.1f}")]
     columns += [column for m in methods for column in ((m, 12, f"{{{m}}}"), ("EuRoC", 9, f"({{paper_{m}:.2f}})"))]
     rows: list[LabelledFigures] = []
     for name in [*(n for n in SEQUENCES if n in rates), "mean"]:
         sequence = SEQUENCES.get(name, Sequence(like="mean", description=""))
+        # the last line has the means, which are like no sequence; the paper's mean is under the name `mean`
         figures: dict[str, object] = {"like": sequence.like.removeprefix("mean"), "rate": rates.get(name)}
         for m in methods:
-            figures[m] = _error(get_figures(summary, m), name)
+            figures[m] = _error_text(get_figures(summary, m), name)
             figures[f"paper_{m}"] = paper_figures.get(m, {}).get("ape_rmse_m", {}).get(sequence.like)
         rows.append((f"{name:<13}{sequence.description}", figures))
     return [
@@ -115,8 +126,13 @@ def table(result: Result[Summary, PaperErrors, BenchRow]) -> list[str]:
     ]
 
 
-def _error(figures: Figures, name: str) -> str:
-    """The error of a sequence as text, with an x if a walk failed."""
+def _error_text(figures: Figures, name: str) -> str:
+    """The absolute position error of a sequence as text, with an x if a walk failed; - if no walk has an error.
+
+    Args:
+        figures: Figures of a method in the summary.
+        name: Name of the sequence, or `mean`.
+    """
     value = get_figures(figures, "ape_rmse_m").get(name)
     assert value is None or isinstance(value, (int, float))
     text = "-" if value is None else f"{value:.3f}" if value < 10.0 else ">10"

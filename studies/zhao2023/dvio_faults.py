@@ -17,6 +17,8 @@ ESTIMATORS = ("dvio",)
 """Estimators whose parameters `--set` changes here."""
 
 DRIFT_RATIO = 3.0
+"""A fault is tolerated up to this ratio of the drift to that without fault."""
+# figures of which the means over walks are given
 _FIGURES: tuple[odometry_walks.FigureName, ...] = (*odometry_walks.FIGURES, "unhealthy_s", "nees_within_95_pct")
 NO_FAULT = "no fault"
 """Label of the walk without fault in the experiment's file."""
@@ -25,8 +27,12 @@ NO_FAULT = "no fault"
 def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.make_odometer) -> Row:
     """Runs the odometry on one recorded walk with each fault.
 
+    Args:
+        case: With one walk.
+        make: Makes the odometry from its name, the rig that it gets, and the mount of the camera.
+
     Returns:
-        The case's row with `faults`: label to `odometry_walks.score_odometry`.
+        The case's row with `faults`: label of the fault to drift, failure and time (`odometry_walks.score_odometry`).
     """
     (walk,) = case.walks()
     mount, figures_of_fault = walk.config.rig_mount, {}
@@ -34,9 +40,8 @@ def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.m
         truth = odometry_walks.true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():
             samples = plan.samples(odometry_walks.odometry_samples(recording, mount))
-            figures_of_fault[label] = odometry_walks.score_odometry(
-                odometry_walks.run_odometry(make("proposed", plan.rig, mount), samples), truth
-            )
+            run = odometry_walks.run_odometry(make("proposed", plan.rig, mount), samples)
+            figures_of_fault[label] = odometry_walks.score_odometry(run, truth)
     return case.row(faults=figures_of_fault)
 
 
@@ -58,8 +63,9 @@ def collect(results: list[FaultRow[odometry_walks.OdometryFigures]]) -> Collecte
 
 def _is_tolerated(walk: odometry_walks.OdometryFigures, nominal: odometry_walks.OdometryFigures) -> bool:
     """Whether the odometry recovers after a loss, or drifts at most `DRIFT_RATIO` times as far as without fault."""
-    if walk["failure"] == "lost":
+    if walk["failure"] == "lost":  # it has reported the loss itself
         return bool(walk["recovered"])
+    # any other failure went unreported; without a nominal drift there is nothing to compare with
     if walk["failure"] or "loop_drift_m" not in nominal:
         return False
     return bool(walk["loop_drift_m"] <= DRIFT_RATIO * nominal["loop_drift_m"])

@@ -57,10 +57,12 @@ def run_case(case: ExperimentCase) -> Row:
         with record_walk(walk, case) as recording:
             # the odometry runs once, without faults; its poses are merged with the faulty samples again
             feed = [s for s in samples_with_poses(recording, walk.config.rig_mount, "dvio") if isinstance(s, Odometry)]
+            # of the camera's IMU, and of the camera on it
             poses, camera = (trajectory([s for s in feed if s.topic == topic]) for topic in (POSES, CAMERA_POSES))
             topics = [*INSOLES, depth_calibration(recording.rig).depth_topic]
             times = partial(repeat_fault, times_s=fault_times_s(recording))
             for label, plan in fault_plans(case, recording.rig, recording.duration, times).items():
+                # a fault may also restart the odometry, after which its poses are in another frame
                 samples = merge_poses(restart_poses(poses, fault_metadata(plan.planned)), recording, topics, camera)
                 predictions = predict(plan.samples(samples), recording)
                 rows = score_predictions(predictions, recording, sole_length_m(walk.config))["proposed"].rows()
@@ -80,16 +82,18 @@ def repeat_fault(fault: Fault, times_s: Sequence[float]) -> list[Fault]:
 def fault_times_s(recording: Recording) -> list[float]:
     """Times at which a temporary fault begins, s: `FAULT_LEAD_S` before each first step up or down."""
     prints = true_footprints(recording)
-    firsts = [b.t_ns * 1e-9 for a, b in pairwise(prints) if a.mode == "LG" != b.mode]
-    return [t - FAULT_LEAD_S for t in firsts]
+    # touch-downs of the steps that leave level ground (LG), s
+    firsts_s = [after.t_ns * 1e-9 for before, after in pairwise(prints) if before.mode == "LG" and after.mode != "LG"]
+    return [t_s - FAULT_LEAD_S for t_s in firsts_s]
 
 
 def collect(results: list[FaultRow[list[ModeRows]]]) -> Collected[dict[str, Figures], NoPaper]:
     """Figures by fault over all walks."""
-    return summarize_by_fault(results, lambda cases: _figures([row for rows in cases for row in rows]))
+    # a case has the rows of several walks
+    return summarize_by_fault(results, lambda cases: _fault_figures([row for rows in cases for row in rows]))
 
 
-def _figures(rows: list[ModeRows]) -> Figures:
+def _fault_figures(rows: list[ModeRows]) -> Figures:
     """Figures of the walks with one fault: those of `mode_figures`, and how sure the predictions were.
 
     The latter are the mean probability of right and of wrong predictions, and numbers of steps: predicted wrongly
@@ -97,8 +101,10 @@ def _figures(rows: list[ModeRows]) -> Figures:
     """
     walks = [ModeScores.of(row) for row in rows]
     steps = [s for w in walks for s in w.steps]
+    # probability of the predicted mode, and whether it was right, for the steps that were predicted
     predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities]
-    right, wrong = ([p for p, right in predicted if right is outcome] for outcome in (True, False))
+    right = [probability for probability, is_correct in predicted if is_correct]
+    wrong = [probability for probability, is_correct in predicted if not is_correct]
     return {
         **mode_figures(walks),
         "probability_right": float(np.mean(right)) if right else None,

@@ -31,7 +31,9 @@ ESTIMATORS = ("contact_terrain", "dvio", "locomotion_mode", "terrain_map")
 """Estimators whose parameters `--set` changes here."""
 
 LIGHTS = ("light", "dark")
+"""Light of an evaluation: as recorded, or dark from the first step up on."""
 BY = ("camera", "both", "legs")
+"""Sources of the modes. The first two run the predictor; the legs alone only repeat the mode of the last step."""
 _WORDS = {
     "light": "in the light",
     "dark": "dark from the first step up on",
@@ -69,17 +71,17 @@ def run_case(case: ExperimentCase) -> Row:
     fell = []
     for walk in case.walks():
         with record_walk(walk, case) as recording:
+            # what the predictor reads: poses of the odometry, depth and insoles; and the steps that the legs estimate
             feed = list(samples_with_poses(recording, walk.config.rig_mount, "dvio"))
             steps = leg_steps(recording)
             for light in LIGHTS:
                 samples = feed if light == "light" else list(_darken(feed, _first_up_ns(recording)))
                 for by in BY[:2]:
-                    both: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
-                    both.sort(key=lambda s: s.t_ns)
-                    rows = score_predictions(
-                        predict(both, recording, ("proposed",)), recording, sole_length_m(walk.config)
-                    )
-                    predicted_rows[light][by].append(rows["proposed"].rows())
+                    inputs: list[Sample | StepEstimate] = [*samples, *(steps if by == "both" else ())]
+                    inputs.sort(key=lambda s: s.t_ns)
+                    predictions = predict(inputs, recording, ("proposed",))
+                    scores = score_predictions(predictions, recording, sole_length_m(walk.config))
+                    predicted_rows[light][by].append(scores["proposed"].rows())
             legs += _predict_like_last(recording, steps)
             if fell_at_s(recording) is not None:
                 fell.append(walk.config.name)
@@ -94,38 +96,51 @@ def leg_steps(recording: Recording) -> list[StepEstimate]:
 
 
 def _first_up_ns(recording: Recording) -> int:
-    """Touch-down of the first step up, ns."""
+    """Time of the touch-down of the first step up a stair (SA) or ramp (RA), ns; each of these walks has one."""
     return next(f.t_ns for f in true_footprints(recording) if f.mode in ("SA", "RA"))
 
 
 def _darken(samples: Iterable[Sample], since_ns: int) -> Iterator[Sample]:
-    """The samples, whose depth images are empty from a time on."""
-    for s in samples:
-        yield replace(s, depth=np.zeros_like(s.depth)) if isinstance(s, Depth) and s.t_ns >= since_ns else s
+    """Passes on the samples, with empty depth images (depth 0) from a time on."""
+    for sample in samples:
+        if isinstance(sample, Depth) and sample.t_ns >= since_ns:
+            yield replace(sample, depth=np.zeros_like(sample.depth))
+        else:
+            yield sample
 
 
 def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[tuple[str, str, str]]:
-    """For each true step: its mode, that of the previous step, and the last mode from the legs before touch-down."""
+    """Predicts each step of a walk by the legs alone: it is like the last step that they had estimated before it.
+
+    Args:
+        recording: The walk, with the truth.
+        steps: All step estimates from the legs, in time order.
+
+    Returns:
+        For each true step: its true mode, that of the previous step, and the predicted one; level (LG) where no step
+        came before.
+    """
     t_ns = np.array([s.t_ns for s in steps])
     predictions, before = [], "LG"
-    for print_ in true_footprints(recording)[2:]:
-        last = int(np.searchsorted(t_ns, print_.t_ns)) - 1
-        predictions.append((print_.mode, before, steps[last].mode if last >= 0 else "LG"))
-        before = print_.mode
+    for footprint in true_footprints(recording)[2:]:  # without the two initial ones
+        last = int(np.searchsorted(t_ns, footprint.t_ns)) - 1  # number of the last estimate before touch-down
+        predictions.append((footprint.mode, before, steps[last].mode if last >= 0 else "LG"))
+        before = footprint.mode
     return predictions
 
 
 def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     """Figures by light and by source over all walks; no paper has such a table."""
     light, dark = (
-        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][light][by]]) for by in BY[:2]}
-        for light in LIGHTS
+        {by: mode_figures([ModeScores.of(w) for r in results for w in r["predicted"][name][by]]) for by in BY[:2]}
+        for name in LIGHTS
     )
+    # scored steps of all walks, and the legs' prediction of each
     camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
-    right = [
-        (mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)
-    ]  # as for the camera
+    # for each step, whether the prediction is one of the modes that count as right, as for the camera, and whether the
+    # mode differs from that of the previous step
+    right = [(mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)]
     legs = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([ok for ok, _ in right])),

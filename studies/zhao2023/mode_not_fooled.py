@@ -53,6 +53,7 @@ def run_case(case: ExperimentCase) -> Row:
     for walk in case.walks():
         trap = walk.labels["trap"]
         with record_walk(walk, case) as recording:
+            # poses from the odometry (`dvio`), predictions by each of `METHODS`
             predictions = predict(samples_with_poses(recording, walk.config.rig_mount, "dvio"), recording)
             scores = score_predictions(predictions, recording, sole_length_m(walk.config))
             if fell_at_s(recording) is not None:
@@ -74,16 +75,24 @@ def collect(results: list[TrapsRow]) -> Collected[TrapSummary, NoPaper]:
     """Figures by method and trap over all walks; the paper has no such table."""
     return {
         "summary": {
-            m: {trap: _figures([r["traps"][trap][m] for r in results]) for trap in results[0]["traps"]} for m in METHODS
+            m: {trap: _trap_figures([r["traps"][trap][m] for r in results]) for trap in results[0]["traps"]}
+            for m in METHODS
         },
         "paper": {},
     }
 
 
-def _figures(walks: list[TrapRow]) -> Figures:
-    """Figures of one trap over walks, from the rows of `run_case`."""
+def _trap_figures(walks: list[TrapRow]) -> Figures:
+    """Figures of one method on one trap over walks.
+
+    Returns:
+        `steps`, their number; `accuracy_pct`; `predicted`, number of steps by predicted mode, with "" for steps without
+        prediction; `none`, the number of the latter; `least_probability` of the true mode of any step; `alarms_pct`,
+        mean over the walks.
+    """
     steps = [step for w in walks for step in ModeScores.of({"steps": w["steps"], "approaches": []}).steps]
     predicted = Counter(s.predicted for s in steps)
+    # of the true mode, for the steps that were predicted
     probabilities = [s.probabilities[MODES.index(s.mode)] for s in steps if s.probabilities]
     return {
         "steps": len(steps),
@@ -97,5 +106,5 @@ def _figures(walks: list[TrapRow]) -> Figures:
 
 def rows(result: Result[TrapSummary, NoPaper, TrapsRow]) -> list[LabelledFigures]:
     """Figures by trap, for the table: ours, and the published method's accuracy."""
-    ours, published = (result["summary"][m] for m in METHODS)
+    ours, published = (result["summary"][m] for m in METHODS)  # `METHODS` names ours first
     return [(trap, {**ours[trap], "published": published[trap]["accuracy_pct"]}) for trap in ours]

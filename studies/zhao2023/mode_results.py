@@ -37,6 +37,7 @@ Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct"
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
+# rows of the table of accuracies: title, and keys of the figure in a `MethodSummary`
 _ACCURACIES = (
     ("accuracy %", ("walks_accuracy_pct", "mean")),
     ("strict %", ("walks_strict_accuracy_pct", "mean")),
@@ -46,6 +47,7 @@ _ACCURACIES = (
     ("transitions %", ("transition_accuracy_pct",)),
 )
 """The first two are means over walks, as in the paper; the others are shares of all steps."""
+# rows of the table of estimates ahead: title, keys of the figure in a `MethodSummary`, and factor to the row's unit
 _AHEAD = (
     ("changes detected %", ("changes_found_pct",), 1.0),
     ("stairs, ramps detected %", ("begins_found_pct",), 1.0),
@@ -56,13 +58,14 @@ _AHEAD = (
     ("next footprint mm, steady", ("footprint_steady_rmse_m", "forward"), 1e3),
     ("calibration error, points of %", ("calibration_error",), 100.0),
 )
-_NAME = 34
-_CELL = ("height_group", "pattern", "terrain", "mount")
-_WHO = ("height_group", "member")
+_TITLE_WIDTH = 34  # of the first column of a table, characters
+_CELL_KEYS = ("height_group", "pattern", "terrain", "mount")
+"""Keys of a row whose values identify a cell of Table II."""
+_WALKER_KEYS = ("height_group", "member")
 """Keys of a row that identify the walker."""
 
 
-_LEAD_EDGES = np.linspace(0.0, 5.0, 21)
+_LEAD_EDGES = np.linspace(0.0, 5.0, 21)  # of the histogram's bins of lead times, s
 _MOUNT_NOTE = (
     "From the truth, between the first step and the last; pitch down is positive. The paper does not report how its "
     "camera is mounted. Ours looks 25° (0.44 rad) down where head or chest are upright, or 8° (0.14 rad) in the "
@@ -120,22 +123,29 @@ ModeResult = Result[Summary, PaperFigures, ModeRow]
 
 
 def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, PaperFigures]:
-    """Figures by method over all walks, by condition and cell; with the paper's, see `read_paper_figures`."""
+    """Figures by method over all walks, by condition and by cell, beside the paper's.
+
+    Args:
+        results: Rows of all walks.
+        trial: One of the paper's trials; "" for the test of generality.
+    """
     summary: Summary = {}
     for method in results[0]["methods"]:
+        # row of each walk, and the method's scores on it
         walks: list[ScoredWalk] = [(r, ModeScores.of(r["methods"][method])) for r in results]
-        cells = _cells(walks)
-        accuracy = _mean(results, [_share(w) for _, w in walks])
+        cells = _accuracy_by_cell(walks)
+        accuracy = _accuracy_over_walks(results, [_share_right_pct(w) for _, w in walks])
         if len(cells) > 1:
             accuracy["sd_of_cells"] = float(np.std(list(cells.values())))
+        strict_shares = [_share_right_pct(w, strict=True) for _, w in walks]
         summary[method] = {
             **mode_figures([w for _, w in walks]),
             "walks_accuracy_pct": accuracy,
-            "walks_strict_accuracy_pct": _mean(results, [_share(w, strict=True) for _, w in walks]),
-            "accuracy_by_condition_pct": _by_condition(walks),
+            "walks_strict_accuracy_pct": _accuracy_over_walks(results, strict_shares),
+            "accuracy_by_condition_pct": _accuracy_by_condition(walks),
             "cells_pct": cells,
         }
-    # the time of the first method, which includes that of the shared map
+    # the time of the first method, which includes that of the map that the methods share
     times = [next(iter(r["methods"].values()))["time_ms"] for r in results]
     summary["time_ms"] = {"mean": float(np.mean([t["mean"] for t in times])), "p95": max(t["p95"] for t in times)}
     summary["spread"] = {q: combine_spreads([r["spread"][q] for r in results]) for q in EDGES}
@@ -143,7 +153,10 @@ def collect(results: list[ModeRow], trial: Trial = "") -> Collected[Summary, Pap
 
 
 def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Rows of Table III: name to the key of a case and its values; also the groups."""
+    """Rows of Table III, and the height groups: name to the key of a walk's row and the values that belong to it.
+
+    The value of `stairs`, for example, is the key `terrain` and the names of the three stairs.
+    """
     stairs, ramps = (tuple(t for t in PAPER_TERRAINS if t.startswith(kind)) for kind in ("stair", "ramp"))
     return {
         **{t: ("terrain", (t,)) for t in PAPER_TERRAINS},
@@ -155,12 +168,17 @@ def conditions() -> dict[str, tuple[str, tuple[str, ...]]]:
     }
 
 
-def _share(walk: ModeScores, *, strict: bool = False) -> float:
-    """Share of the steps of a walk that are right, %; `strict` counts only the true mode."""
+def _share_right_pct(walk: ModeScores, *, strict: bool = False) -> float:
+    """Share of the steps of a walk that are right, %; 0 without steps.
+
+    Args:
+        walk: Scores of the walk.
+        strict: Counts only the true mode as right, also where either of two modes would do.
+    """
     return 100.0 * sum(s.is_strictly_correct if strict else s.is_correct for s in walk.steps) / max(len(walk.steps), 1)
 
 
-def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
+def _accuracy_over_walks(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
     """Mean and standard deviation over walks, and half of the mean's 95 % interval.
 
     Walks of one person are not independent: the interval is Student's over the persons' means, or over walks if the
@@ -170,10 +188,11 @@ def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
         rows: Rows of the walks.
         shares: Share of right steps of each walk, %.
     """
-    by_group: dict[object, list[float]] = {}
-    is_known = any(k in rows[0] for k in _WHO)
-    for row, share in zip(rows, shares):  # one group per person, or per walk
-        by_group.setdefault(tuple(row[k] for k in _WHO if k in row) if is_known else row["seed"], []).append(share)
+    by_group: dict[object, list[float]] = {}  # shares by person, or by walk if the walker is unknown
+    is_known = any(k in rows[0] for k in _WALKER_KEYS)
+    for row, share in zip(rows, shares):
+        group = tuple(row[k] for k in _WALKER_KEYS if k in row) if is_known else row["seed"]
+        by_group.setdefault(group, []).append(share)
     means = [float(np.mean(shares_of_group)) for shares_of_group in by_group.values()]
     n = len(means)
     half = float(student_t.ppf(0.975, n - 1) * np.std(means, ddof=1) / math.sqrt(n)) if n > 1 else None
@@ -186,24 +205,27 @@ def _mean(rows: Sequence[Figures], shares: Sequence[float]) -> WalksAccuracy:
     }
 
 
-def _by_condition(walks: Sequence[ScoredWalk]) -> dict[str, float]:
+def _accuracy_by_condition(walks: Sequence[ScoredWalk]) -> dict[str, float]:
     """Accuracy for each row of `conditions`, mean over its walks, %; rows without walks are left out."""
-    shares = {name: [_share(w) for r, w in walks if r.get(k) in values] for name, (k, values) in conditions().items()}
-    return {name: float(np.mean(values)) for name, values in shares.items() if values}
+    shares = {
+        name: [_share_right_pct(scores) for row, scores in walks if row.get(key) in values]
+        for name, (key, values) in conditions().items()
+    }
+    return {name: float(np.mean(shares_of_row)) for name, shares_of_row in shares.items() if shares_of_row}
 
 
-def _cells(walks: Sequence[ScoredWalk]) -> dict[str, float]:
-    """Accuracy by cell of Table II, over walks that belong to one."""
+def _accuracy_by_cell(walks: Sequence[ScoredWalk]) -> dict[str, float]:
+    """Accuracy by cell of Table II, mean over its walks, %; walks without all of `_CELL_KEYS` belong to none."""
     shares_of_cell: dict[str, list[float]] = {}
-    for r, w in walks:
-        if all(k in r for k in _CELL):
-            shares_of_cell.setdefault(_cell_name(r), []).append(_share(w))
+    for row, scores in walks:
+        if all(key in row for key in _CELL_KEYS):
+            shares_of_cell.setdefault(_cell_name(row), []).append(_share_right_pct(scores))
     return {name: float(np.mean(shares)) for name, shares in sorted(shares_of_cell.items())}
 
 
 def _cell_name(row: Figures) -> str:
-    """Name of a combination of conditions, as text."""
-    return " ".join(str(row[k]) for k in _CELL)
+    """Name of the cell of Table II of a row: the values of `_CELL_KEYS`, such as `I walk stair_15cm head`."""
+    return " ".join(str(row[key]) for key in _CELL_KEYS)
 
 
 @cache
@@ -216,7 +238,8 @@ def read_paper_figures(trial: Trial = "") -> PaperFigures:
     """The paper's accuracy: over all walks, by condition and by cell; its Figure 4 and its time.
 
     Args:
-        trial: One of the trials.
+        trial: One of the trials, of which the paper gives only the accuracy over all walks; "" for the test of
+            generality.
     """
     figures = read_reference("zhao2023")
     if trial:
@@ -227,6 +250,7 @@ def read_paper_figures(trial: Trial = "") -> PaperFigures:
     generality = figures["generality"]
     published: PublishedAccuracy = {
         "accuracy_pct": generality["accuracy_pct"],
+        # the file has mean and standard deviation of each condition
         "accuracy_by_condition_pct": {k: v[0] for k, v in figures["accuracy_by_condition_pct"].items()},
         "cells_pct": table_2(),
     }
@@ -242,6 +266,7 @@ def method_summary(result: ModeResult, method: str) -> MethodSummary:
 
 
 def _is_method_summary(figures: object) -> TypeGuard[MethodSummary]:
+    """Whether an entry of a summary is that of a method, which has accuracies over walks."""
     return isinstance(figures, dict) and "walks_accuracy_pct" in figures
 
 
@@ -253,6 +278,7 @@ def _walk_spreads(result: ModeResult) -> dict[str, Spread]:
 
 
 def _are_spreads(spreads: object) -> TypeGuard[dict[str, Spread]]:
+    """Whether an entry of a summary is that of the spreads, each of which has the counts of a histogram."""
     return isinstance(spreads, dict) and all("bins" in spread for spread in spreads.values())
 
 
@@ -261,60 +287,72 @@ def table(result: ModeResult) -> list[str]:
     counts = method_summary(result, methods(result)[0])["confusion"]
     blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     if len(condition_lines(result)) > 1:
-        # after the overall lines
+        # inserted after the overall lines
         blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
     if cell_lines(result):
-        # before the lines about changes and spread, and the confusion matrix
+        # inserted before the last two blocks
         blocks[-2:-2] = [["Table II", *cell_lines(result)]]
+    # an empty line between the blocks
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
 
 def overall_lines(result: ModeResult) -> list[str]:
     """Number of walks and steps, accuracy and lead times by method, as lines of text."""
     paper_accuracy, time_ms = result["paper"]["published"]["accuracy_pct"], get_figures(result["summary"], "time_ms")
-    columns = methods(result)
+    columns = methods(result)  # ours first
     summary = {m: method_summary(result, m) for m in columns}
-    ours, mean = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
+    ours, accuracy = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]
     fell = [str(case["seed"]) for case in result["cases"] if case["fell_at_s"] is not None]
-    cells = f"± {mean['sd_of_cells']:.2f} from cell to cell (as the paper's ±), " if "sd_of_cells" in mean else ""
-    half = "" if mean["ci95"] is None else f"; 95 % interval of the mean ± {mean['ci95']:.2f}"
+    # spread of our accuracy from cell to cell, and interval of its mean, where they are defined
+    cells = ""
+    if "sd_of_cells" in accuracy:
+        cells = f"± {accuracy['sd_of_cells']:.2f} from cell to cell (as the paper's ±), "
+    paper_text = f"{_figure_text(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}"
+    interval = "" if accuracy["ci95"] is None else f"; 95 % interval of the mean ± {accuracy['ci95']:.2f}"
     return [
         f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
         f"walks that ended by a fall: {', '.join(fell) or 'none'}",
         f"map and prediction without odometry: {time_ms['mean']:.1f} ms of CPU time per depth image, "
         f"mean over the walks; 95th percentile {time_ms['p95']:.1f} on the slowest walk",
         "",
-        _head(result),
+        _head_line(result),
+        # one line per accuracy, with the paper's beside the first one, the only one that it has
         *(
-            f"{title:<{_NAME}}"
-            + "".join(_cell(_figure_at(summary[m], keys)) for m in columns)
-            + (f"{_cell(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}" if keys == _ACCURACIES[0][1] else "")
+            f"{title:<{_TITLE_WIDTH}}"
+            + "".join(_figure_text(_figure_at(summary[m], keys)) for m in columns)
+            + (paper_text if keys == _ACCURACIES[0][1] else "")
             for title, keys in _ACCURACIES
         ),
+        # one line per lead time and statistic
         *(
-            f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_NAME}}"
-            + "".join(_cell(_figure_at(summary[m], (lead, key))) for m in columns)
+            f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_TITLE_WIDTH}}"
+            + "".join(_figure_text(_figure_at(summary[m], (lead, key))) for m in columns)
             for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
             for key in ("median", "p5")
         ),
         "accuracy and strict: means over the walks; others: shares of all steps",
-        f"{columns[0]}: {cells}± {mean['sd']:.2f} from walk to walk{half}, over {mean['over']} {mean['of']}",
+        f"{columns[0]}: {cells}± {accuracy['sd']:.2f} from walk to walk{interval}, "
+        f"over {accuracy['over']} {accuracy['of']}",
     ]
 
 
 def ahead_lines(result: ModeResult) -> list[str]:
-    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text."""
+    """Estimates of terrain changes 1.5 s before a foot lands beyond them, and of the next footprint, as text.
+
+    They are of our method alone: a line for each figure of `_AHEAD`, then one for each size of stairs and ramps (riser,
+    tread, slope), up and down.
+    """
     ours = method_summary(result, methods(result)[0])
     return [
         f"1.5 s before: {ours['changes']} changes",
-        *(f"{title:<{_NAME}}{_cell(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
+        *(f"{title:<{_TITLE_WIDTH}}{_figure_text(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
         "",
-        f"{'':<{_NAME}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
+        f"{'':<{_TITLE_WIDTH}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
         *(
-            f"{size.replace('_', ' ') + ', ' + way:<{_NAME}}{_cell(size_figures['seen_pct'])}"
-            f"{_cell(size_figures['rmse'], 16)}{_cell(size_figures['all_rmse'], 23)}"
-            for size, ways in ours["sizes"].items()
-            for way, size_figures in ways.items()
+            f"{size.replace('_', ' ') + ', ' + direction:<{_TITLE_WIDTH}}{_figure_text(size_figures['seen_pct'])}"
+            f"{_figure_text(size_figures['rmse'], 16)}{_figure_text(size_figures['all_rmse'], 23)}"
+            for size, by_direction in ours["sizes"].items()
+            for direction, size_figures in by_direction.items()
         ),
     ]
 
@@ -324,8 +362,8 @@ def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> 
 
     Args:
         figures: Figures, some of which are mappings themselves.
-        keys: From the outermost one to that of the figure.
-        factor: To the unit of the table.
+        keys: Keys of the figure, from the outermost mapping to the innermost.
+        factor: From the figure's unit to that of the table.
     """
     *outer_keys, last_key = keys
     for key in outer_keys:
@@ -336,7 +374,7 @@ def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> 
 
 
 def conditions_title(result: ModeResult) -> str:
-    """Title of the accuracy by condition."""
+    """Title of the accuracy by condition: that of the paper's table, which has only the test of generality."""
     return "Table III" if result["paper"]["published"]["accuracy_by_condition_pct"] else "By mount and group"
 
 
@@ -344,18 +382,19 @@ def condition_lines(result: ModeResult) -> list[str]:
     """Accuracy by condition and method beside the paper's, %, as lines of text."""
     columns = [method_summary(result, m)["accuracy_by_condition_pct"] for m in methods(result)]
     names = [name for name in conditions() if name in columns[0]]
-    return _rows(columns, names, result["paper"]["published"]["accuracy_by_condition_pct"])
+    return _figure_lines(columns, names, result["paper"]["published"]["accuracy_by_condition_pct"])
 
 
 def cell_lines(result: ModeResult) -> list[str]:
     """Accuracy by cell and method beside the paper's, %, as lines of text."""
     columns = [method_summary(result, m)["cells_pct"] for m in methods(result)]
-    return _rows(columns, list(columns[0]), result["paper"]["published"]["cells_pct"])
+    return _figure_lines(columns, list(columns[0]), result["paper"]["published"]["cells_pct"])
 
 
 def spread_lines(result: ModeResult) -> list[str]:
     """Figure 4 as lines of text: camera pitch (down positive) and speed of the walks beside the paper's."""
     walk_spread, paper_spread = _walk_spreads(result), result["paper"].get("spread", {})
+    # title of a line, and its spread: ours, then the paper's where it has one
     spreads = [
         (title if source == "ours" else "  paper", spread)
         for quantity, title in QUANTITIES.items()
@@ -363,16 +402,21 @@ def spread_lines(result: ModeResult) -> list[str]:
         if spread is not None
     ]
     return [
-        f"{'Figure 4, of the truth':<{_NAME}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
+        f"{'Figure 4, of the truth':<{_TITLE_WIDTH}}{'mean':>8}{'sd':>8}{'min':>8}{'max':>8}",
         *(
-            f"{title:<{_NAME}}" + "".join(f"{value:>8.2f}" for value in (of["mean"], of["sd"], of["min"], of["max"]))
-            for title, of in spreads
+            f"{title:<{_TITLE_WIDTH}}"
+            + "".join(f"{value:>8.2f}" for value in (spread["mean"], spread["sd"], spread["min"], spread["max"]))
+            for title, spread in spreads
         ),
     ]
 
 
 def confusion_lines(counts: dict[str, dict[str, int]]) -> list[str]:
-    """Steps by true and predicted mode, as lines of text."""
+    """The confusion matrix as lines of text: one per true mode, and a column per predicted mode.
+
+    Args:
+        counts: True mode to predicted mode to number of steps; the predicted mode "" is that of steps without any.
+    """
     lines = [f"{'true / predicted':<17}" + "".join(f"{m:>7}" for m in MODES) + f"{'none':>7}"]
     return lines + [
         f"{true:<17}" + "".join(f"{row[m]:>7}" for m in MODES) + f"{row['']:>7}" for true, row in counts.items()
@@ -384,26 +428,30 @@ def methods(result: ModeResult) -> list[str]:
     return list(result["cases"][0]["methods"])
 
 
-def _head(result: ModeResult) -> str:
+def _head_line(result: ModeResult) -> str:
     """Head of a table of text: a column per method, and the paper's."""
-    return " " * _NAME + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
+    return " " * _TITLE_WIDTH + "".join(f"{WORDS.get(m, m):>12}" for m in methods(result)) + f"{'paper':>9}"
 
 
-def _rows(columns: Sequence[dict[str, float]], names: Sequence[str], paper_figures: dict[str, float]) -> list[str]:
-    """Rows of a table of text: a figure of each method, and the paper's.
+def _figure_lines(
+    columns: Sequence[dict[str, float]], names: Sequence[str], paper_figures: dict[str, float]
+) -> list[str]:
+    """Lines of a table of text, one per figure: its name, its value for each method, and the paper's value.
 
     Args:
-        columns: Figures by name, of each method.
-        names: Names of the figures.
+        columns: For each method, its figures by name.
+        names: Names of the figures, one per line.
         paper_figures: The paper's figures by name.
     """
     return [
-        f"{name:<{_NAME}}" + "".join(_cell(column[name], 12) for column in columns) + _cell(paper_figures.get(name), 9)
+        f"{name:<{_TITLE_WIDTH}}"
+        + "".join(_figure_text(column[name], 12) for column in columns)
+        + _figure_text(paper_figures.get(name), 9)
         for name in names
     ]
 
 
-def _cell(value: float | None, width: int = 12) -> str:
+def _figure_text(value: float | None, width: int = 12) -> str:
     """A figure as text of a given width; - if it is missing."""
     return f"{'-':>{width}}" if value is None else f"{value:>{width}.2f}"
 
@@ -411,19 +459,21 @@ def _cell(value: float | None, width: int = 12) -> str:
 def report(result: ModeResult) -> str:
     """The experiment as an HTML page."""
     cases, ours = result["cases"], methods(result)[0]
+    # of each method, the steps of all walks
     steps = {m: [s for c in cases for s in ModeScores.of(c["methods"][m]).steps] for m in methods(result)}
+    # sentences above the figures
     lead_lead = "Time from the final correct prediction to touch-down; 0 where the prediction was wrong."
     lead_calibration = "Predicted probability and share of correct predictions, by tenths, with the number of steps."
     lead_confusion = "Steps by true mode and by the last mode predicted before touch-down."
     sections = [
         section("Accuracy", "Ours, the published method, and the paper.", text_block(overall_lines(result))),
-        _conditions(result),
-        _table_2(result),
+        _condition_section(result),
+        _table_2_section(result),
         section("Confusion matrix", lead_confusion, confusion_table(method_summary(result, ours)["confusion"])),
         section(
             "Figure 4",
             _MOUNT_NOTE,
-            boxes([text_block(spread_lines(result)), *(_spread(quantity, result) for quantity in EDGES)]),
+            boxes([text_block(spread_lines(result)), *(_spread_figure(quantity, result) for quantity in EDGES)]),
             "stack",
         ),
         section("Lead time", lead_lead, lead_plot(steps)),
@@ -439,7 +489,7 @@ def report(result: ModeResult) -> str:
     )
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
+def _table_of_numbers(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
     """A table of HTML with names in the first column and numbers in the others."""
     return html_table(head, rows, range(1, len(head)))
 
@@ -449,30 +499,27 @@ def _two_lines(value: str, below: str) -> Markup:
     return Markup("{}<br><small>{}</small>").format(value, below)
 
 
-def _number(value: float | None) -> str:
+def _number_text(value: float | None) -> str:
     """A figure as text; "" if it is missing."""
     return "" if value is None else f"{value:.2f}"
 
 
-def _conditions(result: ModeResult) -> str:
+def _condition_section(result: ModeResult) -> str:
     """Section with Table III: accuracy by condition; "" without any."""
     names = methods(result)
     paper_figures = result["paper"]["published"]["accuracy_by_condition_pct"]
     columns = [method_summary(result, m)["accuracy_by_condition_pct"] for m in names]
     rows = [
-        [name, *(_number(column.get(name)) for column in columns), _number(paper_figures.get(name))]
+        [name, *(_number_text(column.get(name)) for column in columns), _number_text(paper_figures.get(name))]
         for name in conditions()
         if name in columns[0]
     ]
     lead = "Accuracy by condition, %: mean over its walks."
-    return (
-        section(conditions_title(result), lead, _table(["", *(WORDS.get(m, m) for m in names), "paper"], rows))
-        if rows
-        else ""
-    )
+    head = ["", *(WORDS.get(m, m) for m in names), "paper"]
+    return section(conditions_title(result), lead, _table_of_numbers(head, rows)) if rows else ""
 
 
-def _table_2(result: ModeResult) -> str:
+def _table_2_section(result: ModeResult) -> str:
     """Section with Table II in the paper's layout: accuracy by cell; "" without any."""
     ours = method_summary(result, methods(result)[0])["cells_pct"]
     paper_cells = result["paper"]["published"]["cells_pct"]
@@ -483,15 +530,20 @@ def _table_2(result: ModeResult) -> str:
     for group in HEIGHT_GROUPS:
         for pattern in GAIT_PATTERNS:
             cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
+            # our accuracy and the paper's; None for cells that were not walked
             pairs = [(ours[c], paper_cells[c]) if c in ours else None for c in cells]
             shown = ["" if pair is None else _two_lines(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
             rows.append([f"{group} {pattern}", *shown])
     head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
-    return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table(head, rows))
+    return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table_of_numbers(head, rows))
 
 
 def confusion_table(counts: dict[str, dict[str, int]]) -> str:
-    """Steps by true and predicted mode, as HTML."""
+    """The confusion matrix as HTML: a row per true mode, and a column per predicted mode.
+
+    Args:
+        counts: True mode to predicted mode to number of steps; the predicted mode "" is that of steps without any.
+    """
 
     def cell(row: dict[str, int], mode: str) -> str:
         """Number of steps with a predicted mode, and its share of the steps with the true mode; "" for none."""
@@ -499,14 +551,14 @@ def confusion_table(counts: dict[str, dict[str, int]]) -> str:
         return _two_lines(str(row[mode]), f"{share:.1f} %") if row[mode] else ""
 
     rows = [[true, *(cell(row, mode) for mode in (*MODES, ""))] for true, row in counts.items()]
-    return _table(["true / predicted", *MODES, "none"], rows)
+    return _table_of_numbers(["true / predicted", *MODES, "none"], rows)
 
 
-def _spread(quantity: str, result: ModeResult) -> str:
+def _spread_figure(quantity: str, result: ModeResult) -> str:
     """Histogram of pitch or speed, with mean and standard deviation, ours and the paper's."""
     walk_spread, edges = _walk_spreads(result)[quantity], EDGES[quantity]
     paper_spread = result["paper"].get("spread", {}).get(quantity)
-    shares = 100.0 * np.array(walk_spread["bins"]) / walk_spread["count"]
+    shares = 100.0 * np.array(walk_spread["bins"]) / walk_spread["count"]  # of each bin, %
     top = 1.25 * float(shares.max())
     plot = Plot(
         title=QUANTITIES[quantity],
@@ -517,6 +569,7 @@ def _spread(quantity: str, result: ModeResult) -> str:
         height=260,
     )
     plot.bars(edges[:-1], edges[1:], 0.0, shares, PALETTE[4], label="ours")
+    # above the bars, mean and SD of both: spread, height as a share of the plot's, colour, label
     marks: tuple[tuple[Moments | None, float, str, str], ...] = (
         (walk_spread, 0.90, INK, "ours"),
         (paper_spread, 0.96, PALETTE[1], "paper"),
@@ -548,7 +601,7 @@ def lead_plot(steps: dict[str, list[ScoredMode]]) -> str:
 
 def calibration_plot(steps: Sequence[ScoredMode]) -> str:
     """Share of correct predictions by predicted probability, as HTML."""
-    bins = reliability(steps)
+    bins = reliability(steps)  # mean probability, share of right steps, and number of steps, for each tenth with steps
     plot = Plot(
         title="Calibration",
         x=(0.0, 1.05),

@@ -64,14 +64,21 @@ class TimedModeRows(ModeRows):
 
 
 def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
-    """The spread of one walk, by quantity (`EDGES`), from its truth."""
+    """The spread of camera pitch and speed on one walk, by quantity (keys of `EDGES`), from its truth.
+
+    Args:
+        recording: The walk, with the truth.
+        mount: Body of the camera: head or chest.
+    """
     truth = TruePath.of(recording.block(f"/truth/{mount}/imu/odometry"))  # its axes are the camera's
-    half = round(_OVER_S / 2 * 1e9)
+    half = round(_OVER_S / 2 * 1e9)  # ns
     steps = recording.block(FOOTPRINTS).t_ns[2:]  # the two initial footprints come first
+    # from the first step to the last; of a walk without steps the whole truth
     first, last = (steps[0], steps[-1]) if len(steps) else (truth.t_ns[0], truth.t_ns[-1])
+    # instants around which a whole second of the truth is known
     t_ns = np.arange(max(first, truth.t_ns[0] + half), min(last, truth.t_ns[-1] - half), round(1e9 / _RATE_HZ))
-    way = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world
-    speed = np.linalg.norm(way[:, :2], axis=1) / _OVER_S
+    displacement = truth.at(t_ns + half).p_frame_in_world - truth.at(t_ns - half).p_frame_in_world  # (N, 3) m
+    speed = np.linalg.norm(displacement[:, :2], axis=1) / _OVER_S
     return {
         "camera_pitch_rad": compute_spread(pitch_down(truth.at(t_ns).q_world_frame), EDGES["camera_pitch_rad"]),
         "speed_mps": compute_spread(speed, EDGES["speed_mps"]),
@@ -79,13 +86,14 @@ def walk_spread(recording: Recording, mount: str) -> dict[str, Spread]:
 
 
 def pitch_down(q_world_camera: Array) -> Array:
-    """(N,) rad, pitch of an optical frame's axis below the horizon, from (N, 4) quaternions."""
+    """(N,) rad, pitch of an optical frame's axis below the horizon, from (N, 4) quaternions, w first."""
     w, x, y, z = q_world_camera.T
+    # the bracket is the vertical component of the frame's z axis in the world, limited against rounding
     return np.asarray(-np.arcsin(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0)))
 
 
 def compute_spread(values: Array, edges: Array) -> Spread:
-    """The spread of (N,) values, N > 0, with counts between (B,) edges."""
+    """The spread of (N,) values, N > 0, with counts in B bins between (B + 1,) edges; outer bins take values beyond."""
     bins = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0]
     return {
         "count": len(values),
@@ -116,8 +124,11 @@ def combine_spreads(parts: Sequence[Spread]) -> Spread:
 
 
 MOUNTS = ("head", "chest")
+"""Bodies that may carry the camera."""
 HEIGHT_GROUPS = ("I", "II", "III", "IV", "V")
+"""Groups of walkers by height."""
 POSE_SOURCES = ("dvio", "given")
+"""Where the camera's poses come from: the visual-inertial odometry, or the truth."""
 FORGETFUL = "single_image"
 """Our prediction without a map over time: it knows the ground only from the last image."""
 
@@ -127,12 +138,12 @@ def run_case(case: ExperimentCase, poses: str = "dvio", methods: Sequence[str] =
 
     Args:
         case: With one walk.
-        poses: Of `POSE_SOURCES`.
-        methods: Of the predictor's `METHODS`, or `FORGETFUL`; the first one's time includes the map's.
+        poses: One of `POSE_SOURCES`.
+        methods: Names from the predictor's `METHODS`, or `FORGETFUL`; the first one's time includes the map's.
 
     Returns:
-        The case's row with `mount`, `fell_at_s`, `spread` (`walk_spread`), and `methods`: method to `steps`,
-        `approaches` and `time_ms`.
+        The case's row with `mount`, `fell_at_s`, `spread` (`walk_spread`), and `methods`: method to `steps` (true steps
+        and their predictions), `approaches` (estimates ahead of terrain changes) and `time_ms` per depth image.
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
@@ -207,7 +218,8 @@ def predict(
         methods: The predictor's own methods, `FORGETFUL`, or names of installed estimators of modes.
     """
     rig = recording.rig
-    options = Options(poses_of=find_pose_topic(recording, depth_calibration(rig))[1])
+    _, frame = find_pose_topic(recording, depth_calibration(rig))  # frame of the poses
+    options = Options(poses_of=frame)
     shared = SharedMap(rig, options=options, **parameter_keywords(TerrainMap, PROPOSED))
 
     def build(name: str) -> Estimator[Sample | StepEstimate, ModeEstimate]:
@@ -222,6 +234,7 @@ def predict(
                 ground=shared,
                 **parameter_keywords(LocomotionMode, name),
             )
+        # an installed estimator runs with the first of its methods
         estimator_class = registry.estimator(name)
         first = estimator_class.declaration.methods[0]
         keywords = parameter_keywords(estimator_class, first)
@@ -258,9 +271,12 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
         recording: The walk, with the truth.
         sole_m: Length of the walker's soles, m.
     """
-    truth = TruePath.of(recording.block(find_pose_topic(recording, depth_calibration(recording.rig))[0]))
+    pose_topic, _ = find_pose_topic(recording, depth_calibration(recording.rig))
+    truth = TruePath.of(recording.block(pose_topic))
+    # poses at which the truth is known
     in_truth = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[in_truth]
+    # from the odometry's world to the true one, and the true terrain
     alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
@@ -275,7 +291,7 @@ def score_rows(predictions: Predictions, recording: Recording, sole_m: float) ->
         sole_m: Length of the walker's soles, m.
     """
     return {
-        method: {**scores.rows(), "time_ms": _time(predictions.frame_ms[method])}
+        method: {**scores.rows(), "time_ms": _time_statistics(predictions.frame_ms[method])}
         for method, scores in score_predictions(predictions, recording, sole_m).items()
     }
 
@@ -286,19 +302,20 @@ def samples_with_poses(
     poses: str,
     on_pose: Callable[[Pose], None] = lambda pose: None,
 ) -> Iterator[Sample]:
-    """Poses of the camera's IMU and of the camera on it, depth and insoles in time order.
+    """Yields poses of the camera's IMU and of the camera on it, depth images and insoles, in time order.
 
     Args:
-        recording: Of the walk.
-        mount: Mount of the camera.
-        poses: Of `POSE_SOURCES`.
+        recording: Recording of the walk.
+        mount: Body of the camera: head or chest.
+        poses: One of `POSE_SOURCES`; the true poses (`given`) are those of one frame alone.
         on_pose: Gets every valid pose of the odometry, with its covariance.
     """
     camera = depth_calibration(recording.rig)
     if poses == "given":  # the true poses take the place of the odometry
-        topics = [find_pose_topic(recording, camera)[0], *INSOLES, camera.depth_topic]
-        yield from recording.samples(topics)
+        pose_topic, _ = find_pose_topic(recording, camera)
+        yield from recording.samples([pose_topic, *INSOLES, camera.depth_topic])
         return
+    # `pose_feed` turns an estimate of the odometry into pose samples
     odometry, pose_feed = make_odometer("proposed", recording.rig, mount), PoseFeed()
     for sample in recording.samples([f"/{mount}/imu", camera.topic, *INSOLES, camera.depth_topic]):
         if isinstance(sample, Imu | Image | Depth):
@@ -319,6 +336,6 @@ def trajectory(path: list[Odometry]) -> Trajectory:
     )
 
 
-def _time(frame_ms: list[float]) -> dict[str, float]:
-    """Mean and 95th percentile of times, ms."""
+def _time_statistics(frame_ms: list[float]) -> dict[str, float]:
+    """Mean (`mean`) and 95th percentile (`p95`) of times, ms."""
     return {"mean": float(np.mean(frame_ms)), "p95": float(np.percentile(frame_ms, 95))}

@@ -43,6 +43,7 @@ FigureName = Literal[
     "unhealthy_s",
     "nees_within_95_pct",
 ]
+"""Names of figures of `OdometryFigures` of which means over walks are taken."""
 FIGURES: tuple[FigureName, ...] = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
 
 
@@ -65,8 +66,9 @@ def make_odometer(name: str, rig: Rig, mount: str) -> Odometer:
         rig: Nominal rig.
         mount: Mount of the camera: head or chest.
     """
-    if name in ODOMETRY_METHODS:
+    if name in ODOMETRY_METHODS:  # all of them are methods of one class
         return Dvio(rig, options=Options(method=name, mount=mount), **parameter_keywords(Dvio, name))
+    # an installed estimator runs with the first of its methods
     estimator_class = registry.estimator(name)
     first = estimator_class.declaration.methods[0]
     options = Options(method=first, mount=mount)
@@ -105,6 +107,7 @@ def run_odometry(odometry: Odometer, samples: Iterable[Sample]) -> OdometryRun:
         if (pose := pose_of(estimate, type(odometry).__name__)) is not None:
             poses[pose.t_ns] = pose  # the last one at an instant uses most samples
     path = [poses[t] for t in sorted(poses)]
+    # whether the odometry reports each pose as healthy
     healthy = np.array([pose.valid for pose in path], bool)
     return OdometryRun(
         odometry=OdometryPath(path=trajectory_of(path), healthy=healthy), frame_ms=np.array(frame_ms[1:])
@@ -128,7 +131,7 @@ class OdometryFigures(DriftFigures):
 
 
 def score_odometry(run: OdometryRun, truth: TruePath) -> OdometryFigures:
-    """Figures of one run: `drift_figures`, and `time_ms` per frame."""
+    """Figures of one run: drift and failure by `drift_figures`, and `time_ms` per frame, `mean` and `p99`."""
     return {**drift_figures(run.odometry, truth), "time_ms": time_statistics(run.frame_ms)}
 
 
@@ -153,18 +156,19 @@ def run_every_method(
         further_names: Names of the other estimators.
     """
     truth = true_path(recording, mount)
-    return {
-        name: score_odometry(run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount)), truth)
-        for name in (*ODOMETRY_METHODS, *further_names)
-    }
+    figures = {}
+    for name in (*ODOMETRY_METHODS, *further_names):
+        run = run_odometry(make(name, recording.rig, mount), odometry_samples(recording, mount))
+        figures[name] = score_odometry(run, truth)
+    return figures
 
 
 def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
     """Runs every method and other installed estimators on one walk.
 
     Returns:
-        The case's row with `mount`, `fell_at_s`, `rate_radps` (95th percentile and maximum of the measured angular rate
-        of head or chest), and `methods`: method to `score_odometry`.
+        The case's row with `mount`, `fell_at_s`, `rate_radps` (`p95` and `max` of the measured angular rate of head or
+        chest), and `methods`: method to its drift, failure and time (`score_odometry`).
     """
     (walk,) = case.walks()
     mount = walk.config.rig_mount
@@ -179,7 +183,7 @@ def run_case(case: ExperimentCase, make: Maker = make_odometer) -> Row:
 
 
 def time_statistics(frame_ms: Array) -> dict[str, float]:
-    """Mean and 99th percentile of times; 0 without any."""
+    """Mean (`mean`) and 99th percentile (`p99`) of times, ms; 0 without any."""
     if not len(frame_ms):
         return {"mean": 0.0, "p99": 0.0}
     return {"mean": float(frame_ms.mean()), "p99": float(np.percentile(frame_ms, 99))}
@@ -192,6 +196,6 @@ def mean(walks: Iterable[OdometryFigures], name: FigureName) -> float | None:
 
 
 def summarize_time(walks: Iterable[OdometryFigures]) -> dict[str, float]:
-    """Mean of the walks' mean times per frame, and the largest 99th percentile of any walk."""
+    """Mean of the walks' mean times per frame (`mean`), and the largest 99th percentile of any walk (`p99`), ms."""
     times = [w["time_ms"] for w in walks]
     return {"mean": float(np.mean([t["mean"] for t in times])), "p99": max(t["p99"] for t in times)}

@@ -27,16 +27,20 @@ def collect(results: list[OdometryRow]) -> Collected[Summary, dict[str, PaperDri
     for method in results[0]["methods"]:
         by_mount = {mount: [r["methods"][method] for r in results if r["mount"] == mount] for mount in MOUNTS}
         summary[method] = {
-            **_summary([r["methods"][method] for r in results]),
-            "by_mount": {mount: _summary(walks) for mount, walks in by_mount.items() if walks},
+            **_drift_over_walks([r["methods"][method] for r in results]),
+            "by_mount": {mount: _drift_over_walks(walks) for mount, walks in by_mount.items() if walks},
         }
     summary["time_ms"] = summarize_time(r["methods"]["proposed"] for r in results)
     summary["walks_that_fell"] = sum(r["fell_at_s"] is not None for r in results)
     return {"summary": summary, "paper": read_paper_figures()}
 
 
-def _summary(walks: list[OdometryFigures]) -> Figures:
-    """Means of the figures over walks, largest drift and climb error, and the number of failures."""
+def _drift_over_walks(walks: list[OdometryFigures]) -> Figures:
+    """Means of the figures over walks, largest drift and climb error, and the number of walks that failed.
+
+    A walk counts only for the figures that it has; a figure that none has is None.
+    """
+    # (3,) absolute drift along x, y, z of each walk with one, m
     ends = [np.abs(w["loop_drift_xyz_m"]) for w in walks if "loop_drift_xyz_m" in w]
     climbs = [climb for w in walks if (climb := w.get("climb_error_m")) is not None]
     return {
@@ -60,6 +64,7 @@ def read_paper_figures() -> dict[str, PaperDrift]:
     return drift_of_method
 
 
+# header, width, and format of a method's figures
 _COLUMNS = (
     ("loop drift m", 14, "{loop_drift_m:.3f}"),
     ("largest m", 11, "{loop_drift_max_m:.3f}"),

@@ -89,7 +89,7 @@ def test_rows_of_another_physics_or_version_are_run_again_and_counted(tmp_path, 
     assert set(stages) == {"small, 1 rows of another version are run again"}
     resumed(subset=3)
     assert ran == [5, 6, 5, 5, 7]
-    monkeypatch.setattr(registry, "_version", lambda *_: "other sources")
+    monkeypatch.setattr(registry, "_sources_digest", lambda *_, **__: "other sources")
     resumed(subset=4)
     assert ran == [5, 6, 5, 5, 7, 5, 6, 7, 8]
     assert set(stages) == {"small, 3 rows of another version are run again"}
@@ -111,7 +111,7 @@ def test_estimators_of_another_kind_and_unknown_ones_are_refused_with_the_valid_
 def test_rows_with_other_estimators_have_keys_of_their_own(tmp_path) -> None:
     study = experiment("zhao_closed_loop")
     jobs = [
-        registry._job(study, ExperimentCase(seed=1, folder=tmp_path, estimators=estimators))
+        registry._make_job(study, ExperimentCase(seed=1, folder=tmp_path, estimators=estimators))
         for estimators in ((), ("dvio",))
     ]
     assert jobs[0].key != jobs[1].key
@@ -146,7 +146,7 @@ def test_one_process_at_a_time_runs_cases_in_a_folder(tmp_path, ran) -> None:
 def test_every_variant_of_an_experiment_has_keys_of_its_own(tmp_path) -> None:
     case = ExperimentCase(seed=1, folder=tmp_path)
     names = ("zhao_generality", "zhao_generality_given_poses", "zhao_generality_shallow", "zhao_view")
-    jobs = [registry._job(experiment(name), case) for name in names]
+    jobs = [registry._make_job(experiment(name), case) for name in names]
     assert len({job.key for job in jobs} | {job.task.walks_key for job in jobs}) == 2 * len(names)
 
 
@@ -165,7 +165,10 @@ def test_a_recording_of_another_version_is_not_reused(tmp_path, monkeypatch) -> 
     neighbour.touch()
 
     def resumed(*, twin: str, estimators: str) -> bool:
-        monkeypatch.setattr(registry, "_version", lambda module, all_of_it: twin + estimators * all_of_it)
+        def digest(module: str, *, with_estimators: bool) -> str:
+            return twin + estimators * with_estimators
+
+        monkeypatch.setattr(registry, "_sources_digest", digest)
         ran = len(there)
         run(tmp_path, keep=True, resume=True)
         assert len(there) == ran + 1

@@ -47,7 +47,7 @@ def test_tilt_is_the_angle_between_the_verticals_whatever_the_heading() -> None:
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     tilted = Rotation.from_rotvec(np.column_stack([0.02 * axis, np.zeros(20)])) * true
     turned = Rotation.from_euler("z", 0.7) * tilted
-    found = zoo_walk._tilt(turned.as_quat(scalar_first=True), true.as_quat(scalar_first=True))
+    found = zoo_walk._tilt_rad(turned.as_quat(scalar_first=True), true.as_quat(scalar_first=True))
     assert found == pytest.approx(np.full(20, 0.02), abs=1e-9)
 
 
