@@ -84,7 +84,7 @@ def plan_control(reference: Reference, model: mujoco.MjModel) -> Plan:
             air = (t > before.t_off) & (t < after.t_touch)
             swinging[air, k] = True
             until_landing[air, k] = after.t_touch - t[air]
-            # the foot goes up or down stairs, or leaves over a riser
+            # the next footprint lies behind a riser of a stair, or the foot leaves it over a riser
             near_edge[air, k] = after.mode in ("SA", "SD") or after.departure != "push"
         # the footprint on which the foot stands, or in the air the next one: the first with its toe-off still to come
         foot_steps = reference.steps[side]
