@@ -21,7 +21,8 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 
 Parameters = dict[str, Any]
 _TYPICAL_LOAD_N = 100.0  # of a cell under a foot
-_BITS_WITHOUT_COUNTING = 32
+_BITS_WITHOUT_COUNTING = 32  # of an ideal encoder, whose file has 0
+# errors that `_miscalibrate` draws
 _DRAWN = ("rotation", "position", "intrinsics", "offset", "readout")
 
 
@@ -54,6 +55,7 @@ def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) ->
         sd: Topics of the cameras, and the accuracy of each calibration.
         seed: Of the walk.
     """
+    # calibrations with errors, of the cameras that have any
     miscalibrated = {
         topic: _miscalibrate(rig.cameras[topic], sd_of_camera, seed)
         for topic, sd_of_camera in sd
@@ -81,7 +83,7 @@ def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> Ca
     from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
 
     draw = {name: _noise(camera.topic, name, seed) for name in _DRAWN}
-    error = np.eye(4)
+    error = np.eye(4)  # from the true to the nominal mount, in the camera's axes
     error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()
     error[:3, 3] = draw["position"].normal(sd.position_m, 3)
     fu, fv, pu, pv = (np.array(camera.intrinsics) * (1.0 + draw["intrinsics"].normal(sd.intrinsics, 4))).tolist()
@@ -95,7 +97,7 @@ def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> Ca
 
 
 def _noise(topic: str, what: str, seed: int) -> Noise:
-    """Noise of one quantity of a camera's calibration in the walk of a seed."""
+    """Random numbers for one quantity `what` of the calibration of the camera on a topic, in the walk of a seed."""
     return Noise.of_topic(seed, f"{topic}#calibration of {what}")
 
 
@@ -114,7 +116,10 @@ def _sonar(part: SonarPart) -> Parameters:
 
 
 def _ahrs(part: AhrsPart) -> Parameters:
-    """Parameters of an AHRS: SDs of tilt, heading and rates."""
+    """Parameters of an AHRS: SDs of tilt, heading and rates, and the largest drift of the heading.
+
+    The SD of the bias of a rate combines its constant and its varying part.
+    """
     return {
         "tilt_sd_rad": part.tilt_moving,
         "tilt_bias_sd_rad": part.tilt_bias,
@@ -137,7 +142,7 @@ def _encoder(part: EncoderPart) -> Parameters:
 
 
 def _insole(part: ForceCellPart) -> Parameters:
-    """Parameters of a force cell under a foot: its range and the SD at a typical load."""
+    """Parameters of a force cell under a foot: the SD at a typical load, its range, and the cut-off of its filter."""
     return {
         "force_sd_n": math.hypot(part.noise, part.gain * _TYPICAL_LOAD_N),
         "force_max_n": part.range,
