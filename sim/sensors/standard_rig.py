@@ -35,13 +35,14 @@ from stridetwin.streams.samples import Array
 GROUPS = tuple(KIND)
 EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
-_WALK_S = 100.0
+_WALK_S = 100.0  # time in which the nominal random walk of a bias equals its in-run instability
 
 FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 SONAR = Seat(position_m=(-0.030, 0.040, 0.050), faces_rad=(90 * _DEG, 0.0))
 RGBD_PITCH_RAD = 25 * _DEG
+# body and position (m, forward, left, up) of the RGB-D camera, by its place
 RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
@@ -106,13 +107,13 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
             raise ConfigError(config.name, f"sensors[{i}]", group, ", ".join(GROUPS))
     if config.rig_mount not in RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(RGBD_MOUNT))
-    on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
-    sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    used = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())  # groups
+    sensors = {s.calibration.topic: s for group in GROUPS if group in used for s in _SENSORS[group](config)}
     calibrations = [s.calibration for s in sensors.values()]
     rig = Rig(
         imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
         cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
-        boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
+        boards={b.name: b for b in _boards(config)} if "foot_camera" in used else {},
         others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
     )
     return SensorRig(rig=rig, sensors=sensors)
@@ -190,7 +191,7 @@ def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
     rotation = _group_config(config, "foot_imu").rotation_rad
     if rotation is None:
         return np.eye(3)
-    roll, pitch, yaw = rotation
+    roll, pitch, yaw = rotation  # of the left foot; roll and yaw change their signs in a mirror image
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
@@ -257,7 +258,10 @@ def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
 
 
 def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
-    """(3,) position, m, and (3,) viewing direction in the foot's frame; `seat` is mirrored for the right foot."""
+    """(3,) position, m, and (3,) viewing direction of a seat on a shoe, in the foot's frame.
+
+    `seat` counts sideways towards the other foot, so that it holds for both shoes.
+    """
     forward, inward, up = seat.position_m
     towards, upward = seat.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
@@ -319,7 +323,8 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
     seat = _group_config(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
-        forward, aside, up = SONAR.position_m
+        forward, aside, up = SONAR.position_m  # aside is towards the other foot
+        # direction of the beam, and its place, in the foot's frame; a mount of the scenario replaces both
         inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
@@ -362,6 +367,7 @@ def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     """The encoders of the exoskeleton's joints; each is mounted on the body that its joint moves."""
     own_exo = _own_exo(config)
+    # body that each joint moves, by joint
     moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     if own_exo is not None:
         moved = {name: own_exo.body_moved_by(name) for name in own_exo.encoders}
@@ -372,6 +378,7 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     """The force-cell pairs in the exoskeleton's cuffs."""
     own_exo = _own_exo(config)
+    # (place, which is the limb; body of the exoskeleton)
     cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
     if own_exo is not None:
         cuffs = [(cuff.body, cuff.link) for cuff in own_exo.cuffs if cuff.force_cells]
@@ -381,14 +388,15 @@ def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     """The actuation modules as sensors of torque and speed; joints without a module report zero torque."""
-    mounted = {} if config.exo is None else modules(config.exo)
+    mounted = {} if config.exo is None else modules(config.exo)  # modules by joint
     limits: dict[str, dict[str, Any]] = {
         name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
         for name, m in mounted.items()
     }
     own_exo = _own_exo(config)
     if own_exo is None:
-        moved = {f"{j}_{s}": f"exo_{b}_{s}" for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES}
+        moved_parts = (("hip", "thigh"), ("knee", "shank"))  # joint, and the link that it moves
+        moved = {f"{joint}_{s}": f"exo_{link}_{s}" for joint, link in moved_parts for s in SIDES}
     else:
         moved = {name: own_exo.body_moved_by(name) for name in mounted}
     for name, body in moved.items():
@@ -399,6 +407,7 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
         yield _other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
 
 
+# sensors of each group, from the scenario
 _SENSORS = {
     "foot_imu": _foot_imus,
     "foot_camera": _foot_cameras,
