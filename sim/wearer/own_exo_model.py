@@ -26,14 +26,16 @@ from stridetwin.streams.samples import Array
 MOST_JOINTS = 8
 """Largest number of joints of a leg."""
 MOST_LINKS = 100
+"""Largest number of bodies of the model."""
 MASS_KG = (0.05, 60.0)
 """Least and largest mass of the whole exoskeleton."""
 _URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
-_PACKAGE = "package://"
-_LARGEST_FILE = 4 << 20
-_MOST_FACES = 100_000
-_LIGHTEST_KG = 1e-3
-_FULL_TURN = np.array([-np.pi, np.pi])
+_PACKAGE = "package://"  # begins the paths of files in a ROS package
+_LARGEST_FILE = 4 << 20  # bytes
+_MOST_FACES = 100_000  # of all meshes together
+_LIGHTEST_KG = 1e-3  # least mass of a link with a joint
+_FULL_TURN = np.array([-np.pi, np.pi])  # rad, range of a hinge without limits
+# types of geoms that a link may show
 _SHAPES = {
     int(kind)
     for kind in (
@@ -80,13 +82,14 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     """
     model = _compile(path)
     _check_kinds(path, model)
+    # the number is -1 for an unknown name and 0 for the world
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base) < 1:
         known = ", ".join(model.body(b).name for b in range(1, model.nbody))
         raise ConfigError(path, "base", base, f"a link of the model: {known}")
     root = model.body(base).id
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    owners = _owners(path, model, root)
+    owners = _owners(path, model, root)  # by body: the body that it is merged into
     chains = _chains(path, model, root, owners)
     _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
     # rotation from the model's world to the pelvis' axes, and origin of each link in that world: its joint's anchor
@@ -121,10 +124,12 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         )
 
     base_link = link(root, None)
-    legs = tuple(tuple(link(b, ([root, *leg])[i]) for i, b in enumerate(leg)) for leg in chains)
+    # each link is carried by the one before it in its chain, the first one by the base
+    legs = tuple(tuple(link(b, parent) for b, parent in zip(leg, [root, *leg])) for leg in chains)
     total_mass = base_link.mass + sum(part.mass for leg in legs for part in leg)
     if not MASS_KG[0] <= total_mass <= MASS_KG[1]:
         raise ConfigError(path, "mass", round(total_mass, 4), f"{MASS_KG[0]:g}-{MASS_KG[1]:g} kg in all")
+    # by body with a joint: number of the leg, and of the link in it; -1 for the base
     place = {root: (-1, 0)} | {b: (k, i) for k, leg in enumerate(chains) for i, b in enumerate(leg)}
     T_carrier = {}
     for b, owner in owners.items():
@@ -144,6 +149,7 @@ def files_of(path: Path) -> list[str]:
         StrideTwinError: It cannot be read.
     """
     text, folder = _text(path), path.absolute().parent
+    # an error of MuJoCo becomes one line
     with _one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parse_spec(path, text)
@@ -261,14 +267,24 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
 
 
 def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
-    """Rejects links and joints whose names collide in the wearer's model."""
+    """Rejects links and joints whose names collide in the wearer's model.
+
+    Args:
+        path: The model's file, for messages.
+        model: The exoskeleton's model.
+        bodies: The base, then all bodies with a joint.
+        names: Name in the wearer's model of each joint that has one, by its name in the file.
+
+    Raises:
+        ConfigError: Two names of the file become one.
+    """
     links = [model.body(b).name for b in bodies]
     joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
     for kind, wearer_names in (
         ("link", {name: _exo_name(name) for name in links}),
         ("joint", {name: names.get(name, _exo_name(name)) for name in joints}),
     ):
-        first: dict[str, str] = {}
+        first: dict[str, str] = {}  # the first name of the file that becomes a name in the wearer's model
         for name, wearer_name in wearer_names.items():
             first_name = first.setdefault(wearer_name, name)
             if first_name != name:
@@ -354,11 +370,12 @@ def _mass_properties(
     """
     masses = model.body_mass[bodies]
     mass = float(masses.sum())
-    if mass <= 0.0:
+    if mass <= 0.0:  # no centre of mass
         return 0.0, np.zeros(3), np.zeros((3, 3))
     centre = masses @ data.xipos[bodies] / mass
     inertia = np.zeros((3, 3))
     for b in bodies:
+        # axes of the body's moments of inertia, and its centre of mass from the common one: parallel-axis theorem
         R, d = data.ximat[b].reshape(3, 3), data.xipos[b] - centre
         inertia += R @ np.diag(model.body_inertia[b]) @ R.T + model.body_mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
     return mass, to_pelvis @ (centre - origin), to_pelvis @ inertia @ to_pelvis.T
@@ -381,7 +398,7 @@ def _shapes(
         ConfigError: A shape that cannot be worn, or too many faces.
     """
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
-    if path.suffix == ".urdf":
+    if path.suffix == ".urdf":  # its visual elements do not collide; a model without them shows the others
         geoms = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]] or geoms
     shapes = []
     if int(model.nmeshface) > _MOST_FACES:
@@ -395,6 +412,7 @@ def _shapes(
             )
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, (to_pelvis @ data.geom_xmat[g].reshape(3, 3)).ravel())
+        # number of the mesh; vertices and faces stay empty for other shapes
         m, vertices, faces = int(model.geom_dataid[g]), np.zeros((0, 3)), np.zeros((0, 3), np.int32)
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
             at, count = model.mesh_vertadr[m], model.mesh_vertnum[m]

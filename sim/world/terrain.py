@@ -24,10 +24,10 @@ from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
-_GROUND_BELOW_M = 0.05
+_GROUND_BELOW_M = 0.05  # of the ground plane below the lowest point of the way
 _PLANK_M = 0.04  # thickness of a tread that overhangs its riser
 _CHORDS = 3  # of a rounded edge
-_TINY_M = 1e-9
+_TINY_M = 1e-9  # shorter slabs are left out
 _FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
 
 
@@ -54,6 +54,7 @@ class Terrain:
         """
         layout = lay_out(route)
         obstacles.check_things(route.things, layout)
+        # lowest of the four corners of all slabs
         lowest = min(
             float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
             for slab in layout.slabs
@@ -146,8 +147,9 @@ def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
     A slab that overhangs its riser is a plank on a shorter body; with an open riser it is the plank alone. Rounded
     edges are approximated by narrow solids with sloping tops.
     """
-    if slab.recess:
+    if slab.recess:  # the plank over the whole slab
         yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
+    # `upper` and `lower`: how far the inner and the outer end of a chord are below the top
     for from_edge, to_edge, upper, lower in _roundings(slab.start_radius):
         yield _solid(_part(slab, from_edge, to_edge, lower, upper), bottom)
     for from_edge, to_edge, upper, lower in _roundings(slab.end_radius):
