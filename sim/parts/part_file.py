@@ -73,8 +73,10 @@ def file_model(kind: type) -> type[BaseModel]:
         if FIGURE in entry.metadata:
             field_type = _figure_type(entry.metadata[FIGURE])
         else:
-            hint = hints[entry.name]
-            field_type = file_model(hint) if dataclasses.is_dataclass(hint) else hint
+            # a dataclass inside, or another type as it is
+            field_type = (
+                file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
+            )
         model_fields[entry.name] = (field_type, _file_field(entry))
     model: type[BaseModel] = create_model(kind.__name__, __base__=FileModel, **model_fields)
     model.__doc__ = kind.__doc__
