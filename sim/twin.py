@@ -49,7 +49,7 @@ class Twin:
         config: Scenario.
         seed: Seed of the walk: steps and sensor noise.
         plan: Plans the motion; another function than `plan_reference` may look it up.
-        plan_control: Plans the control of a forward simulation, likewise.
+        plan_control: Plans the control of a forward simulation; another function may look it up, too.
 
     Attributes:
         config: Configuration.
@@ -113,7 +113,7 @@ class Twin:
 
         Args:
             sensors: Groups of this twin's sensors.
-            fittings: Differences from the standard by group, as in `TwinConfig`; those that move an IMU have no effect.
+            fittings: Differences from the standard sensors by group; those that move an IMU have no effect.
         """
         _ = self.walk  # computed before the copy, so that both share it
         # a shallow copy: motion, model and terrain are common to both twins

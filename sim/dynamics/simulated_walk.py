@@ -88,7 +88,7 @@ class SimulatedWalk(WalkMotion):
             ]
             for k, side in enumerate(SIDES)
         }
-        pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
+        pitch = np.column_stack([_foot_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
         return replace(cls.of_part(reference, t, q, torque, loads), steps=steps, fell_at=fell_at, _pitch=pitch)
 
     @classmethod
@@ -207,7 +207,7 @@ def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> 
     return nearest if abs(nearest - planned) < _EARLY_OR_LATE_S else planned
 
 
-def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
+def _foot_pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
     """(N,) rad, pitch of one foot against the ground of its current or next footstep, toes down positive.
 
     Args:

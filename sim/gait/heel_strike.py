@@ -37,7 +37,7 @@ class ShoeParameters:
         mode_hz: (K,) frequency of each mode that a strike excites.
         mode_decay_s: (K,) decay time of each mode to 1/e.
         mode_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
-        mode_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
+        mode_rate: (K, 3) rad/s, amplitude of the angular rate, at that speed.
         impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
         strike_sd: Standard deviation of the logarithm of a strike's strength.
         slap: Strength of the ball's slap relative to that of the heel strike.

@@ -39,7 +39,7 @@ class Style:
         travel: (8,) centre of pressure at `TRAVEL_KNOTS`, as a share of the toe hinge's x.
         height: (7,) pelvis height in leg lengths: mean, then cosine and sine of the first three harmonics of the step.
         forward: (5,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
-        lift: (5,) likewise of its height.
+        lift: (5,) polynomial of its height above that path, in leg lengths.
         tilt: Anterior pelvis tilt, rad.
         turn: Pelvis rotation per leg length of distance between the feet, rad.
         list_: Amplitude of the pelvis obliquity, rad.

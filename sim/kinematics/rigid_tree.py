@@ -357,7 +357,7 @@ def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodie
         tree: The bodies.
         q: (nq,) positions in MuJoCo's layout.
         v: (nv,) velocities; the root's angular velocity is in its own axes.
-        a: (nv,) accelerations, likewise.
+        a: (nv,) accelerations; the root's angular acceleration is in its own axes.
         bodies: Output.
     """
     p, quat, R, speed, w, dv, dw, axes = bodies

@@ -101,7 +101,7 @@ def _noise(topic: str, what: str, seed: int) -> Noise:
     return Noise.of_topic(seed, f"{topic}#calibration of {what}")
 
 
-def _sonar(part: SonarPart) -> Parameters:
+def _sonar_parameters(part: SonarPart) -> Parameters:
     """Parameters of a sonar: its range and the SD of a reading, with the rounding to steps.
 
     A uniform error of one step has the SD step / √12.
@@ -115,7 +115,7 @@ def _sonar(part: SonarPart) -> Parameters:
     }
 
 
-def _ahrs(part: AhrsPart) -> Parameters:
+def _ahrs_parameters(part: AhrsPart) -> Parameters:
     """Parameters of an AHRS: SDs of tilt, heading and rates, and the largest drift of the heading.
 
     The SD of the bias of a rate combines its constant and its varying part.
@@ -130,7 +130,7 @@ def _ahrs(part: AhrsPart) -> Parameters:
     }
 
 
-def _encoder(part: EncoderPart) -> Parameters:
+def _encoder_parameters(part: EncoderPart) -> Parameters:
     """Parameters of an encoder: counts per turn, and the SD of its angle.
 
     The nonlinearity is the amplitude of a sine, whose SD is the amplitude / √2.
@@ -141,7 +141,7 @@ def _encoder(part: EncoderPart) -> Parameters:
     }
 
 
-def _insole(part: ForceCellPart) -> Parameters:
+def _insole_parameters(part: ForceCellPart) -> Parameters:
     """Parameters of a force cell under a foot: the SD at a typical load, its range, and the cut-off of its filter."""
     return {
         "force_sd_n": math.hypot(part.noise, part.gain * _TYPICAL_LOAD_N),
@@ -150,22 +150,22 @@ def _insole(part: ForceCellPart) -> Parameters:
     }
 
 
-def _interaction(part: ForceCellPart) -> Parameters:
+def _interaction_parameters(part: ForceCellPart) -> Parameters:
     """Parameters of a force-cell pair in a cuff: those of its cells, and their preload."""
-    return _insole(part) | {"preload_n": part.preload}
+    return _insole_parameters(part) | {"preload_n": part.preload}
 
 
-def _actuator(part: ActuatorPart) -> Parameters:
+def _actuator_parameters(part: ActuatorPart) -> Parameters:
     """Parameters of an actuation module: SDs of torque and speed."""
     return {"torque_sd_nm": part.torque_noise, "speed_sd_radps": part.speed_noise}
 
 
 NOMINAL: dict[str, Callable[[Any], Parameters]] = {
-    "range": _sonar,
-    "ahrs": _ahrs,
-    "encoder": _encoder,
-    "insole": _insole,
-    "interaction": _interaction,
-    "actuator": _actuator,
+    "range": _sonar_parameters,
+    "ahrs": _ahrs_parameters,
+    "encoder": _encoder_parameters,
+    "insole": _insole_parameters,
+    "interaction": _interaction_parameters,
+    "actuator": _actuator_parameters,
 }
 """Parameters of a sensor without a Kalibr section, from the figures of its part, by kind of `rig.OtherSensor`."""

@@ -157,11 +157,11 @@ class CameraProcesses:
             self._submit()
             for image in rendered:
                 stamp = stamps[image.topic, image.t_ns]
-                if isinstance(image, Patch):
+                if isinstance(image, Patch):  # the rendered part of an otherwise empty image
                     image = image.image()
                 if isinstance(image, Image) and image.topic in self._sensors:
                     image = replace(image, pixels=self._sensors[image.topic].expose(image.t_ns, image.pixels))
-                if stamp >= 0:
+                if stamp >= 0:  # an image whose stamp is the true time needs no copy
                     yield image if stamp == image.t_ns else replace(image, t_ns=stamp)
 
     def __enter__(self) -> Self:

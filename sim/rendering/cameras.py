@@ -288,7 +288,7 @@ class _Camera:
         """Patch with the board on the other shoe and its surroundings; without pixels if no board is visible."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
-            row, column = board.box[0].start, board.box[1].start
+            row, column = board.box[0].start, board.box[1].start  # upper left pixel of the part
             clean = self._to_sensor_colours(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
             pixels = self._expose(due.t_ns, self._apply_motion(clean, board.sweep.crop(row, column)), row, column)
         shape = (self._calibration.height, self._calibration.width)

@@ -54,7 +54,7 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
         name = str(node.get("name"))
         if name.startswith(_SCENERY):
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
-            files[path] = _obj(spec.mesh(name)).encode()
+            files[path] = _format_obj(spec.mesh(name)).encode()
             node.attrib = {"name": name, "file": path, "inertia": "shell"}
     wearer = _split_off_wearer(root)  # `root` then has the rest of the scene
     for name, part in ((f"{config.name}.xml", root), (WEARER, wearer)):
@@ -102,12 +102,13 @@ def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, 
             continue
         if data not in painted:
             painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
-            files[painted[data]] = _png(np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3), size)
+            pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)
+            files[painted[data]] = _encode_png(pixels, size)
         texture.data, texture.file = b"", painted[data]
     return files
 
 
-def _png(pixels: NDArray[np.uint8], size: int) -> bytes:
+def _encode_png(pixels: NDArray[np.uint8], size: int) -> bytes:
     """PNG file of an image, scaled to `size` pixels along each edge."""
     if size != len(pixels):
         pixels = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
@@ -118,7 +119,7 @@ def _png(pixels: NDArray[np.uint8], size: int) -> bytes:
     return encoded.tobytes()
 
 
-def _obj(mesh: mujoco.MjsMesh) -> str:
+def _format_obj(mesh: mujoco.MjsMesh) -> str:
     """Text of an OBJ file with a mesh of rectangles; equal corners, texture coordinates and normals are written once.
 
     The mesh lists the corners of its rectangles one after another, four for each.
@@ -152,22 +153,22 @@ def _split_off_wearer(root: Element) -> Element:
     # names of the materials, meshes and textures that the wearer's shapes use
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
     used |= {str(node.get("texture")) for node in assets.iter("material") if node.get("name") in used}
-    _move([node for node in assets if node.get("name") in used], assets, wearer_assets)
+    _move_elements([node for node in assets if node.get("name") in used], assets, wearer_assets)
     # what follows the wearer goes behind the include, so that the order of bodies stays
     later = list(world)[list(world).index(body) + 1 :]
-    _move([body], world, ElementTree.SubElement(wearer, "worldbody"))
+    _move_elements([body], world, ElementTree.SubElement(wearer, "worldbody"))
     for tag in _WEARERS:
-        _move(root.findall(tag), root, wearer)
+        _move_elements(root.findall(tag), root, wearer)
     at = list(root).index(world) + 1
     root.insert(at, Element("include", file=WEARER))
     if later:
         remaining = Element("worldbody")
-        _move(later, world, remaining)
+        _move_elements(later, world, remaining)
         root.insert(at + 1, remaining)
     return wearer
 
 
-def _move(nodes: list[Element], source: Element, target: Element) -> None:
+def _move_elements(nodes: list[Element], source: Element, target: Element) -> None:
     """Moves elements from one parent to the end of another."""
     for node in nodes:
         source.remove(node)

@@ -46,11 +46,11 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
         white = self._noise.normal(1.0, (len(body), 6))  # unit deviates: three of the attitude, three of the rates
         rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
-        error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
+        error = self._draw_attitude_error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
         q = (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True)
         return self._block(Ahrs, body.t_ns, q_world_sensor=q, angular_rate=rate)
 
-    def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
+    def _draw_attitude_error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
         """(N, 3) rad, rotation vectors of the attitude error in the world: two of tilt, then the heading error.
 
         The tilt error (`_tilt`) and the walk of the heading (`_heading`) continue from call to call.

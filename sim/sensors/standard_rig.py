@@ -113,7 +113,7 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
     rig = Rig(
         imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
         cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
-        boards={b.name: b for b in _boards(config)} if "foot_camera" in used else {},
+        boards={b.name: b for b in _make_boards(config)} if "foot_camera" in used else {},
         others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
     )
     return SensorRig(rig=rig, sensors=sensors)
@@ -147,8 +147,18 @@ def _select_part(config: TwinConfig, group: str, standard: str | Part | None = N
     return *part_of(configs, group, config.ideal), sensor_config
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    """An IMU of a group, mounted on a body."""
+def _make_imu(
+    config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None
+) -> MountedSensor:
+    """An IMU of a group, mounted on a body.
+
+    Args:
+        config: Scenario.
+        group: Group of sensors.
+        topic: Its topic.
+        mount: Its mount.
+        standard: Default part: its name, or a part from the rig file of an exoskeleton; None for that of the group.
+    """
     part, nominal, sensor_config = _select_part(config, group, standard)
     return MountedSensor(
         group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
@@ -172,6 +182,7 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
         gyroscope_bias_sd=gyroscope.turn_on_bias,
         accelerometer_bias_sd=accelerometer.turn_on_bias,
+        # 0 stands for unknown
         gyroscope_range=gyroscope.range if math.isfinite(gyroscope.range) else 0.0,
         accelerometer_range=accelerometer.range if math.isfinite(accelerometer.range) else 0.0,
         gyroscope_scale_sd=gyroscope.scale_factor,
@@ -198,18 +209,20 @@ def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
 def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The IMUs of both shoes."""
     for side in SIDES:
-        pose = _pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
-        yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
+        pose = _make_pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
+        yield _make_imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
 def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
     """The IMU of the RGB-D camera, on head or chest."""
     camera = _rgbd_mount(config)
-    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
-    yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
+    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _make_pose(np.eye(3), _P_IMU_IN_RGBD))
+    yield _make_imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
 
-def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
+def _make_camera(
+    config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool
+) -> MountedSensor:
     """A camera of a group.
 
     Args:
@@ -252,9 +265,9 @@ def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
     seat = _group_config(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _shoe_place(seat, side)
-        pose = _pose(_viewing_rotation(forward, seat.roll_rad * -_outward(side)), position)
+        pose = _make_pose(_viewing_rotation(forward, seat.roll_rad * -_outward(side)), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
-        yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
+        yield _make_camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
 
 
 def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
@@ -269,7 +282,7 @@ def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
 
 def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
     """The RGB-D camera on head or chest."""
-    yield _camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
+    yield _make_camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
@@ -279,10 +292,10 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     seat = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     rotation = _viewing_rotation(_direction(*seat.faces_rad), seat.roll_rad)
-    return Mount(body=body, T_body_sensor=_pose(rotation, seat.position_m))
+    return Mount(body=body, T_body_sensor=_make_pose(rotation, seat.position_m))
 
 
-def _boards(config: TwinConfig) -> Iterator[Board]:
+def _make_boards(config: TwinConfig) -> Iterator[Board]:
     """The checkerboards on both shoes: 6 by 9 squares of 5 mm, upright."""
     seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
@@ -290,12 +303,14 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         # axes of the board: z out of it, y as far up as possible
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
-        pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)
+        pose = _make_pose(np.column_stack([np.cross(up, out), up, out]), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
         yield Board(name=mount.body, mount=mount, squares=(6, 9), square_m=0.005)
 
 
-def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+def _make_other_sensor(
+    config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any
+) -> MountedSensor:
     """A sensor that is neither IMU nor camera.
 
     Args:
@@ -328,8 +343,8 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
         inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
-        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_rotation_with_x(inward), place))
-        yield _other_sensor(config, "sonar", "range", f"/foot_{side}/sonar", mount)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=_make_pose(_rotation_with_x(inward), place))
+        yield _make_other_sensor(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -338,7 +353,7 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
         cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
-        yield _other_sensor(
+        yield _make_other_sensor(
             config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells
         )
 
@@ -351,17 +366,17 @@ def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
         mounts = {place: _link_mount(seat) for place, seat in own_exo.ahrs.items()}
     for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other_sensor(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
+        yield _make_other_sensor(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
     own_exo = _own_exo(config)
     for place, (seat, part) in own_exo.imus.items() if own_exo is not None else ():
-        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _link_mount(seat), part)
+        yield _make_imu(config, "exo_imu", f"/exo/{place}/imu", _link_mount(seat), part)
     for place in _AHRS_PLACES if own_exo is None else ():
         standard = STANDARD_BACK_IMU if place == "back" else None
-        yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
+        yield _make_imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -372,7 +387,7 @@ def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     if own_exo is not None:
         moved = {name: own_exo.body_moved_by(name) for name in own_exo.encoders}
     for name, body in moved.items():
-        yield _other_sensor(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
+        yield _make_other_sensor(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -383,7 +398,7 @@ def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     if own_exo is not None:
         cuffs = [(cuff.body, cuff.link) for cuff in own_exo.cuffs if cuff.force_cells]
     for place, body in cuffs:
-        yield _other_sensor(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
+        yield _make_other_sensor(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -404,7 +419,7 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
         if own_exo is not None:
             more = {"standard": own_exo.motors[name]}
         more |= limits.get(name, {})
-        yield _other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
+        yield _make_other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
 
 
 # sensors of each group, from the scenario
@@ -433,7 +448,7 @@ def _outward(side: str) -> float:
     return 1.0 if side == "l" else -1.0
 
 
-def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
+def _make_pose(rotation: ArrayLike, position: ArrayLike) -> Array:
     """(4, 4) transform of a (3, 3) rotation and a (3,) position, m."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation, position

@@ -119,6 +119,7 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
         ankle_x: Ankle's axis in the foot's frame, m.
         heel_back_x: Back of the heel in the foot's frame, m.
     """
+    # lengths of links that follow from the thickness of the body are rounded up, so that nothing presses on it
     beside = _next_hole(0.078 * girth + _CLEARANCE_M)
     return ExoLinks(
         hip1=_nearest_hole(body.hip_half_width_m),

@@ -80,7 +80,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read or compiled.
     """
-    model = _compile(path)
+    model = _compile_file(path)
     _check_kinds(path, model)
     # the number is -1 for an unknown name and 0 for the world
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base) < 1:
@@ -89,8 +89,8 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
     root = model.body(base).id
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    owners = _owners(path, model, root)  # by body: the body that it is merged into
-    chains = _chains(path, model, root, owners)
+    owners = _find_owners(path, model, root)  # by body: the body that it is merged into
+    chains = _find_chains(path, model, root, owners)
     _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
     # rotation from the model's world to the pelvis' axes, and origin of each link in that world: its joint's anchor
     to_pelvis = R_base @ data.xmat[root].reshape(3, 3).T
@@ -104,7 +104,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
         merged = [i for i, owner in owners.items() if owner == b]
-        mass, com, inertia = _mass_properties(model, data, merged, origin[b], to_pelvis)
+        mass, com, inertia = _combine_masses(model, data, merged, origin[b], to_pelvis)
         if parent is not None and mass < _LIGHTEST_KG:
             raise ConfigError(path, f"mass of {model.body(b).name}", mass, f"at least {_LIGHTEST_KG:g} kg")
         dof = model.jnt_dofadr[joint.id] if joint is not None else 0
@@ -120,7 +120,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
             mass=mass,
             com=com,
             inertia=inertia,
-            shapes=tuple(_shapes(path, model, data, merged, origin[b], to_pelvis)),
+            shapes=tuple(_read_shapes(path, model, data, merged, origin[b], to_pelvis)),
         )
 
     base_link = link(root, None)
@@ -148,9 +148,9 @@ def files_of(path: Path) -> list[str]:
         ConfigError: The file has elements that a model of an exoskeleton may not have.
         StrideTwinError: It cannot be read.
     """
-    text, folder = _text(path), path.absolute().parent
+    text, folder = _read_text(path), path.absolute().parent
     # an error of MuJoCo becomes one line
-    with _one_line(path, "read"):
+    with _report_in_one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parse_spec(path, text)
             names = (mesh.file.removeprefix(_PACKAGE) for mesh in spec.meshes)
@@ -160,7 +160,7 @@ def files_of(path: Path) -> list[str]:
     return sorted({os.path.relpath(file, folder) for file in files if Path(file) != path.absolute()})
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     """Text of a model file.
 
     Raises:
@@ -210,22 +210,22 @@ def _resolve_package(path: Path, uri: str) -> str:
     return escape(os.path.relpath(file, folder))
 
 
-def _compile(path: Path) -> mujoco.MjModel:
+def _compile_file(path: Path) -> mujoco.MjModel:
     """Compiled model of an MJCF or URDF file, in which fixed links keep their own bodies.
 
     Raises:
         ConfigError: It has elements that a model of an exoskeleton may not have.
         StrideTwinError: It cannot be read or compiled.
     """
-    text = _text(path)
-    with _one_line(path, "compile"):
+    text = _read_text(path)
+    with _report_in_one_line(path, "compile"):
         spec = _parse_spec(path, text)
         spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
         return spec.compile()
 
 
 @contextmanager
-def _one_line(path: Path, action: str) -> Iterator[None]:
+def _report_in_one_line(path: Path, action: str) -> Iterator[None]:
     """Turns MuJoCo's errors within a `with` block into `StrideTwinError` with one line."""
     try:
         yield
@@ -234,7 +234,11 @@ def _one_line(path: Path, action: str) -> Iterator[None]:
 
 
 def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
-    """Rejects models that are not chains of hinges."""
+    """Rejects models that are not chains of hinges: too many links, closed chains, tendons, or unsuitable joints.
+
+    Raises:
+        ConfigError: The message names the element and what is valid.
+    """
     if model.nbody - 1 > MOST_LINKS:
         raise ConfigError(path, "links", model.nbody - 1, f"up to {MOST_LINKS}")
     if model.neq:
@@ -246,7 +250,7 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
         joint, body = model.joint(i), model.body(model.jnt_bodyid[i])
         kind = mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower()
         where, count = f"joint {joint.name or 'unnamed'} of {body.name}", model.body_jntnum[body.id]
-        limits = joint.range
+        limits = joint.range  # rad; all joints at zero is the pose of standing upright
         within = not model.jnt_limited[i] or limits[0] <= 0.0 <= limits[1]
         for is_valid, field, value, valid in (
             (kind == "hinge", where, kind, "hinge (the base is fixed to the pelvis by its rig file)"),
@@ -293,7 +297,7 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
                 )
 
 
-def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
+def _find_owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
     """For each body, the body that it is merged into: the nearest carrier with a joint, or the base.
 
     Raises:
@@ -321,14 +325,14 @@ def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
         body = model.body_parentid[body]
 
 
-def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
+def _find_chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
     """For each of the two legs, its bodies with a joint from the base to the tip.
 
     Args:
         path: The model's file, for messages.
         model: The exoskeleton's model.
         root: The base.
-        owners: For each body, the body that it is merged into (`_owners`).
+        owners: For each body, the body that it is merged into (`_find_owners`).
 
     Raises:
         ConfigError: A leg branches, or the model has not two legs of the same number of joints.
@@ -353,7 +357,7 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
     return legs
 
 
-def _mass_properties(
+def _combine_masses(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
     """Mass, centre of mass and inertia of several bodies together.
@@ -381,7 +385,7 @@ def _mass_properties(
     return mass, to_pelvis @ (centre - origin), to_pelvis @ inertia @ to_pelvis.T
 
 
-def _shapes(
+def _read_shapes(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> list[Shape]:
     """Visual shapes of the bodies that are merged into one link; of a URDF, its visual elements if there are any.

@@ -154,7 +154,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
     heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     # (N, 5) m, relative to the start of the middle line
     heights -= heights[0, len(_ROWS) // 2]
-    segments = _segments(s, heights[:, len(_ROWS) // 2], way)
+    segments = _divide_into_segments(s, heights[:, len(_ROWS) // 2], way)
     errors = _replacement_error(segments, s, heights, width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
@@ -221,7 +221,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     return heights
 
 
-def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
+def _divide_into_segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
     """Levels, ramps and stairs of a height profile (N,) that begins at 0.
 
     Steps between neighbouring samples are risers. Short levels between risers of one direction are treads.
@@ -259,7 +259,7 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
                 raise ConfigError(way.path, f"tread at {s[a]:.2f} m", f"{1e3 * run:.0f} mm", valid)
             treads.append(run)
             continue
-        parts += _flight(risers, treads)  # the flight, if there is one, ends here
+        parts += _build_flight(risers, treads)  # the flight, if there is one, ends here
         risers, treads = [], []
         parts += _fit_lines(s, z, a, b, run, way)
     if not isinstance(parts[0], Level) or not isinstance(parts[-1], Level):
@@ -281,7 +281,7 @@ def _segment_length(s: Array, before: int | None, a: int, b: int, riser_after: b
     return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
 
 
-def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
+def _build_flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
     """Segments for risers and the treads between them: one stair if all treads are equal, otherwise one per riser.
 
     Args:
@@ -316,7 +316,7 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     Raises:
         ConfigError: A slope that is too steep.
     """
-    knots = _knots(s, z, a, b)
+    knots = _fit_polyline(s, z, a, b)
     parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):  # samples at the ends of a straight line
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
@@ -337,7 +337,7 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     return parts
 
 
-def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
+def _fit_polyline(s: Array, z: Array, a: int, b: int) -> list[int]:
     """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973).
 
     Args:

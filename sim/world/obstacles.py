@@ -133,7 +133,8 @@ def surroundings(
         things: Upright things of the route, which always stay.
     """
     # each group is one object, such as a table of several boxes: all of it is placed, or nothing
-    groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
+    make_groups = {"outdoor": _outdoor_objects, "room": _room_objects, "corridor": _corridor_walls}[scenery]
+    groups = make_groups(layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     landmarks = list(things)
     for group in groups:
@@ -207,7 +208,7 @@ def _are_apart(a: Solid, b: Solid) -> bool:
     return False
 
 
-def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _outdoor_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Planters and pillars along both sides of the way and a wall beyond its end, down to the height `bottom`, m.
 
     Yields:
@@ -271,7 +272,7 @@ def _planter(
     return [trough, at.box("leaves", length - 0.1, depth - 0.1, rim - 0.01, top, left=left)]
 
 
-def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _corridor_walls(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Walls along both sides of all straight parts, around their ends if there is space, and across both ends.
 
     They reach down to the height `bottom`, m.
@@ -308,7 +309,7 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
                     yield [start.box(material, long, _CORRIDOR_WALL_M, bottom, top, along=middle, left=left)]
 
 
-def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _room_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space.
 
     The walls reach down to the height `bottom`, m; everything else stands on the lowest ground.
@@ -411,7 +412,7 @@ def _frame_of_thing(thing: Thing, layout: Layout) -> _Frame:
     return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip_at(layout, thing.at_m).z0)
 
 
-def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
+def _single_box(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
     """A thing of one box that stands on the ground at `at`, with the length of its kind; width and height in m."""
     yield at.box(material, LENGTHS_M[kind], width, at.z, at.z + height)
 
@@ -437,9 +438,9 @@ def _chair(at: _Frame) -> Iterator[Landmark]:
 
 # boxes of an upright thing by its kind, at a frame
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
-    "wall": partial(_block, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
-    "glass": partial(_block, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
-    "crate": partial(_block, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
+    "wall": partial(_single_box, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "glass": partial(_single_box, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "crate": partial(_single_box, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
     "table": _long_table,
     "chair": _chair,
 }
@@ -466,12 +467,12 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
         for mark in upright_things((thing,), layout):
-            if _distance(mark.box, walked).min() < _BODY_CLEARANCE_M:
+            if _distance_from_box(mark.box, walked).min() < _BODY_CLEARANCE_M:
                 valid = f"{_BODY_CLEARANCE_M:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
 
 
-def _distance(box: Solid, xy: Array) -> Array:
+def _distance_from_box(box: Solid, xy: Array) -> Array:
     """(N,) m, distance of (N, 2) points from a box in plan view."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T  # in the box's own axes

@@ -31,11 +31,13 @@ def lay_out(route: Route) -> Layout:
     """
     check_segments(route)
     half = route.width_m / 2
+    # the pen moves along the way and collects its lines, strips and slabs
     pen = _Pen(x=-LEAD_IN_M, y=0.0, heading=0.0, z=0.0, s=-LEAD_IN_M)
     pen.lay_straight(LEAD_IN_M, "level", half, half)
     segments = (*route.segments, Level(length_m=RUN_OUT_M))
     for i, segment in enumerate(segments):
         pen.owner = i
+        # a level between lanes is a landing as wide as the lanes
         before = segments[i - 1] if i else None
         after = segments[i + 1] if i + 1 < len(segments) else None
         match segment:
@@ -46,7 +48,7 @@ def lay_out(route: Route) -> Layout:
             case Level() if isinstance(before, Lanes) or isinstance(after, Lanes):
                 _lay_landing(pen, segment, before, after, route.width_m)
             case _:
-                _lay(pen, segment, half)
+                _lay_segment(pen, segment, half)
     _check_conflicts(pen, len(route.segments))
     return Layout(way=join_segments(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
@@ -282,7 +284,7 @@ class _Pen:
         self.owners.append(self.owner)
 
 
-def _lay(pen: _Pen, segment: Segment, half: float) -> None:
+def _lay_segment(pen: _Pen, segment: Segment, half: float) -> None:
     """Lays one segment, level ground, stairs or a ramp, with the half width `half` in m."""
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
@@ -321,7 +323,7 @@ def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
     pens = [pen if i == group.walk else pen.start_beside((group.walk - i) * width) for i in range(len(group.lanes))]
     for lane_pen, lane in zip(pens, group.lanes):
         for segment in lane:
-            _lay(lane_pen, segment, width / 2)
+            _lay_segment(lane_pen, segment, width / 2)
     end = max(p.s for p in pens)  # arc length at the end of the longest lane
     for lane_pen in pens:
         if end - lane_pen.s > 1e-6:
@@ -340,11 +342,11 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     sides = []  # m, (left, right) extent that the lanes before and after need
     aside = 0.0  # m to the left, from the lane walked before to the one walked after
     if isinstance(before, Lanes):
-        sides.append(_sides(before, width, 0.0))
+        sides.append(_extents_of_lanes(before, width, 0.0))
     if isinstance(after, Lanes):
         if isinstance(before, Lanes):
             aside = (before.walk - after.walk) * width
-        sides.append(_sides(after, width, aside))
+        sides.append(_extents_of_lanes(after, width, aside))
     left, right = np.max(sides, axis=0).tolist()
     if aside == 0.0:
         pen.lay_straight(level.length_m, "level", left, right)
@@ -359,7 +361,7 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     pen.lay_crossing(level.length_m, aside, left, right)
 
 
-def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
+def _extents_of_lanes(group: Lanes, width: float, aside: float) -> tuple[float, float]:
     """Extent of the lanes to the left and right, m, of a line that is `aside` m to the right of the walked lane.
 
     `width` is that of one lane, m.
@@ -367,7 +369,7 @@ def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
     return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
 
 
-def _in_flight(treads: range, i: int, k: int) -> bool:
+def _are_in_flight(treads: range, i: int, k: int) -> bool:
     """Whether slabs i and k both belong to a winding flight or its landings, and at least one is a tread of it."""
     near = range(treads.start - 1, treads.stop + 1)  # the treads and the landings before and after them
     return (i in treads or k in treads) and i in near and k in near
@@ -391,7 +393,7 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
         # (P, 3) m, points of the slab's surface
         points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
         for k, (other_slab, other_owner) in enumerate(zip(pen.slabs, pen.owners)):
-            if k == i or any(_in_flight(flight, i, k) for flight in pen.flights):
+            if k == i or any(_are_in_flight(flight, i, k) for flight in pen.flights):
                 continue
             u, v = other_slab.local(points[:, :2])  # m along the other slab from its start, and to the left of its axis
             inside = (
