@@ -81,7 +81,8 @@ class DoubleSupport:
 
         Both horizontal axes have the root mean square of the two.
         """
-        variance = np.maximum(self._squares / self.weight - (self._vector / self.weight) ** 2, 0.0)  # < 0 by rounding
+        # mean of the squares minus square of the mean, which rounding may make negative
+        variance = np.maximum(self._squares / self.weight - (self._vector / self.weight) ** 2, 0.0)
         variance[:2] = variance[:2].mean()
         return np.asarray(np.sqrt(variance))
 
