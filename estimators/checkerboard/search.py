@@ -158,7 +158,7 @@ def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
 def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
     """Grows a regular grid from one saddle point along two edges, as far as there are saddle points for it.
 
-    The grid grows in rounds, to more steps on each side. After each round its origin and edges are fitted to its points.
+    The grid grows in rounds, to more steps on each side; after each its origin and edges are fitted to its points.
     It has no points at all if fewer than `_MIN_CROSS` are hit in the first round.
 
     Args:
