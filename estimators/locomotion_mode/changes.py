@@ -105,7 +105,7 @@ def find_next_change(
         distance_sd=max(segment.start_sd, PLACE_SD_M),
         time_s=in_s,
         time_sd_s=in_sd_s,
-        **_size_fields(mode, segment, estimate, place, line, p),
+        **_read_sizes(mode, segment, estimate, place, line, p),
     )
 
 
@@ -129,7 +129,7 @@ def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
     return "LG"
 
 
-def _size_fields(
+def _read_sizes(
     mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: PathAhead, p: Settings
 ) -> dict[str, float]:
     """Riser and tread, or slope, with standard deviations, of the ground that begins at a place; only known values.

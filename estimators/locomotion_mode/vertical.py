@@ -46,7 +46,7 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     share = np.array([_LEVEL_SHARE, 1.0 - _LEVEL_SHARE])
     # (N, 2, L) of each segment's slope, if the segment is of a kind and the map leans by a hypothesis
     likelihood = share[:, None] * _normal_density(off[:, None, :], (variance + built)[:, :, None])
-    kinds, evidence = _kind_probabilities(likelihood, breaks)  # (N, 2, L), and (L,) likelihood of each lean
+    kinds, evidence = _infer_kinds(likelihood, breaks)  # (N, 2, L), and (L,) likelihood of each lean
     weight = _normal_density(lean, lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
@@ -58,7 +58,7 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     return true_slope, np.sqrt(np.maximum(square @ weight - true_slope**2, 0.0))
 
 
-def _kind_probabilities(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
+def _infer_kinds(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     """Probability that each segment is level or a ramp, for each lean: forward and backward along the path.
 
     Args:
