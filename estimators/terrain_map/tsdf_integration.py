@@ -154,7 +154,7 @@ def integrate(
         _f32(max_weight),
         _f32(_NOISE_GATE_SD * noise_per_m),
     )
-    lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
+    lattice, projection = _build_lattice(R * voxel_m, voxel_m), _allocate_projection()
     image = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
@@ -255,8 +255,13 @@ class _Projection(NamedTuple):
 
 
 @njit(**INNER_KERNEL)
-def _lattice(steps: Array, voxel_m: float) -> _Lattice:
-    """Offsets of a block's voxels from its first, by the (3, 3) steps between neighbours in the camera's axes, m."""
+def _build_lattice(steps: Array, voxel_m: float) -> _Lattice:
+    """Offsets of a block's voxels from its first one.
+
+    Args:
+        steps: (3, 3) m, columns: steps to the next voxel along i, j and k, in the camera's axes.
+        voxel_m: Edge of a voxel.
+    """
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
     up = np.empty(VOXELS, np.float32)
     for at in range(VOXELS):
@@ -269,8 +274,8 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 
 
 @njit(**INNER_KERNEL)
-def _projection() -> _Projection:
-    """A projection with uninitialised arrays."""
+def _allocate_projection() -> _Projection:
+    """A projection with uninitialised arrays, which `_project` overwrites for each block."""
     return _Projection(
         np.empty(VOXELS, np.float32),
         np.empty(VOXELS, np.float32),
@@ -293,6 +298,9 @@ def _project(
     projection: _Projection,
 ) -> bool:
     """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
+
+    A voxel is observed if it is in view, if the image has a depth at its pixel, and if it is not farther behind that
+    surface than the truncation.
 
     Args:
         image: (H * W) depth, m, 0 = none.
@@ -317,7 +325,7 @@ def _project(
         # κ / t of docs/terrain_map.md (2)
         projection.scale[at] = (steep if steep > _MIN_DESCENT else _MIN_DESCENT) * camera.per_band
         projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
-    for at in range(VOXELS):
+    for at in range(VOXELS):  # `sdf` holds the image's depth at first
         projection.sdf[at] = image[np.uint64(projection.pixel[at])]
     any_observed = False
     for slab in range(EDGE):
