@@ -182,7 +182,8 @@ def _relative_motion(
     """Motion from frame i to frame j in the axes of i, without gravity: two terms of docs/dvio.md (4).
 
     Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the
-    frames' positions and velocities in the world, `dt` = t in s, and g = (0, 0, −`gravity`) m/s².
+    frames' positions and velocities in the world, R_i = `R` (3, 3) world <- IMU of frame i, `dt` = t in s, and g = (0,
+    0, −`gravity`) m/s².
     """
     by_p, by_v = empty_vec3(), empty_vec3()
     for i in range(3):

@@ -165,7 +165,8 @@ def is_tilt_known(slope: Slope, covariance: Array) -> bool:
         slope: Slope of the ground, whose derivative projects the covariance.
         covariance: (6, 6) of the errors that the slope depends on, rad².
     """
-    return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * _MAX_TILT_SD_RAD**2)
+    tilt_covariance = slope.J @ covariance @ slope.J.T  # (2, 2) rad², of the slope's two components
+    return bool(np.trace(tilt_covariance) <= 2.0 * _MAX_TILT_SD_RAD**2)
 
 
 def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:

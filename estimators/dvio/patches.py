@@ -59,7 +59,8 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[flo
             a += dx * dx
             b += dx * dy
             c += dy * dy
-    n = (2 * reach + 1) ** 2
+    n = (2 * reach + 1) ** 2  # pixels
+    # the eigenvalues of a symmetric (2, 2) matrix are the mean of its diagonal, plus and minus the second number
     mean, half = 0.5 * (a + c) / n, math.sqrt(0.25 * (a - c) ** 2 + b * b) / n
     return mean - half, mean + half
 

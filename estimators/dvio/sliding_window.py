@@ -332,6 +332,7 @@ class SlidingWindow:
         marks.seen[:, slot] = 0
         self._alive[:] = 0  # set again below, for the landmarks that are tracked
         previous_px, inverse_depth, warps = self._pixels[ids], expected[ids, 2], warp[ids]
+        # predicted motion since the last image, added to where the point was seen there
         motion = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids])
         predicted_px = previous_px + motion
         self.tracker.set_image(frame.grey)
@@ -344,10 +345,11 @@ class SlidingWindow:
             tracked_px, good = self.tracker.track(previous_px, predicted_px)
         # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
         distance_px = np.linalg.norm(tracked_px - predicted_px, axis=1)
+        # standard deviation of the speed by the covariance of the velocity; time since the last image, s
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
         # The gate widens by the uncertainty of the velocity, and by the motion of points of unknown depth.
-        unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
+        unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)  # 1 where the depth is not measured
         moved = np.linalg.norm(motion, axis=1)
         gate = (
             _GATE_PX + 2 * self.lens.focal_px * speed_sd * dt * inverse_depth + unsure * (_UNMEASURED_GATE_PX + moved)

@@ -164,13 +164,14 @@ def _set_covariance(
         tilt_sd: Standard deviation of roll and pitch, rad.
         speed_sd: Standard deviation of each axis of the velocity, m/s.
     """
-    P, clock, o = memory.covariance, memory.clock, memory.row
+    P, clock, o = memory.covariance, memory.clock, memory.row  # o: first of this foot's rows in P
     for i in range(o, o + state.STATES):
         for j in range(P.shape[0]):
             if j != i:
                 P[i, j] = P[j, i] = 0.0
     # time without tracking, s, now and at the last call; `growth` in s² is added to the variances, at each call anew
     lost, lost_before = (t_ns - clock[state.T_KNOWN]) * 1e-9, (clock[state.T_LAST] - clock[state.T_KNOWN]) * 1e-9
+    # memory.start_sd: standard deviations of position and heading of the start
     growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0  # levered: not the first alignment
     for i in range(3):
         p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i

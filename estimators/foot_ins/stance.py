@@ -231,7 +231,8 @@ def _put_column(H: Array, column: int, v: Vec3) -> None:
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
     """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9).
 
-    A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger.
+    A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger. So
+    the result is `across` I + k w wᵀ, with k such that its factor along w is 1 / speed_sd.
 
     Args:
         w: (3,) rad/s, angular rate of the foot, world axes.
@@ -239,7 +240,7 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
         lever_sd: Standard deviation of the lever arm in every direction, m.
     """
     w2 = dot(w, w)
-    across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
+    across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)  # one over the noise across w
     k = (1.0 / speed_sd - across) / max(w2, 1e-12)
     return (
         (across + k * w[0] * w[0], k * w[0] * w[1], k * w[0] * w[2]),
@@ -378,6 +379,7 @@ def level_floor_update(
     r = matvec(to_matrix(quaternion_at(x, state.ATTITUDE)), vec3_at(memory.lever, 0))
     clear(work, 1)
     h = work.jacobian[0]  # of the sole's height above the floor, by the error states
+    # r_z grows by r_y δθ_x - r_x δθ_y with an error δθ of the attitude
     h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[state.POSITION + 2] + r[2]  # of the sole in the world, m
     has_floor = clock[state.CONTACT_PHASE] != state.NEVER_LANDED  # not at the first landing
@@ -388,8 +390,9 @@ def level_floor_update(
     spread_measurements(P, work, o, 1)
     # ratio of the densities of the step on the same floor and on a new one, which is 1 / `_NEW_FLOOR_RANGE_M`
     likelihood_ratio = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
-    same, last = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on the floor
-    prior = last * parameters.same_floor + (1.0 - last) * _SAME_AFTER_NEW  # that it stayed, before its height counts
+    same, last_same = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on its floor
+    # the same of this step, before its height counts
+    prior = last_same * parameters.same_floor + (1.0 - last_same) * _SAME_AFTER_NEW
     if has_floor and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule
         _learn_level_step(memory, same, step, variance, work.spread[0, 0])

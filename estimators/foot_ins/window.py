@@ -149,6 +149,7 @@ def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
     held, summed, moved = place[HELD], place[SUMMED], memory.restored  # moved: the corrections
     reach = 0  # how many samples of the peak the window still holds, from the newest on
     for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
+        # both must be the same sample: the window's, and the filter's in its ring
         if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[state.ring_row(memory, back)]:
             break
         reach = back

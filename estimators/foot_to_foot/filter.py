@@ -360,15 +360,20 @@ class FootToFoot:
         )
         return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
-    def _foot_index(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
-        """Index in `FEET` of the foot of a sample's topic.
+    def _foot_index(self, sample: Imu | Image | Aiding, foot_by_topic: Mapping[str, int]) -> int:
+        """Index in `FEET` of the foot whose sensor gave a sample.
+
+        Args:
+            sample: The sample, by its topic.
+            foot_by_topic: Index of the foot by topic, of all sensors of that kind on the feet.
 
         Raises:
-            StrideTwinError: The topic is not among `known`.
+            StrideTwinError: The topic is of neither foot.
         """
-        if sample.topic not in known:
-            raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {', '.join(known)}")
-        return known[sample.topic]
+        if sample.topic not in foot_by_topic:
+            on_feet = ", ".join(foot_by_topic)
+            raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {on_feet}")
+        return foot_by_topic[sample.topic]
 
 
 def _to_block(sample: Imu) -> Block[Imu]:
