@@ -325,8 +325,8 @@ class Stereo:
         self._times_depth = float(-P2[0, 3])  # disparity, px, of a point at 1 m
         v, u = np.mgrid[: left.height, : left.width]
         pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
-        # Per pixel of the left image: where it is in the rectified one (`_column`, `_row`), and its depth there over its
-        # depth here (`_along`), which is the third entry of its ray (x, y, 1) in the rectified axes.
+        # Per pixel of the left image: where it is in the rectified one (`_column`, `_row`), and its depth there over
+        # its depth here (`_along`), which is the third entry of its ray (x, y, 1) in the rectified axes.
         rays = np.concatenate([self._lens.to_normalized(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
         # (H W, 2) px in the rectified image
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
