@@ -312,6 +312,7 @@ def release_oldest(window: TransitionWindow) -> int:
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
     place[SUMMED] -= 1
+    # `first` and `second` are scratch memory of (21, 21), used for one product after the other
     released, P, first, second = window.released, window.covariance[i], window.scratch[0], window.scratch[1]
     # `released.work.gain` is used as scratch memory of (21,)
     # information and evidence of all later samples: those not yet summed, then with the sum of the next sample's row

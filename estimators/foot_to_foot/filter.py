@@ -197,23 +197,24 @@ class FootToFoot:
         """
         if isinstance(sample, Imu):
             foot = FEET[self._foot_index(sample, self._imu_of)]
-            events, phase = self._process({foot: _to_block(sample)}, [])[:2]
+            events, phase, _, _, _ = self._process({foot: _to_block(sample)}, [])
             used = phase[events.kind == IMU][0] != IGNORED  # the one IMU sample; the other events are aids
         elif isinstance(sample, Image):
             self._foot_index(sample, self._camera_of)  # raises for a topic that is not of the feet
             uses_images = bool({BoardObservation, RelativePosition} & set(self._listens_to))
             used = uses_images and self._boards.enqueue(sample)
         else:
-            used = (
-                len(self._process({}, [sample])[1]) > 0
-            )  # phases of the events; an aid that must wait is no event yet
-        # a queued image whose time the IMUs have not reached changes nothing yet
-        if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
+            events, _, _, _, _ = self._process({}, [sample])
+            used = len(events.t_ns) > 0  # an aid that must wait is no event yet
+        if not used:
+            return None
+        seen = self._process_images()  # None if no queued image is due
+        if seen is None and isinstance(sample, Image):  # this image waits for the IMUs and changes nothing yet
             return None
         feet = {
             FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
             for f in range(2)
-            if self._phase[f] != EMPTY
+            if self._phase[f] != EMPTY  # a foot with samples
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
         reported = np.r_[:REPORTED, STATES : STATES + REPORTED]  # the first 15 errors of each foot
