@@ -265,9 +265,9 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     # per error: whether it is estimated, and the information 1/σ² of its prior
     free, prior = np.ones(n, bool), np.zeros(n)
     free[6 * K - 6 : 6 * K] = False  # the newest camera is the reference
-    prior_sd = np.concatenate(
-        [priors.bias_sd, [priors.scale_sd if structure.scaled else np.inf], priors.mount_sd, [priors.offset_sd]]
-    )  # of the errors after the tilt
+    # of the errors after the tilt; without measured depths nothing is known of the scale
+    scale_sd = priors.scale_sd if structure.scaled else np.inf
+    prior_sd = np.concatenate([priors.bias_sd, [scale_sd], priors.mount_sd, [priors.offset_sd]])
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
     deviation = np.zeros(n)  # sum of all steps, from the means of the priors

@@ -126,9 +126,8 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     # the range is unknown, the ring has too few samples, or the third newest of them is not clipped
     if sensor_range <= 0.0 or fill < 6 or abs(third_newest) < limit:
         return 0
-    sign = (
-        1.0 if third_newest > 0.0 else -1.0
-    )  # that of the peak: all samples are taken times it, so that the peak is positive
+    # that of the peak: all samples are taken times it, so that the peak is positive
+    sign = 1.0 if third_newest > 0.0 else -1.0
     # samples 2 to `end` - 1, counted back from the newest, are clipped; `top` is their sum, later their mean
     end, top = 2, 0.0
     while end < fill - 3 and _signed_value(memory, end, channel, sign) >= limit:
