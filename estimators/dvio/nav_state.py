@@ -94,6 +94,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
     dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
     R, p, v, covariance = empty_mat3(), nav.p, nav.v, nav.covariance
     copy_matrix(nav.R, R)
+    # derivatives of position and velocity by the attitude's error (with the opposite sign), and by the biases
     p_by_turn, v_by_turn = multiply(R, hat(delta_p)), multiply(R, hat(delta_v))
     p_by_bias, v_by_bias = multiply(R, by_bias[0:3]), multiply(R, by_bias[6:9])
     # Rows and columns of F: 0-2 position, 3-5 attitude, 6-8 velocity, 9-11 and 12-14 biases of gyroscope and

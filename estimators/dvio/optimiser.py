@@ -219,7 +219,9 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
 
 
 def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
-    """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
+    """The equations H d = b without the oldest frame o: docs/dvio.md (11).
+
+    They are H_rr − H_ro H_oo⁻¹ H_or and b_r − H_ro H_oo⁻¹ b_o for the remaining states r.
 
     Args:
         H: (N, N) equations of calibration and frames; only the lower triangle is read.
@@ -231,12 +233,12 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     lower = np.tril(H, -1)  # below the diagonal
     full = lower + lower.T + np.diag(np.diag(H))
     oldest, remaining = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
-    scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5
+    scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5  # which makes the diagonal of H_oo 1
     scales = np.outer(scale, scale)
     H_oo_inverse = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
     share = full[remaining, oldest] @ H_oo_inverse  # H_ro H_oo⁻¹
-    left = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
-    return left + np.tril(left, -1).T, b[remaining] - share @ b[oldest]
+    reduced = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
+    return reduced + np.tril(reduced, -1).T, b[remaining] - share @ b[oldest]
 
 
 def drop_oldest(window: WindowState) -> None:

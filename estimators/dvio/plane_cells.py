@@ -178,14 +178,14 @@ def _grow_region(cells: Array, group: NDArray[np.int64], name: int, variance: fl
             for c in range(columns):
                 if group[r, c] or cells[r, c, 5] == 0.0:
                     continue
-                beside = (
+                may_join = (
                     anywhere
                     or (r > 0 and group[r - 1, c] == name)
                     or (r + 1 < rows and group[r + 1, c] == name)
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
+                if may_join and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
                     group[r, c] = name
                     total += cells[r, c]
                     _fit_plane(total, inverse, plane)

@@ -79,7 +79,9 @@ class Structure:
 
 
 def structure_with_depth(s: Observations) -> Structure | None:
-    """Cameras by the points of known depth: P3P from each image to the next, then all of Zhao 2023 (5) at once.
+    """Cameras by the points of known depth: P3P from each image to the next, then all images at once.
+
+    The latter is a bundle adjustment of cameras and points, Zhao 2023 (5).
 
     P3P goes from the newest image back to the oldest, and ends at the first pair that shares too few points. The result
     has the images from there on: its `first` is greater than 0 if older ones are left out. None if it would be a single
@@ -114,7 +116,9 @@ def structure_with_depth(s: Observations) -> Structure | None:
 
 
 def structure_without_depth(s: Observations) -> Structure | None:
-    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then Zhao 2023 (2) of all.
+    """Cameras by bearings alone: two images by their essential matrix, the others by P3P, then all images at once.
+
+    The latter is a bundle adjustment of cameras and points, Zhao 2023 (2).
 
     The two images are the newest and the oldest that shares enough points with it; older ones are left out. None if
     there is no such pair, or if its parallax is too small.
@@ -261,7 +265,10 @@ def _triangulate(R: Array, p: Array, at: Array, seen: NDArray[np.bool_]) -> tupl
 
 
 def _bundle_adjust(s: Observations, R: Array, p: Array, points: Array, first: int, scaled: bool) -> Structure | None:
-    """Least squares of Zhao 2023 (1) and (3) over cameras and points, then once more without outliers.
+    """Adjusts cameras and points until they fit the observations best, then once more without outliers.
+
+    Bundle adjustment: it minimises the residuals of image points and of measured inverse depths, Zhao 2023 (1) and (3),
+    by Huber's rule.
 
     Args:
         s: Observations in K images.

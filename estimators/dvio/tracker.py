@@ -240,7 +240,7 @@ class Tracker:
 
     def _image_pyramid(self) -> list[NDArray[np.uint8]]:
         """The last image, smoothed, at full and at half resolution; computed once per image."""
-        assert self._grey is not None
+        assert self._grey is not None  # `set_image` was called
         if not self._scales:
             smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
             self._scales = [smooth, np.asarray(cv2.pyrDown(smooth), np.uint8)]

@@ -229,7 +229,7 @@ def _put_column(H: Array, column: int, v: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
-    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9).
+    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (10).
 
     A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger. So
     the result is `across` I + k w wᵀ, with k such that its factor along w is 1 / speed_sd.

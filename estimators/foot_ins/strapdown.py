@@ -213,7 +213,7 @@ def propagate_state(
 
 @njit(**INNER_KERNEL)
 def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
-    """Propagates state and covariance over one interval: docs/foot_ins.md (5).
+    """Propagates state and covariance over one interval: docs/foot_ins.md (2) to (5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
     sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an
@@ -228,6 +228,7 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
     """
     P, o = memory.covariance, memory.row  # o: first row of this foot's error states
     down = vec3_at(memory.lever, 0)  # along the sole's normal
+    # attitude and specific force in the middle of the interval; length of the path, m; rotation across the sole, rad
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)

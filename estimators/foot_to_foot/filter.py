@@ -111,7 +111,7 @@ class FootToFoot:
         self._parameters = for_kernel(parameters, published)
         # of the method: parameters of a foot, calibrations of the IMUs, standard deviation of a gyro's scale
         foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
-        if published or shoes.cameras:
+        if published or shoes.cameras:  # this filter has its own terms for these errors; the paper has none
             imus = {f: _without_scale_errors(imu) for f, imu in imus.items()}
         if shoes.cameras and not published:
             foot = replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz)

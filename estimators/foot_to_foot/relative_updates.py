@@ -118,12 +118,12 @@ def board_update(
     rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
     frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)  # time that this observation counts for
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
-    # `alone` is the factor by which a bad fit increases the noise of this image alone, `shared` that of all images
-    in_front, alone = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
+    # a bad fit increases the noise of this image by the factor `image_misfit`; that of all images grows by `shared`
+    in_front, image_misfit = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
     if not in_front:
         return UNUSED
     P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
-    _measure_states(work, board.reduced, 1.0 / (alone * shared))
+    _measure_states(work, board.reduced, 1.0 / (image_misfit * shared))
     length = apply_gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
     # statistics of consistency: with the noise of a single image, not that of the correlated ones; 6 numbers
     pair.nis[OBSERVATIONS, 0] += innovation_norm(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
@@ -200,26 +200,27 @@ def reduce_measurement(
         shared: Factor by which the noise grows as observations share their error.
 
     Returns:
-        Whether the board is in front of the camera; misfit, at least 1, by which T and z are too small.
+        Whether the board is in front of the camera; misfit of this image: factor, at least 1, by which its noise is
+        larger than `ray_sd`. T and z are not divided by it yet.
     """
     work, C, triangle = board.reduced, board.covariance, board.triangle
     # u (6,): estimated minus predicted pose, position (m) before rotation (rad); change (6,): its last change
-    T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
+    T, z, u, change, image_misfit = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
     zero(u)
     for turn in range(_MAX_LINEARIZATIONS):  # number of the linearisation
         R_now = matmul(to_matrix(exp(vec3_at(u, 3), SERIES_RAD)), R)
         p_now = axpy(p, 1.0, vec3_at(u, 0))
         if not _linearise_rays(board, p_now, R_now, m, points_in_board, rays, ray_sd, rotated):
-            return turn > 0, alone  # a linearisation before this one is used, if there was one
+            return turn > 0, image_misfit  # a linearisation before this one is used, if there was one
         # length of the residuals that no pose explains, over its expectation: 2M coordinates, 6 unknowns
-        alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
+        image_misfit = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
         # the innovations are relative to the pose u; T u added makes them relative to the predicted pose
         for i in range(6):
             z[i] = triangle[i, 6]
             for j in range(6):
                 T[i, j] = triangle[i, j]
                 z[i] += T[i, j] * u[j]
-        noise = alone * shared
+        noise = image_misfit * shared
         # u <- C Tᵀ (T C Tᵀ + noise² 1)⁻¹ z
         spread_measurements(C, work, 0, 6)
         innovation_norm(work, 6, noise * noise)
@@ -242,7 +243,7 @@ def reduce_measurement(
             moved2 += moved * moved
         if moved2 < (_SETTLED_SD * noise) ** 2:
             break
-    return True, alone
+    return True, image_misfit
 
 
 @njit(**INNER_KERNEL)
@@ -399,6 +400,7 @@ def sonar_update(
     if not parameters.is_published and since_s < parameters.sonar_after_s:
         return UNUSED
     other, work = 1 - sonar, pair.work
+    # states at the echo: a of the foot with the sonar, b of the other
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     # from each IMU to the foot's sonar, world; that of the other foot is taken for the reflecting point
@@ -407,16 +409,16 @@ def sonar_update(
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
         return UNUSED
-    none = 0.0, 0.0, 0.0
-    to = axpy(none, 1.0 / (size * parameters.range_sd_m), d)  # unit vector over the standard deviation
+    zero_vector = 0.0, 0.0, 0.0
+    direction = axpy(zero_vector, 1.0 / (size * parameters.range_sd_m), d)  # unit vector over the standard deviation
     clear(work, 1)
-    h = work.jacobian[0]
+    h = work.jacobian[0]  # of the distance, in standard deviations, by the error states
     of_a, of_b = STATES * sonar, STATES * other  # first error states of both feet
-    store_vec3_at(axpy(none, -1.0, to), h, of_a + D_POSITION)
-    store_vec3_at(to, h, of_b + D_POSITION)
+    store_vec3_at(axpy(zero_vector, -1.0, direction), h, of_a + D_POSITION)
+    store_vec3_at(direction, h, of_b + D_POSITION)
     if not parameters.is_published:
-        store_vec3_at(cross(to, arm_a), h, of_a + D_ATTITUDE)
-        store_vec3_at(cross(arm_b, to), h, of_b + D_ATTITUDE)
+        store_vec3_at(cross(direction, arm_a), h, of_a + D_ATTITUDE)
+        store_vec3_at(cross(arm_b, direction), h, of_b + D_ATTITUDE)
     work.innovation[0] = (distance - size) / parameters.range_sd_m
     spread_measurements(pair.covariance, work, 0, 1)
     length = innovation_norm(work, 1, 1.0)
