@@ -131,10 +131,11 @@ def _linearise(
 
 
 def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
-    """Minimises docs/dvio.md (10) by Levenberg-Marquardt in at most `steps`; returns a recent cost.
+    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns a recent cost.
 
-    It stops if a step lowers the cost by less than the share `cost_tolerance`. `work.factor` is afterwards the undamped
-    Cholesky factor of the last equations, from which covariances follow. The cost after the last step is not computed.
+    The cost is docs/dvio.md (10). There are at most `steps` steps; it stops if a step lowers the cost by less than the
+    share `cost_tolerance`. `work.factor` is afterwards the undamped Cholesky factor of the last equations, from which
+    covariances follow. The cost after the last step is not computed.
 
     Args:
         window: The sliding window, whose frames, landmarks and calibration change.

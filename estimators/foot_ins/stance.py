@@ -333,6 +333,7 @@ def _learn_level_step(memory: state.FilterState, same: float, step: float, varia
     memory.floor[1] += same
     memory.nis[state.BY_FLOOR, 0] += same * step * step / (variance + spread)
     memory.nis[state.BY_FLOOR, 1] += same
+    # expected square of the floor's part of the step: square of its mean, and its variance
     memory.floor[2] += same * (share * share * step * step + share * spread)
 
 

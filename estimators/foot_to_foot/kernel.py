@@ -133,7 +133,7 @@ def run(
         events: An aid comes right after the IMU sample by which both feet have reached its time.
         phase: (N,) int8, written: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
         figure: (N,) written: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
-            normalised innovation, see `relative_updates.board_update`.
+            innovation's length in standard deviations, or UNUSED.
         state: (N, 22) written: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) written: of that foot's position (m) and attitude (rad), world axes.
     """

@@ -270,7 +270,7 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     d = axpy(axpy(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
     from_camera = axpy(matvec(transposed(a.R), d), -1.0, vec3_at(mount_a, 0))  # from a's camera to the board, a's IMU
     to_camera = transposed(matmul(a.R, R_c))  # camera <- world
-    out = transposed(R_c)  # camera <- a's IMU
+    R_camera_a = transposed(R_c)  # camera <- a's IMU
     R_camera_b = matmul(to_camera, b.R)  # camera <- b's IMU
 
     clear(pair.work, 6)
@@ -286,12 +286,12 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
         G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
     # derivatives by the two mounts; c and m are their first columns, position before rotation
     c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
-    store_mat3_at(scale_matrix(-1.0, out), G, 0, c)
-    store_mat3_at(rows_cross(out, from_camera), G, 0, c + 3)
-    store_mat3_at(scale_matrix(-1.0, out), G, 3, c + 3)
+    store_mat3_at(scale_matrix(-1.0, R_camera_a), G, 0, c)
+    store_mat3_at(rows_cross(R_camera_a, from_camera), G, 0, c + 3)
+    store_mat3_at(scale_matrix(-1.0, R_camera_a), G, 3, c + 3)
     store_mat3_at(R_camera_b, G, 0, m)
     store_mat3_at(R_camera_b, G, 3, m + 3)
-    return matvec(out, from_camera), matmul(R_camera_b, R_m)
+    return matvec(R_camera_a, from_camera), matmul(R_camera_b, R_m)
 
 
 @njit(**INNER_KERNEL)
