@@ -264,7 +264,8 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
 def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
-    H += Jᵀ Σ⁻¹ J and b −= Jᵀ Σ⁻¹ r for the residual r of `imu_residual` (Zhao 2023 (9)). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
+    H += Jᵀ Σ⁻¹ J and b −= Jᵀ Σ⁻¹ r for the residual r of `imu_residual` (Zhao 2023 (9)). The random walk of the biases
+    is a second residual, b_(k+1) − b_k, of variance walk² dt.
 
     Args:
         window: Frames and preintegrated measurements.

@@ -284,7 +284,8 @@ def _correlate(
 ) -> tuple[float, float, float, float]:
     """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3).
 
-    The basis has, per pixel of the patch, its gradient along x and y and its grey value, each minus its mean. M maps a pixel of the patch, relative to its middle, to one of the image, relative to (x, y).
+    The basis has, per pixel of the patch, its gradient along x and y and its grey value, each minus its mean. M maps a
+    pixel of the patch, relative to its middle, to one of the image, relative to (x, y).
 
     Returns:
         basisᵀ s (three numbers) for the warped grey values s, and Σ (s − mean)².
