@@ -20,8 +20,8 @@ from stridetwin.estimators.foot_to_foot.relative_updates import (
     UNUSED,
     board_in_camera,
     board_update,
-    predict_pose,
     sonar_update,
+    write_pose_covariance,
 )
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
@@ -202,7 +202,7 @@ def predict_board(
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
     known = _predict_pose(pair, foot, parameters, camera, then_ns, 0.0, T)
     # the covariance follows from the derivatives that the second call has left in `pair.work.jacobian`
-    predict_pose(pair.covariance, pair.work, pair.board)
+    write_pose_covariance(pair.covariance, pair.work, pair.board)
     copy_matrix(pair.board.covariance, covariance)
     return known and known_before
 

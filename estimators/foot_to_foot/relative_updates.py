@@ -109,7 +109,7 @@ def board_update(
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
     p, R = board_in_camera(pair, camera, a, b)  # predicted pose; its derivatives are now in `work.jacobian`
     work, board, P = pair.work, pair.board, pair.covariance
-    predict_pose(pair.covariance, work, board)
+    write_pose_covariance(pair.covariance, work, board)  # of the predicted pose, into `board.covariance`
     for i in range(6):  # the drift of the clock is part of the predicted pose's covariance
         for j in range(6):
             by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
@@ -134,7 +134,7 @@ def board_update(
 
 
 @njit(**INNER_KERNEL)
-def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
+def write_pose_covariance(P: Array, work: Workspace, board: BoardWorkspace) -> None:
     """Writes the covariance G P Gᵀ (6, 6) of the board's predicted pose into `board.covariance`.
 
     Args:
