@@ -209,7 +209,7 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     # (K - 1, 3, 1) ΔP and ΔV: corrected measurements in the axes of the newest image's IMU
     delta_p = R[:-1] @ (z.delta_p + by_bias[:, :3])[..., None]
     delta_v = R[:-1] @ (z.delta_v + by_bias[:, 6:])[..., None]
-    n = 3 * K + 4  # unknowns: K velocities, gravity (3), scale
+    n = 3 * K + 4  # unknowns: K velocities and gravity, of three axes each, and the scale
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
         dt, i, j = z.dt[k, 0], 6 * k, 3 * k  # i: first row of the interval, j: first column of the velocity v_a

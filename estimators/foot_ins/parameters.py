@@ -220,7 +220,7 @@ def for_sensor(
         ("rest_rate_noise_radps_rthz", imu.gyroscope_noise_density),
     ):
         values[name] = math.hypot(values[name], density)
-    # what the calibration does not know (0) stays as the parameters have it
+    # what the calibration does not know is 0 there, and stays as the parameters have it
     values["gyro_bias_sd_radps"] = imu.gyroscope_bias_sd or values["gyro_bias_sd_radps"]
     values["accel_bias_sd_mps2"] = imu.accelerometer_bias_sd or values["accel_bias_sd_mps2"]
     values["path_scale_sd"] = imu.accelerometer_scale_sd or values["path_scale_sd"]

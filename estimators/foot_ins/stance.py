@@ -169,7 +169,7 @@ def add_across_sole(memory: state.FilterState, variance: float) -> None:
 def zero_velocity_update(
     memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
-    """Update with zero velocity of the sole's stationary point (after Foxlin 2005), docs/foot_ins.md (8) to (10).
+    """Update with zero velocity of the sole's stationary point (after Foxlin 2005), docs/foot_ins.md (8)-(10).
 
     v + w × r = 0 for the velocity v of the sensor, the angular rate w = R (ω - b_g) and the lever arm r from the sensor
     to that point, all in the world.

@@ -213,7 +213,7 @@ def propagate_state(
 
 @njit(**INNER_KERNEL)
 def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
-    """Propagates state and covariance over one interval: docs/foot_ins.md (2) to (5).
+    """Propagates state and covariance over one interval: docs/foot_ins.md (2)-(5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
     sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an

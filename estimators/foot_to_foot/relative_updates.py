@@ -76,7 +76,7 @@ def board_update(
     rays: Array,
     ray_sd: Array,
 ) -> float:
-    """Update with the points of the other foot's board in an image, docs/foot_to_foot.md (5) and (7).
+    """Update with the points of the other foot's board in an image, docs/foot_to_foot.md (5), (7).
 
     The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
     the triangle R of a QR decomposition, before the update; the remainder measures how well any pose of the board
