@@ -60,6 +60,9 @@ class MountPrior:
     def update(self, window: WindowState, covariance: Array) -> None:
         """Updates the variances from the estimated mount, docs/dvio.md (13), and the window's prior with them.
 
+        A variance becomes (σ_0² + |e|² + tr P) / 4, for the nominal one σ_0², the deviation e of the estimated mount
+        from the prior's centre, and the covariance P of that estimate; it stays between its limits.
+
         Args:
             window: The sliding window, whose calibration is the estimate and whose prior is changed.
             covariance: (6, 6) of the mount, position (m) before rotation (rad).
@@ -71,7 +74,7 @@ class MountPrior:
             if before == 0.0 or waits:
                 continue
             deviation = window.calibration.moved[group] - self._mean[group]
-            # docs/dvio.md (13); three axes share the variance
+            # three axes share the variance
             estimated = (_FREEDOM * self._least[i] + deviation @ deviation + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 

@@ -171,7 +171,7 @@ class FootInsPath:
             RecordingError: The vertical was never found.
         """
         frame = f"foot_{foot}/imu"
-        if not self.aligned.any():  # an alignment needs a foot that stands still
+        if not self.aligned.any():  # no alignment has ended
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
         ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])  # the first sample with a known vertical
         return PathEstimate(
