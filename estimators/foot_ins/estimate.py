@@ -50,7 +50,7 @@ class StartPose:
 
         The first alignment then keeps the heading of the pose and corrects only its tilt.
         """
-        q = np.asarray(self.q_world_imu, dtype=float)
+        q = np.asarray(self.q_world_imu, dtype=float)  # a unit quaternion but for rounding
         memory.nominal[state.POSITION : state.POSITION + 3] = self.p_imu_in_world
         memory.nominal[state.ATTITUDE : state.ATTITUDE + 4] = q / np.linalg.norm(q)
         memory.start_sd[:] = self.position_sd, self.heading_sd
@@ -92,9 +92,10 @@ class FootInsEstimate:
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[state.T_LAST])
         p, q = x[state.POSITION : state.POSITION + 3], x[state.ATTITUDE : state.ATTITUDE + 4]
         covariance = memory.covariance[o : o + state.REPORTED, o : o + state.REPORTED].copy()
-        # the length of the path is unknown by the share `path[3]`: variance along the line from the first sample
-        way = p - memory.path[:3]
-        covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
+        # the length of the path is unknown by a share of it: variance along the line from the first sample
+        p_start, unknown_share = memory.path[:3], memory.path[3]
+        way = p - p_start
+        covariance[:3, :3] += unknown_share**2 * (way[:, None] * way)
         return cls(
             t_ns=t_ns,
             pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == state.NAVIGATING),
@@ -170,9 +171,9 @@ class FootInsPath:
             RecordingError: The vertical was never found.
         """
         frame = f"foot_{foot}/imu"
-        if not self.aligned.any():
+        if not self.aligned.any():  # no alignment has ended
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
-        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
+        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])  # the first sample with a known vertical
         return PathEstimate(
             name=f"{name}_{foot}",
             frame=frame,
@@ -189,6 +190,7 @@ def nis_by_kind(memory: state.FilterState) -> dict[str, float]:
 
     The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).
     """
+    # (2,) each: sum of the normalised innovation squared, and number of updates
     sums = {
         "standing": memory.nis[state.BY_VELOCITY],
         "floor": memory.nis[state.BY_FLOOR],
