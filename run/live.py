@@ -258,7 +258,7 @@ class _Live:
         """Records a sample that has arrived, and queues it by its stamp if the estimator reads it and it fits."""
         topic = arrival.sample.topic
         self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
-        if arrival.travel_ns is not None:  # known only if sender and receiver share a clock
+        if arrival.travel_ns is not None:  # None if the sender's clock is not known
             self._latency.add_travel(topic, arrival.travel_ns * 1e-9)
         if self._recorder is not None:
             self._recorder.write(arrival.message, arrival.sample.t_ns)

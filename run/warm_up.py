@@ -91,7 +91,7 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     for synthetic in _samples(takes):
         message = encoder.encode(synthetic)
         decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
-        if (sample := decoder.decode(message)) is not None:  # None for a message that is no sample
+        if (sample := decoder.decode(message)) is not None:  # None if a number is not finite
             yield sample
 
 
