@@ -204,6 +204,8 @@ def _run_on_table(
     ).parameters
     more = {} if values is None else {"parameters": values}
     path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
+    if missing := len(block) - len(path.path):
+        print_warnings(arguments.source, [f"no pose at {missing} of {len(block)} samples, where none can be trusted"])
     lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]
     return [Output(name=arguments.estimator, estimates=path)], lines, ""
 
@@ -249,11 +251,14 @@ def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
 
 def _describe_imu(imu: ImuCalibration) -> str:
     """One line on what is known of an IMU: rate and noise, and bias and limits if they are known (0 is unknown)."""
-    known = [
-        f"{imu.rate_hz:.0f} Hz",
-        f"noise {math.degrees(imu.gyroscope_noise_density):.2g} °/s/√Hz and "
-        f"{imu.accelerometer_noise_density:.2g} m/s²/√Hz",
-    ]
+    known = [f"{imu.rate_hz:.0f} Hz"]
+    if imu.gyroscope_noise_density and imu.accelerometer_noise_density:
+        known.append(
+            f"noise {math.degrees(imu.gyroscope_noise_density):.2g} °/s/√Hz and "
+            f"{imu.accelerometer_noise_density:.2g} m/s²/√Hz"
+        )
+    else:
+        known.append("noise not known, as the sensor never rests")
     if imu.gyroscope_bias_sd:
         known.append(f"gyro bias {math.degrees(imu.gyroscope_bias_sd):.2g} °/s")
     if imu.gyroscope_range:

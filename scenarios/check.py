@@ -359,6 +359,9 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
         findings += [Finding(topic=topic, what=str(one)) for one in find_implausible_values(block)]
+        if topic.startswith("/foot_") and block.kind is Imu and not row["rests"]:
+            what = "never rests as a foot does in every stance, so that foot_ins has no path; is it worn on a foot?"
+            findings.append(Finding(topic=topic, what=what, is_error=False))
     return row, [f for f in findings if not _is_known(recording, f)]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2
+from stridetwin.streams.rate_consistency import find_rate_fault
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
@@ -89,7 +90,8 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
     """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units cause.
 
     Checked are the sample rate, the magnitude of the specific force (gravity ± 15 % at rest, 0.5 to 2 times gravity in
-    motion), and the angular rate (up to 60 rad/s in 99.9 % of the values).
+    motion), the angular rate (up to 60 rad/s in 99.9 % of the values), and whether rates and forces of a sensor that
+    rests now and then agree, which shows a wrong unit, order, sign or clock of the rates.
     """
     yield from find_implausible_rates(block.t_ns, IMU_RATES_HZ)
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
@@ -102,3 +104,9 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
         fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
         if fastest > _FASTEST:
             yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
+        elif fault := find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]):
+            yield Implausible(
+                "gyro",
+                f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
+                f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {fault.cause}",
+            )

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
+from stridetwin.estimators.foot_ins.estimate import NO_STANCE, FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, initial_state
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
@@ -103,8 +103,19 @@ class FootIns:
     def follow_block(
         cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
     ) -> Trajectory:
-        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor."""
-        return cls.batch(rig, options, parameters).run(block).trajectory
+        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor.
+
+        Poses long after a stance (`LONGEST_WITHOUT_STANCE_S`) are left out.
+
+        Raises:
+            StrideTwinError: There is no stance after the alignment.
+        """
+        path = cls.batch(rig, options, parameters).run(block)
+        reliable = path.reliable
+        if path.aligned.any() and not reliable.any():
+            raise StrideTwinError(f"{block.topic}: {NO_STANCE}")
+        # poses before the vertical is known stay, as in a path without a gap
+        return path.trajectory[reliable | ~path.aligned]
 
     @classmethod
     def batch(
