@@ -122,16 +122,16 @@ def step(
     restore_peaks(memory, parameters)
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
-    speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
-    if speed < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
-        zero_velocity_update(memory, parameters, rate, dt, speed)
+    speed_sd = stationary_speed_sd(statistic, memory.peak[0], parameters)
+    if speed_sd < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
+        zero_velocity_update(memory, parameters, rate, dt, speed_sd)
     else:
-        speed = math.inf
-    level_floor_update(memory, parameters, t_ns, speed)
+        speed_sd = math.inf
+    level_floor_update(memory, parameters, t_ns, speed_sd)
     # at rest for long: even the recent peak of the statistic is low, but for what an unknown gyro bias adds to it
     if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
-    return state.NAVIGATING, speed
+    return state.NAVIGATING, speed_sd
 
 
 @njit(**INNER_KERNEL)

@@ -392,7 +392,7 @@ def level_floor_update(
     # ratio of the densities of the step on the same floor and on a new one, which is 1 / `_NEW_FLOOR_RANGE_M`
     likelihood_ratio = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
     same, last_same = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on its floor
-    # the same of this step, before its height counts
+    # that probability of this step before its height counts
     prior = last_same * parameters.same_floor + (1.0 - last_same) * _SAME_AFTER_NEW
     if has_floor and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
         same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule
