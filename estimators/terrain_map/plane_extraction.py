@@ -179,7 +179,8 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                 merged = True
         if not merged:
             break
-        # Edges of merged planes now belong to the new plane, and their costs are unknown; doubles are removed.
+        # Edges of merged planes now belong to the new plane, and their costs are unknown. An edge to the neighbour seen
+        # last is a double and removed; doubles with others between them stay, which costs only time.
         kept = 0
         met[:] = -1
         for e in range(count):
@@ -268,7 +269,7 @@ def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, lea
 
     Args:
         points: (n, m, 3) m.
-        noise: (n, m) m.
+        noise: (n, m) m, standard deviation of each point.
         roots: (R, C) root cell of each cell's plane, from `cluster`.
         sums: (R C, 11) sums of the planes at their root cells.
         least_up: Smallest z of a walkable plane's normal.
@@ -331,9 +332,9 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
 
     Args:
         points: (n, m, 3) m.
-        noise: (n, m) m.
-        labels: (n, m) changed in place.
-        planes: (P, 4) large planes.
+        noise: (n, m) m, standard deviation of each point.
+        labels: (n, m) number of each point's plane, -1 = none; changed in place.
+        planes: (P, 4) large planes a x + b y + c z = d.
         least_up: Smallest z of a walkable plane's normal.
         fewest: Smallest number of columns of a strip.
 
@@ -376,7 +377,7 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
             plane = fit_plane(sums)
             limit = _STRIP_VARIANCE * sums[10] / size  # largest mean squared distance from a plane, m²
             if 0 <= beside < long:
-                q = planes[beside]
+                q = planes[beside]  # (4,) a, b, c, d
                 off = 0.0  # sum of the squared distances from the plane beside, m²
                 for s in range(size):
                     a, b = stack[s]

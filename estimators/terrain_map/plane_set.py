@@ -255,7 +255,7 @@ class PlaneSet:
     Attributes:
         surface: The columns; labels are slots.
         ids: (SLOTS,) id of the plane in each slot, -1 = none.
-        votes: (SLOTS,) score of each.
+        votes: (SLOTS,) score of the plane in each slot: confirming frames minus others, at most `_MAX_VOTES`.
     """
 
     def __init__(self, parameters: TerrainMapParameters, *, keeps_unobserved: bool = False) -> None:

@@ -229,7 +229,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
     """(2,) unit vector across the line through points (N, 2), on the side of `toward` (2,).
 
     The line has the direction of the largest scatter, ½ atan2(2 s_xy, s_xx − s_yy). If `toward` is nearly along it, the
-    points are too few to have a direction, and the result is `toward` itself, normalised.
+    edge is too short to have a direction, and the result is `toward` itself, normalised.
 
     Args:
         points: (N, 2) m.
@@ -300,7 +300,7 @@ def _edge_in_voxels(
         (2,) unit vector down across the edge; (K, 2) its points, m, none if the voxels show no edge.
     """
     starts = _lane_starts(points, down)
-    at = np.empty((len(starts), 3))  # the same in voxels of the grid, one voxel under the upper plane
+    at = np.empty((len(starts), 3))  # the starts in grid axes, voxels, one voxel under the upper plane
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
         for axis in range(2):

@@ -62,7 +62,7 @@ def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Rise
         row = [riser]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
-        rows += [[one] for one in row] if _is_winding(row) else [row]
+        rows += [[one] for one in row] if _is_winding(row) else [row]  # each riser of a winding row by itself
     return rows
 
 
@@ -167,7 +167,7 @@ def fit_even_edges(
         total = A.sum(axis=0)
         normal += A.T @ A / variance - shared * total[:, None] * total
         right += A.T @ s / variance - shared * s.sum() * total
-    normal += 1e-9 * _IDENTITY
+    normal += 1e-9 * _IDENTITY  # so that it has an inverse whatever the points are
     if len(edges) > 1:
         covariance = np.linalg.inv(normal)
         return covariance @ right, covariance

@@ -404,11 +404,11 @@ def _average(
             sdf, z = projection.sdf[at], projection.z[at]
             value = sdf * projection.scale[at]
             value = value if value > -_ONE else -_ONE  # Zhao 2023 (20)
-            # weight of this image, docs/terrain_map.md (3)
+            # weight of this image, docs/terrain_map.md (3): (κ / z)², with z of at least 1 m; scale * band is κ
             new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
-            total = old + new  # weight
+            total = old + new  # weight with this image
             # Zhao 2023 (21)
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)
             distance[at] = mixed if sdf < _NONE else distance[at]
