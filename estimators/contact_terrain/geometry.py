@@ -24,11 +24,12 @@ from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import Dumper, parse_yaml, read_yaml
 
 SIDES = ("l", "r")
+"""Letters of the left and the right leg, in the order of arrays over both."""
 METADATA_KEY = "exoskeleton"
 """Key of the geometry file in a recording's metadata."""
-_JOINTS_MAX, _FRAMES_MAX = 3, 99
+_JOINTS_MAX, _FRAMES_MAX = 3, 99  # largest number of joints of a hip or an ankle, and of frames of a leg
 _Angle = Annotated[Number, DEGREES]
-_CellPosition = tuple[Number, Number]
+_CellPosition = tuple[Number, Number]  # x and y on the sole, m
 
 
 def _check_increasing(stops: tuple[float, float]) -> tuple[float, float]:

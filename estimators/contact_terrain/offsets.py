@@ -202,17 +202,17 @@ def _update(
         for j in range(m):
             squared += innovation[i] * inverse[i, j] * innovation[j]
     density = math.exp(-0.5 * squared) / math.sqrt((2.0 * math.pi) ** m * determinant)
-    share = prior * density / (prior * density + (1.0 - prior) / spread)  # probability that the equation holds
+    probability = prior * density / (prior * density + (1.0 - prior) / spread)  # that the equation holds, given y
     move, moved, updated = np.zeros(n), np.empty(n), np.empty((n, n))
     for i in range(n):
         for j in range(m):
             move[i] += gain[i, j] * innovation[j]
-        moved[i] = z[i] + share * move[i]
+        moved[i] = z[i] + probability * move[i]
     explained = multiply(gain, transposed(PH))
     for i in range(n):
         for j in range(n):  # the mean of both halves: asymmetric rounding errors would grow from step to step
             updated[i, j] = (
-                0.5 * (P[i, j] + P[j, i] - share * (explained[i, j] + explained[j, i]))
-                + share * (1.0 - share) * move[i] * move[j]
+                0.5 * (P[i, j] + P[j, i] - probability * (explained[i, j] + explained[j, i]))
+                + probability * (1.0 - probability) * move[i] * move[j]
             )
-    return moved, updated, share
+    return moved, updated, probability
