@@ -65,6 +65,7 @@ def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Distorti
         for quarter in _QUARTERS:
             guess = View.from_points(lens, some_corner + steps @ quarter, rays)
             if guess is not None:
+                # along either edge: a grid found beside the middle is shifted by up to `rows` squares
                 candidates += _correlate_shifts(grey, pattern, guess, rows, rows)
         if candidates:
             candidates.sort(key=lambda candidate: -candidate[0])
