@@ -174,7 +174,7 @@ def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool
     flights = []
     for flight in estimate.stairs:
         cosine = float(flight.up @ forward) * (1.0 if up else -1.0)  # between path and way up, or way down
-        away = np.abs(flight.edges - float(flight.up @ place))  # (steps,) m, from each edge; NaN where it was not found
+        away = np.abs(flight.edges - float(flight.up @ place))  # (steps,) m, from each edge
         if cosine >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
             flights.append(flight)
     return max(flights, key=lambda flight: flight.steps, default=None)

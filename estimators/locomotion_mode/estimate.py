@@ -19,7 +19,7 @@ class StepPrediction:
     Attributes:
         step: Number of the step: touch-downs up to and including it.
         foot: `l` or `r`; "" while the next foot is unknown.
-        mode: The most likely one.
+        mode: The most likely of `MODES`.
         probabilities: Probability of each of `MODES`.
         t_ns: Time of its touch-down.
         t_sd_s: Standard deviation of that time, s.

@@ -41,7 +41,7 @@ _KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M = 0.01, 0.03
 _UNDER_M, _BEGIN_SD_M = 0.5, 0.1
 """Ground first observed farther ahead of the body than this begins there, with this standard deviation."""
 _MAX_SEGMENTS = 10
-"""Farther segments are omitted."""
+"""Largest number of segments along a path; farther ones are omitted."""
 _HIDDEN_PER_SD = 4.0
 """Length occluded behind an edge, divided by the edge's standard deviation in the map."""
 _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD = 0.40, 0.15
