@@ -153,6 +153,7 @@ class BoardTracker:
             error_px = _REGION_SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _MIN_REGION_PX
         else:
             rotation_variance = np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]  # about the least certain axis
+            # `_REGION_SD` standard deviations of the rotation are less than 1 rad
             if _REGION_SD**2 * rotation_variance < 1.0 and self._is_position_certain(expected):
                 return None  # it certainly faces away, or is behind the camera
         if guess is None or not error_px < _LOST_PX:
