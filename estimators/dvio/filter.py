@@ -118,7 +118,7 @@ class Dvio:
 
     Args:
         rig: Calibration.
-        options: `method`, one of `METHODS`, and `mount`, `head` or `chest`.
+        options: `method` is one of `METHODS`; `mount` is `head` or `chest`, "" for the first with a camera and an IMU.
         parameters: Replace those of the method.
 
     Raises:

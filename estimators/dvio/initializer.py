@@ -278,7 +278,7 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     for step in range(_STEPS):
         if step == 0 or large:
             r, J = _residual_jacobian(s, z, rates, priors.gravity)
-        else:
+        else:  # J of an earlier step is used again
             r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
         H, b = np.diag(prior), -prior * deviation
         H[:V, :V] += structure.information  # on the cameras, whose errors come first

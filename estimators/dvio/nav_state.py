@@ -32,12 +32,12 @@ class NavState(NamedTuple):
     """A state and its covariance.
 
     Attributes:
-        t_ns: (1,) on the IMU's clock.
+        t_ns: (1,) time of the state on the IMU's clock.
         R: (3, 3) world <- IMU.
-        p: (3,) m.
-        v: (3,) m/s.
-        bias: (6,) rad/s, m/s².
-        covariance: (15, 15) in the order of a frame's errors.
+        p: (3,) IMU in the world, m.
+        v: (3,) velocity in the world, m/s.
+        bias: (6,) of gyroscope (rad/s) and accelerometer (m/s²).
+        covariance: (15, 15) of the errors: 0-2 position, 3-5 attitude (on its right), 6-8 velocity, 9-14 biases.
     """
 
     t_ns: NDArray[np.int64]

@@ -255,10 +255,10 @@ def read_planes(
         for k in range(count - 1, at, -1):
             size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
         # variance by the error of `PLANE_ERROR` of direction and distance, in each component
-        off = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+        error_variance = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
         size[at], planes[at] = n, plane
         covariance = sd * sd * inverse
         for k in range(3):
-            covariance[k, k] += off
+            covariance[k, k] += error_variance
         weights[at] = np.linalg.inv(covariance)
     return count

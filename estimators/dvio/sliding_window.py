@@ -68,15 +68,23 @@ class SlidingWindow:
     """The window of frames and landmarks, its point tracker, and the state propagated from its newest frame.
 
     Args:
-        camera: Calibration.
-        imu: Calibration.
-        T_imu_camera: (4, 4) camera to IMU.
+        camera: Calibration of the camera.
+        imu: Calibration of the IMU.
+        T_imu_camera: (4, 4) camera to IMU, m.
         parameters: Parameters for any rig.
 
     Attributes:
+        parameters: The parameters.
+        noise: Present noise of the IMU's samples: that of the start, raised by `inflation`.
+        inflation: Factor on that noise, estimated from images.
+        bias_sd: (6,) standard deviations of the turn-on biases, rad/s and m/s².
+        calibration_prior: Standard deviations of the calibration before any measurement.
+        inertial: Buffer of IMU samples.
+        lens: Maps pixels to rays and back.
+        factors: Weights of the factors, and which are used.
+        tracker: Finds points in images and tracks them.
         window: Frames, landmarks, calibration and prior.
         nav: State propagated by the IMU from the newest frame.
-        inertial: Buffer of IMU samples.
         seen: Number of observations in the newest frame.
     """
 
