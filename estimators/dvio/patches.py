@@ -110,7 +110,7 @@ def pick(
 
     Args:
         shape: (H, W) of the image.
-        candidates: (N, 2) px.
+        candidates: (N, 2) px, points to pick from.
         order: (N,) indices of the candidates from the best.
         taken: (M, 2) px, existing points.
         min_distance_px: Smallest distance between two points.

@@ -443,7 +443,7 @@ class SlidingWindow:
 
         Args:
             ids: (N,) landmarks.
-            tracked_px: (N, 2) px.
+            tracked_px: (N, 2) px, where they are in the newest image.
             good: (N,) which of them were tracked.
         """
         w, marks = self.window, self.window.landmarks

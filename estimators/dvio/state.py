@@ -95,10 +95,10 @@ class Preintegration(NamedTuple):
     """Preintegrated IMU measurement between two frames, in the first one's axes, without gravity.
 
     Attributes:
-        dt: (1,) s.
-        delta_p: (3,) position, m.
+        dt: (1,) time between the frames, s.
+        delta_p: (3,) change of position, m.
         delta_R: (3, 3) rotation, second to first frame.
-        delta_v: (3,) velocity, m/s.
+        delta_v: (3,) change of velocity, m/s.
         by_bias: (9, 6) derivative of position, rotation and velocity by the biases of gyroscope and accelerometer.
         covariance: (9, 9) of position, rotation and velocity.
         weight: (9, 9) its inverse, where the increment is a factor of the window.

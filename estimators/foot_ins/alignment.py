@@ -118,7 +118,7 @@ def level_attitude(memory: state.FilterState, force: Vec3) -> None:
 
     The rotation starts from `memory.tilted` each time. If each call continued from the last result, the small
     rotations would add up to a false change of heading while the mean settles. The heading is that of the sensor's x
-    axis. If x is within 25° of the vertical, it is that of the z axis.
+    axis or, if x is within 26° of the vertical (its cosine is at least 0.9), that of the z axis.
 
     Args:
         memory: State of the foot, whose attitude is written. `memory.tilted` is the quaternion, sensor to world, from

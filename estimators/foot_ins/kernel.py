@@ -62,7 +62,7 @@ def add_sample(
         memory: State of the foot, changed in place.
         parameters: Parameters of the filter.
         t_ns: Time of the sample.
-        rate: (3,) rad/s.
+        rate: (3,) rad/s, angular rate.
         force: (3,) m/s², specific force.
 
     Returns:
@@ -178,7 +178,7 @@ def run(
         memory: State of the foot, changed in place.
         parameters: Parameters of the filter.
         t_ns: (N,) int64, times.
-        rate: (N, 3) rad/s.
+        rate: (N, 3) rad/s, angular rate.
         force: (N, 3) m/s², specific force.
         phase: (N,) int8, written: phase in which each sample was used.
         speed: (N,) written: standard deviation of a stationary foot's speed, m/s; inf where it is not stationary.

@@ -68,7 +68,7 @@ def run(
         parameters: Parameters of the filter.
         lag_ns: Age at which a sample leaves the window.
         t_ns: (N,) int64, times.
-        rate: (N, 3) rad/s.
+        rate: (N, 3) rad/s, angular rate.
         force: (N, 3) m/s², specific force.
         finish: Whether to output all held samples at the end.
         out: Buffer of N rows, of which the first are written; if `finish`, of as many more as are held.
@@ -178,7 +178,7 @@ class FootInsSmoother:
 
         Args:
             t_ns: (N,) times of the new samples.
-            rate: (N, 3) rad/s.
+            rate: (N, 3) rad/s, angular rate of these.
             force: (N, 3) m/s², specific force.
         """
         out = _allocate_rows(len(t_ns) + self.held)

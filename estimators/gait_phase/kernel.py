@@ -124,8 +124,8 @@ def weigh_hypotheses(
         they stand.
     """
     largest = IMPOSSIBLE
-    for c in range(N_STRIDE_KINDS):
-        for j in range(CELLS):
+    for c in range(N_STRIDE_KINDS):  # kind of stride
+        for j in range(CELLS):  # stride time
             phase = since_s / STRIDE_S[j]  # docs/gait_phase.md (2)
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE

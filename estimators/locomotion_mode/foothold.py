@@ -87,7 +87,7 @@ class MeasuredStep(StepEstimate):
 
     Attributes:
         length: Horizontal distance from the previous footprint along the path, m.
-        length_sd: Standard deviation, m.
+        length_sd: Standard deviation of `length`, m.
     """
 
     length: float

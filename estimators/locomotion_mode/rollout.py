@@ -145,7 +145,9 @@ def roll_out(
             np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (join_factor, step_factor)
         )
         kind[-1] = len(kinds)
-    near, far, beside = (np.array([of_kind[i] for of_kind in step_kernels]) for i in range(3))
+    near = np.array([kernels.near for kernels in step_kernels])  # (L, H, S, B)
+    far = np.array([kernels.far for kernels in step_kernels])  # (L, S, B)
+    beside = np.array([kernels.beside for kernels in step_kernels])  # (L, S, W)
     first = stance[:, None, :] * weight  # (2, P, S) density of the stance foot by segment
     mass = float(first.sum())
     # (H, 2, P, S), sums to 1: each common change of all steps has the weight of its node

@@ -62,13 +62,13 @@ class Segment:
 
     Attributes:
         start: m along the path, -inf for the first.
-        start_sd: Standard deviation, m.
+        start_sd: Standard deviation of `start`, m.
         end: m, inf for the last.
-        end_sd: Standard deviation, m.
+        end_sd: Standard deviation of `end`, m.
         drop: Height at its start over the end of the previous segment, m; 0 at a slope break.
         drop_sd: Standard deviation where unobserved, m.
         slope: rad, uphill positive.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
         mapped_slope: Slope in the map, which may lean.
         mode: Mode of steps within the segment: LG, RA or RD.
     """
@@ -145,10 +145,17 @@ def segments_along(
             slope=float(slope[k]),
             slope_sd=float(sd[k]),
             mapped_slope=float(mapped[k]),
-            mode="LG" if abs(slope[k]) < p.mode.min_ramp_slope_rad else "RA" if slope[k] > 0 else "RD",
+            mode=_mode_of_slope(float(slope[k]), p),
         )
         for k, (one, other) in enumerate(pairwise(bounds))
     ]
+
+
+def _mode_of_slope(slope: float, p: Settings) -> str:
+    """Mode of steps on ground of a slope (rad, uphill positive): LG up to `min_ramp_slope_rad`, else RA or RD."""
+    if abs(slope) < p.mode.min_ramp_slope_rad:
+        return "LG"
+    return "RA" if slope > 0 else "RD"
 
 
 def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Change]:

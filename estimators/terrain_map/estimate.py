@@ -87,7 +87,7 @@ class Ramp:
         id: Constant over the lifetime of its plane.
         plane: The plane's id.
         slope: rad, > 0.
-        slope_sd: Standard deviation, rad.
+        slope_sd: Standard deviation of `slope`, rad.
         heading: Direction of steepest ascent in the world, rad from x.
     """
 

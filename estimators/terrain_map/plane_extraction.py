@@ -54,8 +54,8 @@ def min_columns(voxel_size_m: float) -> int:
 def cell_sums(points: Points, noise: Points) -> Array:
     """Sums over the points of each cell that fits a plane.
 
-    A cell is a node if enough of its points are valid, none lies off the plane by more than 3 standard deviations, and
-    its mean squared distance is no greater than its noise.
+    A cell is a node if enough of its points are valid, none lies off the plane by more than `_DISTANCE_GATE_SD`
+    standard deviations, and its mean squared distance from the plane is no greater than the variance of its noise.
 
     Args:
         points: (n, m, 3) m, NaN = no point.
@@ -158,7 +158,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
                     for s in range(SUMS):
                         common[s] = sums[a, s] + sums[b, s]
                     error = plane_misfit(common)
-                    if error <= common[10] / common[0]:
+                    if error <= common[10] / common[0]:  # mean of the points' own variances, m²
                         costs[e] = error
             if costs[e] < np.inf:
                 if best[a] < 0 or costs[e] < costs[best[a]]:
@@ -268,7 +268,7 @@ def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, lea
     """Assigns each point to the nearest walkable plane of the cells around it.
 
     Args:
-        points: (n, m, 3) m.
+        points: (n, m, 3) m, grid axes, NaN = no point.
         noise: (n, m) m, standard deviation of each point.
         roots: (R, C) root cell of each cell's plane, from `cluster`.
         sums: (R C, 11) sums of the planes at their root cells.
@@ -331,7 +331,7 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
     or walkable.
 
     Args:
-        points: (n, m, 3) m.
+        points: (n, m, 3) m, grid axes, NaN = no point.
         noise: (n, m) m, standard deviation of each point.
         labels: (n, m) number of each point's plane, -1 = none; changed in place.
         planes: (P, 4) large planes a x + b y + c z = d.

@@ -221,8 +221,8 @@ def rotate_planes(
     """Rotates N planes about the vertical; heights do not change.
 
     Args:
-        centres: (N, 3) m.
-        slopes: (N, 2) along x and y.
+        centres: (N, 3) m, centres of the planes' points.
+        slopes: (N, 2) slopes along x and y.
         covariances: (N, 3, 3) of height at the centre and slopes.
         spreads: (N, 2, 2) m², covariances of the points in plan.
         R: (3, 3) rotation about the vertical.

@@ -379,7 +379,8 @@ class PlaneSet:
             free = np.flatnonzero(self.ids < 0)
         for number, slot in zip(wanted, free):
             slots[number] = slot
-            self.ids[slot], self._next_id = self._next_id, self._next_id + 1
+            self.ids[slot] = self._next_id
+            self._next_id += 1
         return slots
 
     def _lies_on_plane(self, new: Array, slots: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -342,7 +342,7 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
     """(N, 2) m, ends of the lanes without outliers, none if too few remain.
 
     Args:
-        starts: (N, 2) m.
+        starts: (N, 2) m, world, starts of the lanes.
         reach: (N,) length of solid ground from each start, voxels; NaN where unobserved.
         voxel_m: Edge of a voxel.
         down: (2,) direction of the lanes.

@@ -381,6 +381,7 @@ def _check_above(
             d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
             # whether the image is much farther there than the surface: it has ended before
             ends = (zf - d + camera.noise * z * z) * projection.scale[at] < _FREE_LAMBDA
+            # unobserved without a depth; distance to the second pixel's depth where the surface ends; else unchanged
             other = _NONE if d == _ZERO else zf - d if ends else sdf
             projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
 
