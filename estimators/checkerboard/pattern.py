@@ -186,7 +186,7 @@ class View:
         """The vectors from one square to the next at points of the board.
 
         Args:
-            squares: (N, 2) points, in squares from the board's origin.
+            squares: (N, 2) points, in squares from the board's centre.
 
         Returns:
             (N, 2, 2) pixels: along u in the first row, along v in the second, as central differences over one square.

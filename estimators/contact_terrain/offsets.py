@@ -105,7 +105,7 @@ class Offsets:
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
         """Combines a step with the offsets; the stored offsets do not change.
 
-        The state z holds the offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
+        The state z holds the n offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
         maps it to the corrections of vector and slopes. Three hypotheses correct it one after the other, each with its
         probability: level ground under this foot; at the start also under the other; both footprints in one plane. Each
         says that the measured value plus its correction is 0, so the value with its sign changed is the measurement.

@@ -179,10 +179,10 @@ class Dvio:
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
-        """Camera, IMU, and, where there is one, depth or the second camera of a stereo pair.
+        """Camera, IMU, depth if the rig has a depth camera, and in any case the second camera of a stereo pair.
 
-        Without depth the IMU gives the scale. `update` does not take the second camera: only `follow` does, and
-        computes depth images from the pair.
+        A recording may lack the last two: without depth the IMU gives the scale. `update` does not take the second
+        camera: only `follow` does, and computes depth images from the pair.
 
         Raises:
             StrideTwinError: The rig has no camera with IMU on head or chest.
@@ -262,7 +262,7 @@ class Dvio:
     def update(self, sample: Sample) -> DvioEstimate | None:
         """Takes one sample; returns the new estimate after one of the IMU.
 
-        None if the sample is ignored, is an image (it waits for the IMU), or comes before the start.
+        None if the sample is ignored, is an image or a depth image (they wait for the IMU), or comes before the start.
 
         Raises:
             StrideTwinError: A sample of another topic.

@@ -237,7 +237,7 @@ def slope_columns(slot: int) -> NDArray[np.int64]:
 
 
 def covariance_of(indices: NDArray[np.int64], L: Array, size: int) -> Array:
-    """(K, K) covariance of selected states, by two triangular solves with the Cholesky factor.
+    """(K, K) covariance of selected states, by a triangular solve with the Cholesky factor.
 
     Args:
         indices: (K,) indices of the states.

@@ -132,7 +132,7 @@ def _linearise(
 
 
 def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
-    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns a recent cost.
+    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns the last computed cost.
 
     The cost is docs/dvio.md (10). There are at most `steps` steps; it stops if a step lowers the cost by less than the
     share `cost_tolerance`. `work.factor` is afterwards the undamped Cholesky factor of the last equations, from which

@@ -106,7 +106,8 @@ def pick(
 ) -> int:
     """Picks the best candidates, spread over the image: the best of each cell without a point, then the next best.
 
-    A picked point is at least `min_distance_px` away from all others.
+    A picked point is at least `min_distance_px` away from all others. A cell gets no further point once it has four,
+    existing ones included.
 
     Args:
         shape: (H, W) of the image.

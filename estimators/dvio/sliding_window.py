@@ -356,7 +356,8 @@ class SlidingWindow:
         # standard deviation of the speed by the covariance of the velocity; time since the last image, s
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
-        # The gate widens by the uncertainty of the velocity, and by the motion of points of unknown depth.
+        # The gate widens by two standard deviations of the motion that an error of the velocity causes, and by the motion
+        # of points of unknown depth.
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)  # 1 where the depth is not measured
         moved = np.linalg.norm(motion, axis=1)
         gate = (
@@ -426,7 +427,10 @@ class SlidingWindow:
         return int(remaining)
 
     def _mark_observable_depths(self) -> None:
-        """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
+        """Marks landmarks as measured whose depth motion alone determines.
+
+        Their inverse depth is at least `_MEASURED_SD` times its standard deviation.
+        """
         marks = self.window.landmarks
         l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))  # landmarks in question
         # squared inverse depth over its variance; at least three frames must see the point

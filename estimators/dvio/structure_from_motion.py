@@ -124,7 +124,7 @@ def structure_without_depth(s: Observations) -> Structure | None:
     there is no such pair, or if its parallax is too small.
     """
     last = len(s.seen) - 1
-    for k in range(last - 1):
+    for k in range(last - 1):  # from the oldest image on; at least one image lies between the two
         shared = np.flatnonzero(s.seen[k] & s.seen[last])
         if len(shared) < 2 * _MIN_POINTS:
             continue

@@ -278,7 +278,7 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
         work.jacobian[i, state.D_GYRO_BIAS + i] = 1.0 / sd
         work.innovation[i] = (rate[i] - memory.nominal[state.GYRO_BIAS + i]) / sd
     length = apply_gated_update(memory.covariance, memory.error, work, memory.row, 3, parameters.innovation_gate)
-    memory.nis[state.BY_RATE, 0] += length**2 / 3.0
+    memory.nis[state.BY_RATE, 0] += length**2 / 3.0  # per degree of freedom: 3 axes
     memory.nis[state.BY_RATE, 1] += 1.0
     inject(memory)
 
@@ -287,7 +287,7 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
 def inject(memory: state.FilterState) -> None:
     """Adds the foot's accumulated error to its nominal state, and sets the error to 0, in place.
 
-    The error of the attitude is a rotation in the world that comes before the attitude. As position and velocity have
+    The error of the attitude is a rotation in world axes, which multiplies the attitude from the left. As position and velocity have
     moved, the covariance is transformed by `shift_covariance`.
     """
     x, error, o = memory.nominal, memory.error, memory.row

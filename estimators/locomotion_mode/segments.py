@@ -287,7 +287,7 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     if hidden / (count - 1) < MIN_FOOTHOLD_M:  # so many treads do not fit into the hidden length
         count = 1 + int(hidden / MIN_FOOTHOLD_M)
     tread, drop = min(hidden / max(count - 1, 1), tread), change.drop / count
-    return [
+    return [  # the standard deviation of the place grows from tread to tread
         _Bound(edge_s + k * tread, OCCLUDED_EDGE_SD_M + tread_sd * k * tread, drop, riser_sd * abs(drop))
         for k in range(count)
     ]
@@ -453,7 +453,8 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
     weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:]) * _probability_beyond(
         middle, start[1:], start_sd[1:]
     )
-    # ahead: a riser before a step up, a free edge before a step down
+    # Ahead: a riser before a step up, a free edge before a step down. With both signs reversed, to be before the end is
+    # to be beyond it.
     inside = end[:-1, None] - s - p.mode.toe_m
     weights[:-1] *= _foothold_weight(inside, end_sd[:-1], -drop[1:]) * _probability_beyond(
         -middle, -end[:-1], end_sd[:-1]

@@ -282,7 +282,7 @@ def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, lea
     planes = np.empty((rows * columns, 4))
     count = 0
     for n in range(rows * columns):
-        if sums[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:
+        if sums[n, 0] >= _VALID_SHARE * _MIN_CELLS * CELL * CELL:  # the least number of points of a large plane
             x, y, z, a, b, d, _ = fit_plane(sums[n])
             if d >= least_up:
                 number[n] = count
