@@ -42,8 +42,7 @@ def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach
     """Views within `reach_px` of a guess in which the image correlates with the board, the best first.
 
     They are the guess, shifted along the board's axes in steps of a square over `_SAMPLES_PER_SQUARE`, by at most
-    `_MAX_SQUARES` squares.
-    Empty if nothing correlates, or if the guess has no size in the image.
+    `_MAX_SQUARES` squares. Empty if nothing correlates, or if the guess has no size in the image.
     """
     size_px = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)  # (2,) edges of a square along u and v
     if not (size_px > 0).all():  # 0 or NaN

@@ -356,8 +356,8 @@ class SlidingWindow:
         # standard deviation of the speed by the covariance of the velocity; time since the last image, s
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
-        # The gate widens by two standard deviations of the motion that an error of the velocity causes, and by the motion
-        # of points of unknown depth.
+        # The gate widens by two standard deviations of the motion that an error of the velocity causes, and by the
+        # motion of points of unknown depth.
         unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)  # 1 where the depth is not measured
         moved = np.linalg.norm(motion, axis=1)
         gate = (

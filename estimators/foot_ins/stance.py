@@ -287,8 +287,8 @@ def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, ra
 def inject(memory: state.FilterState) -> None:
     """Adds the foot's accumulated error to its nominal state, and sets the error to 0, in place.
 
-    The error of the attitude is a rotation in world axes, which multiplies the attitude from the left. As position and velocity have
-    moved, the covariance is transformed by `shift_covariance`.
+    The error of the attitude is a rotation in world axes, which multiplies the attitude from the left. As position and
+    velocity have moved, the covariance is transformed by `shift_covariance`.
     """
     x, error, o = memory.nominal, memory.error, memory.row
     for i in range(state.ATTITUDE):  # position and velocity come first in both

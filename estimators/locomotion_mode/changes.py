@@ -94,7 +94,8 @@ def find_next_change(
     beyond = chain.on[:, index:].sum(axis=1) > 0.5  # (K,) whether each step more likely lands beyond the change
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
-    else:  # `more`: number of usual steps from the last predicted one to the change; the uncertainty grows with all steps
+    else:
+        # usual steps from the last predicted one to the change; the uncertainty grows with the number of all steps
         more = math.ceil(max(0.0, segment.start - moments(chain.density[-1], s)[0]) / step_m)
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
     place = line.origin + segment.start * line.forward

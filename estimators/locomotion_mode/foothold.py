@@ -287,7 +287,7 @@ class FootholdEstimator:
         self.reset(_STANDING_SD_M)
 
     def reset(self, sd_m: float = _WALKING_SD_M) -> None:
-        """Resets to an unknown walker: the foot's position then follows from the body alone, to `sd_m`."""
+        """Resets to an unknown walker: the foot is then at the body, with the standard deviation `sd_m`, m."""
         self._length = usual_steps(self._p.mode.step_m, self._p)  # length of steps on level ground, m
         # greatest height of the body over a foot, m
         self._tall = StepFilter(USUAL_HEIGHT_M, USUAL_HEIGHT_M, _TOP_ASYMMETRY_SD_M, _TOP_DRIFT_M, _TOP_NOISE_M)

@@ -477,7 +477,9 @@ def _foothold_weight(inside: Array, sd: Array, fall: Array) -> Array:
 
 
 def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
-    """(N, S) probability that each position lies beyond each edge; tanh approximates the normal distribution.
+    """(N, S) probability that each position lies beyond each edge.
+
+    (1 + tanh(x / 1.2)) / 2 is within 0.02 of the normal distribution.
 
     Args:
         s: (S,) m, positions.

@@ -168,8 +168,8 @@ def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> in
     Args:
         x: (M,) m along the line.
         z: (M,) m, heights.
-        min_bend_rad: Smallest bend, rad. None: any bend counts, also one that leaves others, because up and down again
-            is a small bend.
+        min_bend_rad: Smallest bend, rad. None: any bend counts, however small its angle and whatever other bends leave:
+            up and down again is a small bend, too.
     """
     n = len(x)
     if n < 2 * _MIN_BINS:

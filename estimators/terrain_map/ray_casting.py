@@ -112,7 +112,7 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
     Args:
         blocks: Voxels of the map.
         starts: (N, 3) voxels, grid axes, just under the surface.
-        direction: (2,) horizontal unit vector toward its end.
+        direction: (2,) horizontal unit vector toward the surface's end.
         slope: Slope of the surface along it.
         reach: Length of the search, voxels.
         gap: Longest unobserved stretch between the last solid and the first free position, voxels.
@@ -172,8 +172,8 @@ def column_noise(
     plus the square of the lower limit.
 
     Args:
-        height: (n, n) m; modified: NaN where unobserved.
-        weight: (n, n) of the columns.
+        height: (n, n) m, NaN where unobserved; modified: removed columns become NaN, too.
+        weight: (n, n) weight of each column.
         eye_z: Height of the camera, m.
         least_m: Lower limit of the standard deviation.
         most_m: Upper limit.
@@ -202,7 +202,7 @@ def _column_noise(
 
     Args:
         height: (n, n) m; modified: NaN where the column has far less weight than one around it.
-        weight: (n, n) of the columns.
+        weight: (n, n) weight of each column.
         beside: (n, n) largest weight among the columns around each one, itself included.
         eye_z: Height of the camera, m.
         least_m: Lower limit of the standard deviation.

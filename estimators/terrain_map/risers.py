@@ -135,12 +135,12 @@ def _fit_edge(
             for +i, -i, +j, -j.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
-        low_centre: (3,) of the lower plane, m.
-        low_gradient: (2,) of the lower plane.
-        low_spread: (2, 2) of the lower plane, m².
-        centre: (3,) of the upper plane, m.
-        gradient: (2,) of the upper plane.
-        spread: (2, 2) of the upper plane, m².
+        low_centre: (3,) m, centre of the lower plane's points.
+        low_gradient: (2,) slopes of the lower plane along x and y.
+        low_spread: (2, 2) m², covariance of the lower plane's points in plan.
+        centre: (3,) m, centre of the upper plane's points.
+        gradient: (2,) slopes of the upper plane along x and y.
+        spread: (2, 2) m², covariance of the upper plane's points in plan.
 
     Returns:
         (2,) unit vector down across the edge; (N, 2) points, m, none if there is no edge; height, m.
