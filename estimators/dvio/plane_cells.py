@@ -84,7 +84,7 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
-        rays: (R * 10, C * 10, 2) of the samples on the plane at depth 1.
+        rays: (R * _SIDE, C * _SIDE, 2) of the samples on the plane at depth 1.
         min_depth_m: Nearest depth that counts.
         sd: Standard deviation of an inverse depth, 1/m.
         cells: (R, C, 11) out.

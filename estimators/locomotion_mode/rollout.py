@@ -347,8 +347,8 @@ def _sum_chains(
     Args:
         first: (H, 2, P, S) density of the stance foot by change of step length, x, segment and cell.
         weight: (P, S) weight u of each foothold.
-        even: (P, P) 1 where a step between segments crosses no edge.
-        over: (P, P) probability of a step that crosses edges.
+        even: (P, P) weights of steps between segments on even ground.
+        over: (P, P) weights of steps over edges.
         steps: The coming steps.
 
     Returns:

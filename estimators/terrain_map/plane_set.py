@@ -136,8 +136,8 @@ def write_view(
     Args:
         surface: Modified in place.
         view: The view.
-        slots: (P,) slot of each new plane.
-        same_m: A column without a new plane keeps its old plane if its height has changed by less.
+        slots: (P,) slot of each new plane, -1 = none.
+        same_m: A column without a new plane keeps its old plane if its height has changed by less, m.
         keeps_unobserved: Whether an unobserved column keeps its old plane.
     """
     label, height = surface.label, surface.height
@@ -403,7 +403,7 @@ class PlaneSet:
         Planes without votes are removed. A plane is in view if the view observes more than half of its columns.
 
         Args:
-            slots: (P,) slots of the new planes.
+            slots: (P,) slot of each new plane, -1 = none.
             in_scope: (SLOTS,) number of columns of each old plane that the view observes.
         """
         paired = np.zeros(SLOTS, bool)  # slots of the matched planes, and of new ones

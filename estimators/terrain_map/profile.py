@@ -65,7 +65,7 @@ def read_profile(
         R_world_grid: (3, 3) grid to world axes.
         p: Size of a column, standard deviations, and the smallest slope break.
         origin: (2,) start of the line, m, world.
-        heading: rad from x.
+        heading: Direction of the line in the world, rad from x.
         length_m: Length of the line, m.
     """
     # samples along the line, and parallel lanes to its left (positive) and right, m
