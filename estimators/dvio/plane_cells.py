@@ -135,7 +135,7 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
     e = np.empty(3)  # plane of the cell, then its difference from the region's
     if not _fit_plane(s, inverse, e):
         return math.inf
-    # the covariance of the difference, over the variance of a sample: sum of the two inverses
+    # Covariance of the difference, over the variance of a sample: sum of the two inverses, kept in `inverse`.
     for i in range(3):
         e[i] -= plane[i]
         for j in range(3):

@@ -128,7 +128,7 @@ def roll_out(
     shifts = length_sd * _NODES  # (H,) common changes of all steps, m: nodes of a Gaussian quadrature
     band = round(_MAX_STEP_M / (s[1] - s[0]))  # number of cells that a step may reach
     kinds = list(dict.fromkeys(lengths))  # steps of equal length are of one kind and share their kernels
-    kind = np.array([kinds.index(length) for length in lengths])
+    kind = np.array([kinds.index(length) for length in lengths])  # (K,) index of each step's kind
     noise = settings.mode.step_noise
     step_kernels = [_build_kernels(s, level, unsure, length, shifts, band, noise) for length in kinds]
     # (L, P, S) sums over the landing cells, by kind of step, segment and cell: of ordinary steps of any walker, of

@@ -143,6 +143,7 @@ def write_view(
     label, height = surface.label, surface.height
     for i in range(view.labels.shape[0]):
         for j in range(view.labels.shape[1]):
+            # the column's place in the ring: & (COLUMNS - 1) is mod COLUMNS
             p, q = (view.first[0] + i) & (COLUMNS - 1), (view.first[1] + j) & (COLUMNS - 1)
             z = view.height[i, j]
             if math.isnan(z):
@@ -170,7 +171,7 @@ def sums_of(surface: Surface, slots: int, voxel_m: float) -> NDArray[np.float64]
     """(slots, 11) sums over the columns of each slot, m, grid axes, see `plane_fit.SUMS`; 0 for an empty slot."""
     sums, origin = np.zeros((slots, SUMS)), surface.origin
     for i in range(origin[0], origin[0] + COLUMNS):
-        row = i & (COLUMNS - 1)
+        row = i & (COLUMNS - 1)  # in the ring: i mod COLUMNS
         for j in range(origin[1], origin[1] + COLUMNS):
             at = row, j & (COLUMNS - 1)
             slot = surface.label[at]

@@ -133,6 +133,7 @@ def _read_lanes(
             slots[lane] = -1
             if i < first[0] or i >= first[0] + COLUMNS or j < first[1] or j >= first[1] + COLUMNS:
                 continue
+            # i & (COLUMNS - 1) is the column's place in the ring, i mod COLUMNS
             slots[lane] = label[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             z = height[i & (COLUMNS - 1), j & (COLUMNS - 1)]
             if not math.isnan(z):
