@@ -127,7 +127,9 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)  # the other foot's next footprint is this much higher than usual
+        # uphill where the foot leaves, or downhill where it lands
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
+        # the heel stays down for at least a tenth of the time from the flat foot to toe-off
         heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
         # additional pitch at the landing on a high riser or a steep slope, rad
         high = b.rise > _HIGH_RISE_M

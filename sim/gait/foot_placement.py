@@ -90,7 +90,7 @@ class Tempo:
         size: Wearer.
         gait: Gait of the person.
         slow: (K,) arc lengths with a speed limit `most`: the start, the end, stairs, ramps and tight bends.
-        most: (K,) m/s.
+        most: (K,) m/s, the speed limits.
         grid: (N,) m, arc lengths of `share`.
         share: (N,) speed relative to the preferred one.
     """
@@ -127,7 +127,8 @@ class Tempo:
         if gait.pattern == "wander":
             smoothing = _STROLL_SPEED_M / _GRID_M
             wobble = gaussian_filter1d(rng.standard_normal(len(grid)), smoothing, mode="reflect")
-            # the SD after a Gaussian filter of white noise; the SD of a short way would magnify its mean
+            # `wobble` over its SD, which is 1 / √(2 √π `smoothing`) after a Gaussian filter of white noise; the SD of
+            # these values alone would be too small on a short way
             share = np.exp(_STROLL_SPEED_SD * wobble * np.sqrt(2.0 * np.sqrt(np.pi) * smoothing))
         return cls(size=size, gait=gait, slow=slow, most=most, grid=grid, share=share)
 
@@ -335,7 +336,8 @@ def _plan_on_strip(
     weights[0] *= first_length
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
-    # places on the strip: shares of the number of steps, which is not proportional to the distance
+    # places on the strip: shares of the number of steps, which is not proportional to the distance; the only foothold
+    # of a strip, with the weight 0, is in the middle
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
     if len(s) > 2:  # random errors of all places but the first and the last
@@ -367,10 +369,10 @@ def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narr
         narrower: Depth of the tread at the foot, relative to the middle of the way.
     """
     heel, toe = heel / narrower, toe / narrower  # measured along the middle of the way
-    free = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)
+    gap = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)  # m, wanted between foot and riser; negative for no room
     if rising:
-        return strip.s1 - max(free, _MIN_TOE_TO_RISER_UP_M) - toe
-    return strip.s0 + max(free, _HEEL_BEHIND_DOWN_M) + heel
+        return strip.s1 - max(gap, _MIN_TOE_TO_RISER_UP_M) - toe
+    return strip.s0 + max(gap, _HEEL_BEHIND_DOWN_M) + heel
 
 
 def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:

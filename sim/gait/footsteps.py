@@ -149,6 +149,7 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]  # the place that this foot leaves
+        # a step of 1 m or more leads over no riser: what lies between its ends is other ground
         rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
@@ -172,7 +173,7 @@ def _step_durations(
         if rise:
             speed, high = tempo.stair_speed(s), abs(rise)
             time_factor = _UPSTAIRS_TIME if rise > 0.0 else _DOWNSTAIRS_TIME
-            if hold.treads > 1:
+            if hold.treads > 1:  # two treads at a time: never slowly, and `high` is then that of one riser
                 speed, high = max(speed, _MIN_TWO_TREADS_MPS), high / hold.treads
                 time_factor *= _TWO_TREADS_TIME
             duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
@@ -291,6 +292,7 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
         # number of the next footprint of the same foot; the toe-off before it stands two rows earlier in `off`
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
+        # the feet alternate, except that rows 1 and 2 are the right foot's: both feet start at one place
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]
@@ -338,10 +340,10 @@ def _footstep(
     Args:
         way: The way.
         row: The footprint.
-        before: Footprint of the other foot before it.
-        before_of_foot: The one before that, of the same foot.
-        ahead: The next footprint of the other foot.
-        after: The next footprint of the same foot.
+        before: The footprint before it, of the other foot; for the feet that stand at the start, the footprint itself.
+        before_of_foot: The one before that, of the same foot; likewise.
+        ahead: The next footprint, of the other foot; at the end, the footprint itself.
+        after: The next footprint of the same foot; at the end, likewise.
         t_off: Toe-off, s.
         rng: Draws the lateral error.
         gait: Gait of the person.
@@ -357,7 +359,8 @@ def _footstep(
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
     # the whole sole lands up a riser, beside the other foot behind a riser, up a steep ramp, and of a shuffling foot
-    flat = rise_before > _RISER_M or rise_of_foot != 0.0 or slope > STEEP_RAD + 0.05
+    steep = slope > STEEP_RAD + 0.05  # rad: 3° more than where steps become shorter
+    flat = rise_before > _RISER_M or rise_of_foot != 0.0 or steep
     flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
     error = np.clip(rng.normal(0.0, _SIDE_SD_M * gait.step_sd), -_MAX_SIDE_M, _MAX_SIDE_M)

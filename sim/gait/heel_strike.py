@@ -230,9 +230,11 @@ class UpperMotion:
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
                 parameters.strike_sd * rng.standard_normal()
             )
-            for t, share in ((step.t_touch, 1.0), (_slap_time(step, pitch, parameters.slap_rad), parameters.slap)):
+            slap_time = _slap_time(step, pitch, parameters.slap_rad)
+            # the heel strike, then the slap of the ball, with its strength relative to the strike's
+            for t, relative in ((step.t_touch, 1.0), (slap_time, parameters.slap)):
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
-                strikes.append((t, strength * share * unit, phase))
+                strikes.append((t, strength * relative * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
         # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))

@@ -187,7 +187,7 @@ def plan_posture(
 
     Args:
         rhythm: Steps.
-        paths: Path of each foot.
+        paths: Path of each foot, by side.
         leg_m: Hip centre to sole, m.
         t: (N,) uniform s.
         profile: Ground along the way.
@@ -200,7 +200,8 @@ def plan_posture(
     # how far the right foot is in front of the left one, in leg lengths
     ahead = (apart[:, 0] * np.cos(heading) + apart[:, 1] * np.sin(heading)) / leg_m
     stride = smooth_gaussian(ahead, _SWING_SMOOTHING_S, dt)
-    # a side of the pelvis is highest early in its stance
+    # (N,) −1 to 1: each side of the pelvis is highest `_LIST_PEAK` of a step after its touch-down. The left foot
+    # touches down at phase 1, where the first step ends, if it makes that step; otherwise its stance begins at phase 0
     list_to_left = np.cos(np.pi * (rhythm.phase(t) - float(rhythm.steps[0].foot == "l") - _LIST_PEAK))
     s = (paths["l"].s + paths["r"].s) / 2
     # mean slope of the ground from just behind the feet to the point of gaze
