@@ -108,7 +108,8 @@ class Drive:
         torques = np.zeros(self._nv)
         if self._law is not None and len(self._dof):
             if self._calls % round(PERIOD_S / DRIVER_S) == 0:
-                self._help, self._next_help = self._next_help, self._law(data.qpos[self._angle])
+                self._help = self._next_help  # demanded one period ago
+                self._next_help = self._law(data.qpos[self._angle])
             speed = data.qvel[self._dof]
             if self._calls:  # the first call has no speed before it
                 measured = (speed - self._speed) / DRIVER_S

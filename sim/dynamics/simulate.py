@@ -85,8 +85,8 @@ class Simulation:
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
         self._soles = sole_point_numbers(model)  # (ngeom,) number of each geom as a sole point; -1 for others
         self._record = _Record(self._steps, model, self._soles)
-        # (ngeom,) body of each geom, 0 for what is fixed to the world
-        self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
+        self._welded = model.body_weldid[model.geom_bodyid]  # (ngeom,) body of each geom, 0 if fixed to the world
+        self._drive = Drive(model, exo, law)
         self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])  # (nbody, nv)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
         data.qpos[2] += max(dynamics.floor_offset_m, 0.0)  # not inside a floor that is higher than planned
