@@ -160,7 +160,8 @@ class Bystander:
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
         ball = a + ease(share)[:, None] * (b - a)
         ball[:, 2] = a[:, 2] + ease(sooner) * rise
-        # pitch, toes down positive: the heel rises before toe-off, and the toes are up before and after touch-down
+        # pitch, toes down positive: the heel rises from 0.15 steps after the body has passed the foot until toe-off,
+        # and comes down early in the swing; the toes are up late in the swing and just after touch-down
         pitch = _TOE_OFF_PITCH_RAD * ease((r - 0.15) / (_SUPPORT - 0.15)) * (1 - ease(share / 0.55))
         pitch += _TOUCH_DOWN_PITCH_RAD * (
             ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
@@ -276,10 +277,11 @@ def _footholds(
     aside = np.stack([-np.sin(heading), np.cos(heading)], -1)  # to the left
     sign = np.where(count % 2 == 0, 1.0, -1.0)
     x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
-    forward = beyond + 0.5 * BALL_M
+    forward = beyond + 0.5 * BALL_M  # m, from the place on the path to the ball
     ball = np.stack([x, y], -1) + _HALF_STANCE_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
-    # (4, K) m, points of the sole from heel to toes along the foot
+    # (4, K) m, from the place on the path to points of the sole: heel, waist, ball and toes, which are this far from
+    # the ball
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
     ground = _ground_height(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
@@ -302,7 +304,7 @@ def _hip_height(body: Bystander) -> Array:
         away_squared = np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2  # m², horizontally from hip to ankle
         # at least √0.3 m above the ankle, so that the root exists
         limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - away_squared, 0.3)))
-    return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01
+    return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01  # m, margin: smoothing may exceed the limit
 
 
 def _smooth(x: Array, sigma_s: float) -> Array:

@@ -88,11 +88,12 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         if count > most or len(data) < 84 + 50 * count:
             raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
     elif kind == ".ply":
+        # numbers of vertices, faces and other elements in the header; no mesh needs ten vertices per triangle
         head = data[: data.find(b"end_header") + 1][:20_000]
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
         if not counts or max(counts) > 10 * most or sum(counts) > len(data):
             raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
-    # OBJ and text STL: faces begin with `f` and `facet`
+    # OBJ and text STL: faces begin with `f` and `facet`; no triangle needs as many as 40 lines
     elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 
@@ -117,6 +118,8 @@ _Start = Annotated[Number, Field(ge=-1000, le=1000)]
 @dataclass(frozen=True, kw_only=True)
 class MeshWay:
     """The way on a mesh.
+
+    In scenario files, `heading_rad` is `heading_deg`, whose limits are in degrees.
 
     Attributes:
         path: The mesh.
@@ -169,7 +172,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
-    if way.up == "y":
+    if way.up == "y":  # rotated about x by 90 degrees
         y, z = -z, y
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
     dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way

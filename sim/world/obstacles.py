@@ -222,7 +222,7 @@ def _outdoor_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
-            elif i % 3 == 0:
+            elif i % 3 == 0:  # one pillar to two planters
                 yield _pillar(rng, _place_beside(layout, s, side, half), bottom, side)
             else:
                 yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.35, 0.80))
@@ -296,6 +296,7 @@ def _corridor_walls(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             # a wall is tested in short parts; neighbouring parts that are free and of one material become one box
             bricks = []  # (material, place along the line) of each part; "" where there is no space
             for along in np.arange(-2 * half, length + 2 * half, _BRICK_M).tolist():
+                # along the wall, stretches of `_SPACING_M`: one of brick to two of plaster
                 material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
                 brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
                 free = _is_clear(brick.box, layout, built, 0.0)
@@ -334,6 +335,7 @@ def _room_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
             size, tall = rng.uniform(0.8, 1.5), rng.uniform(0.8, 2.0)
             beside, material = u + rng.uniform(-0.2, 0.2), str(rng.choice(["wood", "brick", "stone"]))
             yield [wall.box(material, size, 0.4, z, z + tall, along=beside, left=0.22 - away / 2)]
+            # a poster has random numbers of its own, so that it changes no other object
             yield _poster(np.random.default_rng([_SEED, quarter, round(100 * (u + along))]), wall, u + 0.95, away)
     for u in np.arange(low[0] + 1.4, high[0] - 1.0, 1.7).tolist():
         for v in np.arange(low[1] + 1.4, high[1] - 1.0, 1.7).tolist():

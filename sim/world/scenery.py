@@ -136,8 +136,8 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
         ]
         # width of the pale strip at both ends; 0 without a drop
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
-        # parts of the top: (from, to) along the length, m, and material
         quads += _side_quads(solid, _SIDE)
+        # parts of the top: (from, to) along the length, m, and material
         for start, end, material in (
             (0.0, low, _NOSING),
             (low, solid.length - high, _TOP[solid.terrain]),

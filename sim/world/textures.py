@@ -108,7 +108,7 @@ def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] 
     """
     fy, fx = np.meshgrid(np.fft.fftfreq(SIZE) * SIZE, np.fft.rfftfreq(SIZE) * SIZE, indexing="ij")
     radius = np.hypot(fx / stretch[0], fy / stretch[1])
-    radius[0, 0] = np.inf  # no mean value
+    radius[0, 0] = np.inf  # no mean value; below three periods per edge, the spectrum is flat
     spectrum = np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) / np.maximum(radius, 3.0) ** power
     image = np.fft.irfft2(spectrum, s=(SIZE, SIZE))
     return image / image.std()
