@@ -37,6 +37,7 @@ EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
 _WALK_S = 100.0  # time in which the nominal random walk of a bias equals its in-run instability
 
+# places on the shoes, m in the foot's frame; a `Seat` counts aside towards the other foot
 FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
@@ -75,7 +76,12 @@ class MountedSensor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorRig:
-    """All sensors of a walk: their true calibration, and by topic their true parameters."""
+    """All sensors of a walk.
+
+    Attributes:
+        rig: Their true calibration.
+        sensors: Each sensor with its true parameters, by topic; that of a camera is its colour topic.
+    """
 
     rig: Rig
     sensors: dict[str, MountedSensor]
@@ -339,7 +345,8 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
     for side in SIDES:
         out = _outward(side)
         forward, aside, up = SONAR.position_m  # aside is towards the other foot
-        # direction of the beam, and its place, in the foot's frame; a mount of the scenario replaces both
+        # direction of the beam, exactly sideways, and its place, in the foot's frame; a mount of the scenario replaces
+        # both
         inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
@@ -351,7 +358,7 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
     """The pressure insoles of both shoes with the places of their four cells."""
     for side in SIDES:
         out = _outward(side)
-        # heel, lateral ball, medial ball, toe: x and y in the foot frame
+        # heel, lateral ball, medial ball, toe: x and y in the foot's frame, m
         cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
         yield _make_other_sensor(
             config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells
