@@ -1,4 +1,8 @@
-"""Configuration of each sensor group: its part, mount and clock."""
+"""Configuration of each sensor group: its part, mount and clock.
+
+A field with an alias has the alias's unit in scenario files, such as `position_mm` for `position_m`, and so have its
+limits; its value here is in SI units or radians.
+"""
 
 from __future__ import annotations
 
