@@ -68,7 +68,8 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     spec = read_leaf("exo_back")
     panel = spec.body("exo_back")
     # the panel's centre of mass moves to its distance behind the hips; plate, box and brackets move as far
-    moved, panel.ipos[0] = -links.hip6 - panel.ipos[0], -links.hip6
+    moved = -links.hip6 - panel.ipos[0]
+    panel.ipos[0] = -links.hip6
     for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
         spec.geom(name).pos[0] += moved
     for side, y in (("l", links.hip1), ("r", -links.hip1)):

@@ -206,7 +206,7 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
                     law=coupling_law("strap"),
                 )
             )
-        # in the foot's frame: place of the coupling, and origin of the exoskeleton's foot
+        # in the foot's frame, m: place of the coupling, 35 mm above the sole, and origin of the exoskeleton's foot
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
         cuffs.append(

@@ -140,7 +140,8 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
         # from carrier to carrier, with the pose in each one's frame
         while body and body not in bodies and not model.body_jntnum[body]:
             R_carrier = from_quaternion(model.body_quat[body])
-            p, R, body = model.body_pos[body] + R_carrier @ p, R_carrier @ R, int(model.body_parentid[body])
+            p, R = model.body_pos[body] + R_carrier @ p, R_carrier @ R
+            body = int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
             shapes.append(
