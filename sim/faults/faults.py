@@ -44,7 +44,7 @@ IMAGES = (Image, Depth)
 POSES = "/poses"
 """Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
 Calibration = ImuCalibration | CameraCalibration | OtherSensor
-_LONGEST_S = 36_000  # largest time in a scenario file
+_LONGEST_S = 36_000  # largest time in a scenario file, 10 h
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -285,6 +285,8 @@ class LooseStrap(TimedFault):
 
     It acts in the twin (`sim.sensors.mount_slip`), not on samples. Sensors on one body that match one pattern hang on
     one strap; an RGB-D camera and its IMU always do.
+
+    In scenario files the two fields are in degrees and mm, and so are their limits.
 
     Attributes:
         angle_rad: Rotation of one slip, about a random axis.

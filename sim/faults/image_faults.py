@@ -287,7 +287,7 @@ class PasserBy(TimedFault):
         """The image with the person in it."""
         name, image = image_field(arrival)
         height, width, *channels = image.shape
-        # place of the person, an ellipse: shift from the middle, and half height, both in pixels
+        # the person is an ellipse of area π `_SLIM` `tall`²: shift from the middle, and half height, both in pixels
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -314,7 +314,8 @@ def _draw_clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 class MirrorFloor(TimedFault):
     """A level floor at height 0 that mirrors in blotches: there depth is missing, or that of the mirrored ceiling.
 
-    It needs the true path of the camera's IMU among the items, before each image or with its chunk.
+    It needs the true path of the camera's IMU among the items, before each image or with its chunk. In scenario files
+    `blotch_m` is `blotch_mm`, whose limits are in mm.
 
     Attributes:
         holes: Share of the floor without depth.
@@ -371,9 +372,9 @@ class MirrorFloor(TimedFault):
         R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()  # IMU to world
         # position of the camera, m, and (H, W, 3) rays of depth 1, both in the world
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
-        # depth at which each ray meets the plane z = 0; inf for rays that do not go down
+        # depth at which each ray meets the plane z = 0; inf for rays that fall by less than `_FLAT` per metre of depth
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
-        # (H, W, 2) m, where the rays meet the floor; there, the cells, whose pattern repeats
+        # (H, W, 2) m, where the rays meet the floor; there, the cells, half a blotch wide, whose pattern repeats
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
         ranks = _draw_shine_ranks(event)
         cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)

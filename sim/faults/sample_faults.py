@@ -1,6 +1,9 @@
 """Faults of any stream, its values and its calibration: lost, late, exchanged, frozen, clipped and shifted samples.
 
 An error of the nominal calibration is in the recording that estimators read; the sensors themselves are right.
+
+A field with `DEGREES`, `MILLIMETRES` or another unit has that unit in scenario files, and so have its limits; its value
+here is in SI units or radians.
 """
 
 from __future__ import annotations
