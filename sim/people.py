@@ -1,4 +1,7 @@
-"""The person who walks, and the walkers of the papers by name."""
+"""The person who walks, and the walkers of the papers by name.
+
+A field with `MILLIMETRES` is in mm in scenario files, and so are its limits; its value here is in m.
+"""
 
 from __future__ import annotations
 

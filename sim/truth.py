@@ -44,7 +44,7 @@ def truth(
     for topic, imu in rig.imus.items():
         carrier = mount_slips.mount_track(topic, motion.carrier(imu.mount.body)[rows])
         yield _odometry(f"/truth{topic}/odometry", carrier.to_sensor(imu.mount.T_body_sensor))
-    names = walk.coordinates.names[6:]
+    names = walk.coordinates.names[6:]  # of the hinges; the six coordinates of the root come before them
     yield Block(
         topic="/truth/joints",
         kind=Joints,
