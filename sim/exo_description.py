@@ -140,10 +140,10 @@ class OwnExo:
         legs: Links from the base to the tip, by side.
         cuffs: Cuffs on the legs.
         modules: Powered joints, by their short name (`hip_l`).
-        motors: Sensor part of each powered joint.
+        motors: Sensor part of each powered joint, by its short name.
         encoders: Short names of the joints with an encoder.
         ahrs: AHRS poses, by place (`back`, `thigh_l`).
-        imus: Poses of additional IMUs, and the part of each.
+        imus: Pose and part of each additional IMU, by place.
     """
 
     source: str

@@ -175,7 +175,7 @@ def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjMo
     model.body_inertia *= 1.0 + dynamics.mass_error
     mujoco.mj_setConst(model, mujoco.MjData(model))  # what the model derives from the masses
     for i in range(model.ngeom):
-        name = model.geom(i).name
+        name = model.geom(i).name  # the floor is the plane `ground` and the solids `terrain_<i>`
         if name == "ground" or name.startswith("terrain_"):
             model.geom_pos[i, 2] += dynamics.floor_offset_m
         elif name.startswith("sole_"):
@@ -320,6 +320,6 @@ def _record_foot_loads(
         store_vec3(plus(vec3(moment[s]), cross(minus(point, vec3(p_feet[s])), contact_force)), moment[s])
         store_vec3(plus(vec3(cop[s]), times(normal_force, point)), cop[s])
         lift[s] += normal_force
-    for s in range(2):
+    for s in range(2):  # the sum becomes the mean; without load it stays 0
         if lift[s] > 0.0:
             store_vec3(times(1.0 / lift[s], vec3(cop[s])), cop[s])

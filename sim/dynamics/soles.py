@@ -38,6 +38,7 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     # hinge
     heel = (shoe.heel_back_x + RADIUS_M, shoe.heel_back_x + _HEEL_BLOCK_M)
     toe = (0.0, shoe.flat_tip_x - shoe.toe_hinge_x)
+    # body by body, from back to front, the right point of each pair first
     return [
         (body, np.array([x, side * (shoe.half_width - RADIUS_M), z]))
         for body, along, z in (("foot", heel, 0.0), ("toe", toe, -shoe.toe_hinge_z))

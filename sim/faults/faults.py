@@ -127,7 +127,7 @@ def arrivals(
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
         if not fault.on_samples:
-            continue
+            continue  # acts on mounts, poses or the calibration, not here
         for topic, topic_events in events.items():
             memory: Memory = {}
             lines.setdefault(topic, []).append((fault, topic_events, memory))
@@ -416,7 +416,7 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
             # child stream of the walk's random numbers
             key = (_FAULTS, zlib.crc32(fault.full_name.encode()), zlib.crc32(shared_by.encode()))
             stream_events = tuple(_generate_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
-            if stream_events:
+            if stream_events:  # topics without events are left out, so that their samples pass unchanged
                 events[stream.topic] = stream_events
         planned.append((fault, events))
     return planned
@@ -514,6 +514,7 @@ def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple
     if fault.at_s is not None:
         yield fault.at_s, None if fault.duration_s is None else fault.at_s + fault.duration_s
         return
+    # a fault in a scenario file has a start time, or a rate and a duration
     assert fault.rate_per_min is not None
     assert fault.duration_s is not None
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

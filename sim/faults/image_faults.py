@@ -55,6 +55,7 @@ class _ImageFault(TimedFault):
             if image.flags.writeable:  # no other sample shares this array
                 yield arrival.with_values(**{name: self.degrade(image, event)})
                 continue
+            # a new array is degraded only if the event or the shared image is another one than before
             if memory.get("event") is not event or memory["clean"] is not image:
                 corrupted = self.degrade(image, event)
                 corrupted.setflags(write=False)
@@ -201,7 +202,7 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
         row, column, stretch = rng.random(3)
         # distance from the middle of the spot, in radii; the spot is an ellipse
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
-        clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
+        clear *= 1 - np.clip(1.5 - away, 0, 1)  # dense up to half a radius; fades until one and a half
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]  # of the dirty pixels alone
     # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
@@ -401,5 +402,5 @@ def _rays(camera: CameraCalibration) -> Array:
 def _draw_shine_ranks(event: Event) -> Array:
     """(256, 256) rank, 0-1, of each cell of the floor among all; neighbours are alike."""
     shine = cv2.GaussianBlur(event.rng().standard_normal((256, 256)), (0, 0), 1.0)
-    ranks = shine.ravel().argsort().argsort()  # sorting the order of the values gives the rank of each
+    ranks = shine.ravel().argsort().argsort()  # sorting the order of the values gives the rank of each, from 0 on
     return (ranks / shine.size).reshape(shine.shape)

@@ -211,7 +211,7 @@ def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     torque, slope = 0.0, 0.0
     # both stops: ln(1 + exp(x)) = max(x, 0) + ln(1 + exp(-|x|)), which does not overflow, and its slope
     for x, sign in ((over, 1.0), (under, -1.0)):
-        if x > -_FAR:
+        if x > -_FAR:  # otherwise the torque is 0 within rounding
             fading = math.exp(-abs(x))
             torque += sign * (max(x, 0.0) + math.log1p(fading))
             slope += (1.0 if x > 0.0 else fading) / (1.0 + fading)

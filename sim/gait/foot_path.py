@@ -145,7 +145,7 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
         on = (t >= step.t_touch) & (t <= step.t_off)
         p[on], R[on], toe[on] = _stance_poses(step, size.shoe, theta[on])
         s[on], heading[on] = step.s, step.heading
-        if i + 1 < len(steps):
+        if i + 1 < len(steps):  # no swing follows the last footstep
             to = steps[i + 1]
             air = (t > step.t_off) & (t < to.t_touch)
             p[air], R[air], toe[air] = _swing_poses(step, to, size, t[air], theta[air], pitch, height)
@@ -238,7 +238,7 @@ def _swing_poses(
         pitch: Pitch of the foot, rad, at any (N,) s.
         height: Height of the ground, m, at (..., 2) points.
     """
-    if len(t) == 0:
+    if len(t) == 0:  # a swing between two instants
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
     toes = _toe_ends(a, b, pitch)  # values and slopes of the toe extension at both ends
@@ -384,6 +384,7 @@ def _clearance_shortfall(
     probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, N, points, 2)
     ground = np.max(height(probes), axis=0)
     clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
+    # the ends are the shares of swing at which a bump has at most 3 % of its height
     return np.where(_FINE_BUMP > 0.03, (ground + clearances - points[..., 2]).max(1), -np.inf)
 
 

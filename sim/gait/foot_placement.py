@@ -269,7 +269,7 @@ def _plan_on_strip(
     """
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x  # m, from the foot's origin back and forward, both positive
-    last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0
+    last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0  # the walk starts at s = 0, on the first one
     end = strip.s1 - RUN_OUT_M if last_strip else strip.s1
     if strip.s1 <= 0.0:
         return []  # behind the start
@@ -324,6 +324,8 @@ def _plan_on_strip(
     first_length = _FIRST_STEP if first_strip else 0.0
     # arc lengths, and (fractional) number of steps from `start` to each
     along, paces = count_steps(layout.way, start, stop, step)
+    # number of footholds: on the first strip one for every step, the first of which is shorter; on others one for the
+    # start and one for every step, if there is room for a step
     if first_strip:
         count = max(1, round(paces[-1] + 1 - first_length))
     else:
@@ -335,7 +337,7 @@ def _plan_on_strip(
     weights = np.array([limp_factor(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
     weights[0] *= first_length
     if last_strip:
-        weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
+        weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)  # fast walkers stop with a shorter step
     # places on the strip: shares of the number of steps, which is not proportional to the distance; the only foothold
     # of a strip, with the weight 0, is in the middle
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
@@ -387,7 +389,7 @@ def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
         # heights z0 and z1 are those at the beginning and the end of a strip
         up = before.z1 < strip.z0 and strip.z1 < beyond.z0
         low = beyond.z0 <= before.z1 + _MAX_TWO_TREADS_RISE * leg
-        short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg
+        short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg  # two treads of this depth
         skipped[k] = strip.terrain == "stair" and not skipped[k - 1] and up and low and short
     return skipped
 

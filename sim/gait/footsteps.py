@@ -178,7 +178,8 @@ def _step_durations(
                 time_factor *= _TWO_TREADS_TIME
             duration = _STAIR_STEP_S * np.sqrt(_PREFERRED_MPS / speed) * time_factor * max(high / _HIGH_RISER_M, 1.0)
         else:
-            # in a curve steps are slower; their time grows with their length or turn, relative to the usual ones
+            # in a curve, the root of `speed_share` shortens the steps and prolongs their time. The time grows with the
+            # length or the turn of a step, relative to the usual ones
             slower = float(np.sqrt(speed_share(way, np.array(middle))))
             ratio = max((s - previous) / (float(tempo.step_length(middle)) * slower), turn_share(way, previous, s))
             ratio = np.clip(ratio, *_LENGTH_RANGE)
@@ -355,6 +356,7 @@ def _footstep(
     rise_of_foot = (
         _riser_height(before_of_foot.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     )
+    # a step over a riser of at least `_STAIR_MODE_M` is stair ascent or descent; on a ramp the slope decides
     mode = "SA" if rise_before >= _STAIR_MODE_M else "SD" if rise_before <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"

@@ -349,7 +349,7 @@ def _add_rocks(
 def _slap_time(step: Footstep, pitch: Callable[[Array], Array], flat_rad: float) -> float:
     """Time at which the sole slaps down after touch-down, s: the first instant with a pitch below `flat_rad`.
 
-    It is the touch-down itself if the foot does not become flat within 0.4 s.
+    It is found in steps of 2 ms; it is the touch-down itself if the foot does not become flat within 0.4 s.
 
     Args:
         step: The footstep.

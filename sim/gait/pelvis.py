@@ -143,11 +143,11 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
     penalty = sp.dia_array(D.T @ D)
     bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`
     for offset, row in zip(penalty.offsets, penalty.data):
-        if offset >= 0:
+        if offset >= 0:  # the lower diagonals follow by symmetry
             bands[3 - offset, offset:] = _SMOOTHNESS**2 * row[offset:n]
     above = np.zeros(n, dtype=bool)  # rows whose target is the limit
     z = goal
-    for _ in range(40):
+    for _ in range(40):  # most iterations
         system = bands.copy()
         system[3] += np.where(above, _ABOVE_REACH_WEIGHT, 1.0)
         before = z

@@ -80,7 +80,7 @@ def plan_gaze(
     pitch, yaw = usual, np.zeros_like(t)
     if gaze.kind == "terrain":
         toward_ground = smooth_gaussian(_ground_gaze_pitch(s, dt, profile, leg_m), _PITCH_SMOOTHING_S, dt)
-        pitch = usual - _LEVEL_PITCH_RAD + toward_ground
+        pitch = usual - _LEVEL_PITCH_RAD + toward_ground  # in place of the pitch on the level
     elif gaze.kind == "wandering":
         away, yaw = _draw_gaze_shifts(t, rng)
         pitch = usual + away

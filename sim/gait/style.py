@@ -88,6 +88,7 @@ SIZES = {
 }
 """Number of entries of each field of `Style`, in the order of the fields."""
 LABELS = tuple(f"{name}_{i}" if n > 1 else name for name, n in SIZES.items() for i in range(n))
+"""Names of the entries of a style's vector: the field, and its number in a field of several entries."""
 
 
 def leg_length(size: Wearer) -> float:
@@ -171,7 +172,7 @@ def style_at(pace: float) -> Style:
     longer = shorter * slowest / max(pace, 1e-6)  # time is length over speed
     style = _scale_amplitudes(style, max(shorter, _MIN_AMPLITUDE_SHARE))
     height = style.height.copy()
-    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
+    height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])  # the mean goes to that of the lowest speed
     return prolong(replace(style, height=height), longer, longer**_SWING_WITH_STEP)
 
 

@@ -79,7 +79,7 @@ class ImageSensor:
         """
         gain = self._update_gain(t_ns, clean) * self._light
         if gain == 1.0 and not self._noisy and not self._imager.vignetting:
-            return clean
+            return clean  # an ideal camera measures the clean levels
         # another crop of the noise bank for each image
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
         channels, (height, width) = self._channels, clean.shape[:2]

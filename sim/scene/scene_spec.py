@@ -65,7 +65,7 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
     view = getattr(spec.visual, "global")
     # from the side in front; between walls from the front
     view.azimuth, view.elevation = 180.0 if config.route.scenery == "corridor" else 140.0, -12.0
-    view.offwidth, view.offheight = 1920, 1080
+    view.offwidth, view.offheight = 1920, 1080  # largest image that can be rendered off screen, pixels
     return spec
 
 

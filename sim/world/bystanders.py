@@ -325,7 +325,7 @@ def _two_links(hip: Array, ankle: Array, ahead: Array, thigh: float, shank: floa
     along = ankle - hip
     distance = np.linalg.norm(along, axis=1, keepdims=True)
     unit = along / distance
-    reached = np.minimum(distance, thigh + shank - 1e-4)
+    reached = np.minimum(distance, thigh + shank - 1e-4)  # m, of a leg that is not quite straight
     # angle at the hip between thigh and the line to the ankle, and the direction forward across that line
     cos = np.clip((thigh**2 + reached**2 - shank**2) / (2 * thigh * reached), -1.0, 1.0)
     forward = ahead - np.sum(ahead * unit, axis=1, keepdims=True) * unit
@@ -383,7 +383,11 @@ def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: fl
 
 
 def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, float, float]) -> list[_Geom]:
-    """Type, centre, size and colour of the geoms of a body part, in its frame."""
+    """Type, centre, size and colour of the geoms of a body part, in its frame, m.
+
+    Sizes are as in MuJoCo: three half axes of an ellipsoid; radius and half length of a capsule, whose third entry is
+    not used.
+    """
 
     def limb(length: float, radius: float, colour: tuple[float, float, float]) -> _Geom:
         """A capsule from the frame's origin down to `length` m."""

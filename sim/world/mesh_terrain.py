@@ -194,7 +194,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
-    # triangles that face up, nearly, and that the line crosses
+    # triangles that have an area, face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
     size = np.linalg.norm(normal, axis=1)
@@ -244,7 +244,7 @@ def _divide_into_segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment
     risers: list[float] = []
     treads: list[float] = []
     for i, (a, b) in enumerate(zip(starts, ends)):
-        if i:
+        if i:  # a riser leads to every part but the first
             rise, at = float(z[a] - z[a - 1]), f"riser at {s[a]:.2f} m"
             if not RISER_RANGE_M[0] <= abs(rise) <= RISER_RANGE_M[1]:
                 valid = f"{1e3 * RISER_RANGE_M[0]:g}-{1e3 * RISER_RANGE_M[1]:g} mm"
@@ -358,6 +358,7 @@ def _fit_polyline(s: Array, z: Array, a: int, b: int) -> list[int]:
         # m, distance of each sample between i and j from the straight line from i to j
         off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
         worst = int(np.argmax(off))
+        # a part that is not straight is divided at its worst sample; a straight one is done
         if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
             todo.append(i + worst)
         else:

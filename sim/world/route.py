@@ -351,7 +351,7 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
             aside = (before.walk - after.walk) * width
         sides.append(_extents_of_lanes(after, width, aside))
     left, right = np.max(sides, axis=0).tolist()
-    if aside == 0.0:
+    if aside == 0.0:  # the way goes straight on, because no other lane follows
         pen.lay_straight(level.length_m, "level", left, right)
         return
     # length along the slab of two arcs of at least this radius that turn by at most 90 degrees
@@ -399,7 +399,9 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
         for k, (other_slab, other_owner) in enumerate(zip(pen.slabs, pen.owners)):
             if k == i or any(_are_in_flight(flight, i, k) for flight in pen.flights):
                 continue
-            u, v = other_slab.local(points[:, :2])  # m along the other slab from its start, and to the left of its axis
+            # m along the other slab from its start, and to the left of its axis; slabs that only touch do not overlap,
+            # so 1 cm at its borders does not count
+            u, v = other_slab.local(points[:, :2])
             inside = (
                 (u > 0.01)
                 & (u < other_slab.length - 0.01)

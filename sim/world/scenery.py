@@ -78,9 +78,9 @@ def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array |
     run = (b - a) / np.linalg.norm(b - a)
     away = side * (run[0] * (polygon[:, 1] - a[1]) - run[1] * (polygon[:, 0] - a[0]))
     if away.max() < _TINY_M:
-        return None
+        return None  # nothing of it is on the wanted side
     if away.min() > -_TINY_M:
-        return polygon
+        return polygon  # all of it is
     points = []
     for i, j in zip(range(len(polygon)), np.roll(np.arange(len(polygon)), -1)):
         # keep corners on the wanted side, and add the point where an edge crosses the line
@@ -286,6 +286,7 @@ def add_sky(spec: mujoco.MjSpec, light: float) -> None:
         width=32,
         height=192,
     )
+    # the sun casts shadows and makes highlights; the weaker light from the other side does neither
     for name, direction, colour, shadow in (
         ("sun", (0.35, 0.45, -0.82), (0.62, 0.60, 0.55), True),
         ("fill", (-0.6, -0.5, -0.3), (0.16, 0.17, 0.19), False),

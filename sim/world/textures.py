@@ -1,6 +1,8 @@
 """Procedural textures that tile seamlessly: rich in corners for visual odometry, and realistic to look at.
 
-Each function paints a square of `SIZE` pixels that represents a square of `PERIOD_M` metres.
+Each function paints a square of `SIZE` pixels that represents a square of `PERIOD_M` metres. Most add up a tone, a grey
+value of 0-1: a mean, a random difference for every slab, plank or brick, noise, and pebbles. Joints have a tone of
+their own, and `_paint` multiplies the tone by a tint. All these numbers are chosen by eye.
 """
 
 from __future__ import annotations
