@@ -102,7 +102,12 @@ class Link:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnLink:
-    """Pose of something on a link: (4, 4) in the frame of the link, with the name of its body."""
+    """Pose of something on a link.
+
+    Attributes:
+        link: Name of the link's body.
+        T_link: (4, 4) pose in the frame of the link, m.
+    """
 
     link: str
     T_link: Array

@@ -43,7 +43,7 @@ _ZHAO_CM = {
     "iv": (181.50, 180.80, 183.10),
     "v": (188.00, 186.90, 188.20),
 }
-_ZHAO_BMI = 22.5
+_ZHAO_BMI = 22.5  # kg/m²
 
 PEOPLE: dict[str, Person] = {
     f"shim_s{i}": Person(sex=sex, height_m=height, mass_kg=float(mass), shoe_m=shoe * 1e-3)

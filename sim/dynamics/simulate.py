@@ -34,7 +34,7 @@ STEP_S = DRIVER_S  # time step of the physics
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 MARGIN_S = 2.0 * STEP_S
 """Future steps can still change the splines this long before them."""
-_STEPS_PER_CONTROL = round(CONTROL_S / STEP_S)
+_STEPS_PER_CONTROL = round(CONTROL_S / STEP_S)  # physics steps in a period of the controller
 _FALLEN_M = 0.25  # the pelvis this far below its plan
 
 

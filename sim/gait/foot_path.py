@@ -124,7 +124,7 @@ _DIRECT = (0.0, 1.0)  # all of swing
 _FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
 _OVER = (*_FORWARD["climb"], *_FORWARD["lower"])
 _FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
-_FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)
+_FINE_EASE, _FINE_BUMP = soft_ease(_FINE), bump(_FINE)  # a unit step and a unit bump at these shares
 
 
 def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callable[[Array], Array]) -> FootPath:

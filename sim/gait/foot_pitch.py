@@ -80,6 +80,7 @@ class ToeOff:
     swing: tuple[tuple[float, float], ...]
 
 
+# knots of the rise of a heel: share of the time from heel-off to toe-off, share of the pitch at toe-off
 _RISE = ((0.0, 0.0), (0.30, 0.05), (0.55, 0.20), (0.80, 0.55), (1.0, 1.0))
 # Going down, the knee bends under the body until the ankle reaches its limit: then the heel has to rise quickly.
 _LOWERING_RISE = ((0.0, 0.0), (0.16, 0.10), (0.30, 0.30), (0.42, 0.45), (0.60, 0.60), (0.80, 0.75), (1.0, 1.0))

@@ -289,20 +289,20 @@ def _plan_on_strip(
         share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step_length(s) * (share if strip.terrain == "ramp" else 1.0)
 
-    def across(s: float) -> float:
+    def edge_gap(s: float) -> float:
         """Distance from a change of slope at `s` to the sole, m: half of what a full step is longer than a sole."""
         return max((float(tempo.step_length(s)) - heel - toe) / 2, _EDGE_M)
 
     # whether the strip begins and ends at a riser; then the first and the last possible place of a foot
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
-    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else across(strip.s0))
+    start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else edge_gap(strip.s0))
     if last_strip:
         stop = end
     elif riser_after:
         stop = end - toe - (_TOE_TO_RISER_M if profile[k + 1].z0 > strip.z1 else _EDGE_M)
     else:
-        stop = end - toe - across(strip.s1)
+        stop = end - toe - edge_gap(strip.s1)
     beside = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     leading_foot = gait.leading_foot if both and riser_after else None
     if stop < start - 1e-9:  # room for the sole alone, without the usual distances from both ends

@@ -32,6 +32,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.way import Way
 
+# limits of the gaze: its pitch, its yaw to either side, and amplitude and angular rate of its sway
 GAZE_PITCH_RANGE_RAD = (-0.6, 0.8)
 MAX_GAZE_YAW_RAD = 0.7
 MAX_SWAY_RAD, MAX_SWAY_RADPS = 0.7, 5.0

@@ -103,7 +103,7 @@ def case_parameters(strike: float) -> ShoeParameters:
     )
 
 
-BEFORE_S = 0.02
+BEFORE_S = 0.02  # time before touch-down at which the speed of impact is read
 RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
 SUPPORT = 10.0

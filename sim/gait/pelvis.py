@@ -83,7 +83,8 @@ def max_pelvis_height(
 def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     """(N,) rad, least knee flexion at (N,) uniform s, which determines the height of the pelvis.
 
-    It is larger on stairs and uphill, there also for the next two steps, until the rear foot has left the ground.
+    It is larger on stairs and uphill. After a step up a stair or a ramp it stays so for the next two steps, until the
+    rear foot has left the ground.
     """
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])  # rad, by step
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}

@@ -22,7 +22,7 @@ from stridetwin.streams.fields import DEGREES, MILLIMETRES, MILLISECONDS, Number
 
 _Length = Annotated[Number, Field(ge=-300, le=300), MILLIMETRES]
 _Angle = Annotated[Number, Field(ge=-180, le=180), DEGREES]
-STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"
+STANDARD_BACK_AHRS, STANDARD_BACK_IMU = "3DM-GX4-25", "3DM-GX4-25-imu"  # default parts on the back panel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,7 +36,7 @@ from stridetwin.sim.world.bystanders import Crowd
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Depth, Image
 
-PROCESSES = 2
+PROCESSES = 2  # rendering processes of a walk with cameras
 _PIPE_BYTES = 1 << 20  # size of a pipe's buffer
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
 _BATCH = 6  # frames that a process renders between two requests

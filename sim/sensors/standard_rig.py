@@ -42,9 +42,10 @@ FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 SONAR = Seat(position_m=(-0.030, 0.040, 0.050), faces_rad=(90 * _DEG, 0.0))
-RGBD_PITCH_RAD = 25 * _DEG
+RGBD_PITCH_RAD = 25 * _DEG  # of the RGB-D camera, down
 # body and position (m, forward, left, up) of the RGB-D camera, by its place
 RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
+# links of the built-in exoskeleton with an AHRS
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
 _P_IMU_IN_RGBD = (-0.0302, 0.0074, 0.0160)
@@ -241,6 +242,8 @@ def _make_camera(
     """
     part, nominal, sensor_config = _select_part(config, group)
     imager: Imager = nominal.imager
+    # s, which turns stamps of the camera into those of the IMU: delay of the IMU's stamps minus that of the camera's
+    timeshift_s = _nominal_shift(config, imu_group) - _nominal_shift(config, group)
     width, height = round(imager.width), round(imager.height)
     calibration = CameraCalibration(
         topic=f"/{place}/color" if depth else f"/{place}/camera",
@@ -254,7 +257,7 @@ def _make_camera(
         distortion=imager.distortion,
         depth_topic=f"/{place}/depth" if depth else "",
         imu_topic=f"/{place}/imu",
-        timeshift_cam_imu_s=_nominal_shift(config, imu_group) - _nominal_shift(config, group),
+        timeshift_cam_imu_s=timeshift_s,
         readout_s=part.imager.rolling_s,
     )
     return MountedSensor(group=group, calibration=calibration, part=part, sensor_config=sensor_config)

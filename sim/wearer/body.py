@@ -19,6 +19,7 @@ from stridetwin.sim.wearer.exo_body import add_exoskeleton, add_own_exo
 from stridetwin.sim.wearer.exoskeleton import ExoLinks, fit_links, modules
 from stridetwin.sim.wearer.leaves import attach, read_leaf, silence_prefix_warnings
 
+# hinges of a leg from the hip to the toes; in the model, each name ends with the side
 LEG_JOINTS = (
     "hip_flexion",
     "hip_adduction",

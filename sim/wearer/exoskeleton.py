@@ -25,6 +25,7 @@ from stridetwin.sim.wearer.anthropometry import Anthropometry
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.samples import Array
 
+# hinges of a leg of the frame, and the bodies that they move, from the pelvis to the foot; names without the side
 EXO_LEG_JOINTS = (
     "exo_hip_adduction",
     "exo_hip_rotation",

@@ -28,7 +28,7 @@ PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "sha
 # of a person of 1.75 m: lengths of thigh and shank, height of the ankle, ankle to ball of the foot, half width of the
 # hips, and place of the left shoulder (forward, left, up) from the middle of the hips
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
-UPPER_ARM_M = 0.29
+UPPER_ARM_M = 0.29  # length of the upper arm
 # Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
 SONAR_SPHERES = {
     "trunk": [(0.0, 0.0, z, 0.13) for z in (0.0, 0.15, 0.30, 0.42)] + [(0.02, 0.0, 0.68, 0.10)],
@@ -98,7 +98,8 @@ class Bystander:
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
-        # lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of each side
+        # `k` scales all lengths. Lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of
+        # each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
             ankle, R_foot, reach = self._foot(steps, odd)
@@ -355,6 +356,7 @@ def _swing_limb(left: Array, ahead: Array, flexion: Array) -> Array:
     return _frame(left, np.cos(flexion)[:, None] * np.array([0.0, 0.0, 1.0]) - np.sin(flexion)[:, None] * ahead)
 
 
+# colours, RGB 0-1; of shirts and trousers one for each bystander
 _SHIRTS = ((0.72, 0.30, 0.22), (0.85, 0.70, 0.25), (0.35, 0.50, 0.28), (0.55, 0.40, 0.62))
 _TROUSERS = ((0.25, 0.28, 0.38), (0.36, 0.30, 0.26), (0.20, 0.20, 0.22), (0.42, 0.44, 0.47))
 _SKIN, _HAIR, _SHOE = (0.82, 0.62, 0.50), (0.22, 0.16, 0.11), (0.15, 0.15, 0.17)

@@ -47,6 +47,7 @@ def read_triangles(path: Path, scale: float) -> Array:
     try:
         data = read_bytes(path, _LARGEST_FILE)
         _check_declared(path, kind, data)
+        # one mesh of all parts, unchanged, without reading other files; only the OBJ reader knows of materials
         mesh: Any = trimesh.load(
             io.BytesIO(data),
             file_type=kind[1:],

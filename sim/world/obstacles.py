@@ -144,7 +144,7 @@ def surroundings(
 
 
 def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
-    """The floor of a room around the whole layout, at its lowest height; nothing outdoors."""
+    """The floor of a room around the whole layout, at its lowest height; nothing in other sceneries."""
     if scenery != "room":
         return ()
     low, high = _room_corners(layout)
@@ -459,7 +459,7 @@ _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
 
 
 def _strip_at(layout: Layout, s: float) -> Strip:
-    """Strip of the profile at an arc length, the last one beyond the end."""
+    """Strip of the profile at an arc length: the first one before the start, the last one beyond the end."""
     return next((strip for strip in layout.profile if s < strip.s1), layout.profile[-1])
 
 

@@ -354,7 +354,8 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     if aside == 0.0:  # the way goes straight on, because no other lane follows
         pen.lay_straight(level.length_m, "level", left, right)
         return
-    # length along the slab of two arcs of at least this radius that turn by at most 90 degrees
+    # length L along the slab of two arcs of at least this radius r that turn by at most 90 degrees (`lay_crossing`):
+    # L² ≥ 4 r a − a² and L ≥ a, for a distance a between the lanes
     arcs_m = math.sqrt(max(4 * _CROSSING_RADIUS_M * abs(aside) - aside**2, aside**2))
     shortest = 2 * _CROSSING_STRAIGHT_M + arcs_m
     if level.length_m < shortest - 1e-9:

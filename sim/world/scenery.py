@@ -37,7 +37,10 @@ def subtract_holes(polygon: Array, holes: Iterable[Array]) -> list[Array]:
 
 
 def split_into_quads(polygon: Array) -> list[Array]:
-    """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2) whose diagonals have areas on both sides."""
+    """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2).
+
+    The diagonal from the first to the third corner of each has areas on both sides, as two triangles need it.
+    """
     remaining, quads = polygon, []
     # four corners at a time; the next part begins with the first and the last of them
     while len(remaining) > 4:

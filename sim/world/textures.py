@@ -101,6 +101,7 @@ def _white(pixels: Pixels) -> Pixels:
 
 
 FINISHES: dict[str, Callable[[Pixels], Pixels]] = {"rich": lambda pixels: pixels, "plain": _plain, "white": _white}
+"""By name of a finish: the change that it makes to a painted texture."""
 
 
 def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] = (1.0, 1.0)) -> Array:
