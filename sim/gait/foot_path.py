@@ -367,21 +367,22 @@ def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
 def _clearance_shortfall(
     p: Array, sole: tuple[Array, Array], height: Callable[[Array], Array], near: Array, clearance: float
 ) -> Array:
-    """(N,) m, how much higher a swinging foot must be at the shares `_FINE` of swing to clear the ground.
+    """(61,) m, how much higher a swinging foot must be at the shares `_FINE` of swing to clear the ground.
 
     At both ends, where the foot rests, there is no limit: -inf.
 
     Args:
-        p: (N, 3) m, positions of the foot.
-        sole: Points of the sole (`_sole_points`).
+        p: (61, 3) m, positions of the foot at these shares.
+        sole: Points of the sole at these shares (`_sole_points`).
         height: Height of the ground, m, at (..., 2) points.
         near: (2,) m, ground this far before and behind a point counts, too.
         clearance: Clearance in mid-swing, m.
     """
     to_part, to_point = sole
-    points = p[:, None] + to_part + to_point  # (N, points, 3) m in the world
-    # highest ground behind, under and before each point; the wanted clearance fades to 0 at both ends of the swing
-    probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, N, points, 2)
+    points = p[:, None] + to_part + to_point  # (61, points, 3) m in the world
+    # highest ground behind, under and before each point; the wanted clearance is whole where the bump has a quarter of
+    # its height, and fades to 0 at both ends of the swing
+    probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, 61, points, 2)
     ground = np.max(height(probes), axis=0)
     clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
     # the ends are the shares of swing at which a bump has at most 3 % of its height

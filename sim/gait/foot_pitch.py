@@ -203,7 +203,7 @@ def _toe_off(step: Footstep, style: Style) -> ToeOff:
     knots = list(zip(SWING_KNOTS, style.pitch.tolist()))  # (share of swing, pitch); the first one is toe-off
     return ToeOff(
         heel_off_before=float(style.heel_off_before),
-        rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),
+        rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),  # 0 at heel-off, 1 at toe-off
         off=knots[0][1],
         swing=tuple(knots[1:-_LANDING_KNOTS]),
     )

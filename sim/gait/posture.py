@@ -245,8 +245,8 @@ def _advance_in_time(x: Array, lead_s: float, dt: float) -> Array:
 def _hinge_angles(name: str, R: Array) -> dict[str, Array]:
     """(N,) rad by joint name, angles of the three hinges of a joint that give (N, 3, 3) rotations.
 
-    The hinges are flexion (about y), bending (x) and rotation (z), from the body that carries them outwards. `name` is
-    the first part of the joint names, `lumbar` or `neck`.
+    The hinges are flexion, bending and rotation, from the body that carries them outwards: R = R_y(flexion)
+    R_x(bending) R_z(rotation). `name` is the first part of the joint names, `lumbar` or `neck`.
     """
     return {
         f"{name}_flexion": np.arctan2(R[:, 0, 2], R[:, 2, 2]),

@@ -183,6 +183,7 @@ class RenderedLens:
         rays = _rays(calibration)
         # (H, W) column and row at which the pinhole camera with these intrinsics sees the ray of each pixel
         u, v = fu * rays[..., 0] + pu, fv * rays[..., 1] + pv
+        # columns and rows that cover them, with one more on each side for the interpolation
         left, right = math.floor(u.min()) - 1, math.ceil(u.max()) + 1
         top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 1
         self.width, self.height = right - left + 1, bottom - top + 1

@@ -46,7 +46,7 @@ class DepthModel:
         if part.noise:
             self._bank = _noise_bank(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
             self._mixed = _noise_bank(noise.at(0), shape, 1.0)
-        # depth of each count of the disparity; count 0 has none
+        # depth of each count of the disparity that fits in 16 bits; count 0 has none
         depth = np.append(0.0, 1 / (self._step * np.arange(1, np.iinfo(np.int16).max + 1)))
         if part.resolution:  # the camera gives depth itself in whole counts
             depth = part.resolution * np.round(depth / part.resolution)

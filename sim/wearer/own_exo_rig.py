@@ -108,6 +108,7 @@ def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
     joints = info.data.get("joints")  # None if that field is invalid itself
     for i, name in enumerate(names):
         if joints is not None and name not in joints:
+            # place of the invalid name below the field: its number in a sequence; nothing more for a mapping
             below = () if isinstance(names, dict) else (i,)
             raise field_error(name, f"one of the joints {', '.join(joints) or '(none named)'}", *below)
     return names
@@ -256,7 +257,7 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         raise combine_errors(errors)
     cuffs, sides = _cuffs(file, chains, rig)  # `sides`: number of the chain that is the leg of each side
     legs = {side: chains.legs[sides[side]] for side in "lr"}
-    for short, joint in file.joints.items():
+    for short, joint in file.joints.items():  # a short name ends with its side
         if hinge_of(short) not in {link.joint for link in legs[short[-1]]}:
             raise ConfigError(rig, f"joints.{short}", joint, f"a joint of the leg that is tied to {short[-1]}")
     _check_axes(model, rig, file.joints, legs)

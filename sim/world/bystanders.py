@@ -98,8 +98,8 @@ class Bystander:
         p = np.stack([np.interp(t, self.t, column) for column in self.p.T], -1)
         yaw, steps = np.interp(t, self.t, self.yaw), np.interp(t, self.t, self.steps)
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
-        # `k` scales all lengths. Lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of
-        # each side
+        # `k` scales all lengths. Lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm
+        # of each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
         for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
             ankle, R_foot, reach = self._foot(steps, odd)

@@ -324,7 +324,8 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):  # samples at the ends of a straight line
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
-        if k in (0, len(knots) - 2):  # the half steps at the ends
+        # the half steps to the risers at both ends: one for the first and the last line, both for a single line
+        if k in (0, len(knots) - 2):
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
         if abs(rise) < _MAX_LEVEL_RISE_M:
             parts.append(Level(length_m=length))
