@@ -86,7 +86,8 @@ def bystander_truth(crowd: Crowd, t_ns: NDArray[np.int64]) -> Iterator[Block[Odo
 def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[np.uint8]:
     """(N,) phase of a foot at (N,) s, in the phases of Shim et al. 2019.
 
-    0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with a pitch below `_FLAT_RAD`; 3 heel off.
+    0 swing; 1 contact, from touch-down until the foot is flat; 2 flat, with less than `_FLAT_RAD` of pitch either way;
+    3 heel off.
     """
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)

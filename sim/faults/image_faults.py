@@ -108,10 +108,12 @@ class LensDirt(_ImageFault):
         if is_depth(image):  # 0 is no reading
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
+            # an SD of half the radius of a spot
             blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
             channels = math.prod(image.shape[2:])  # 1 of a grey image
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
+            # the fields of `dirt` are the further arguments, in the same order
             smear(corrupted.reshape(-1, channels).view(np.uint8), blurred.reshape(-1, channels), *dirt)
         return corrupted
 

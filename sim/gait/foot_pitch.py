@@ -124,7 +124,8 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         toe_off, landing = _toe_off(a, b.style), _landing(b)
         heel_off = toe_off.heel_off_before * duration  # s, from heel-off to toe-off
         lowers = a.departure == "lower"
-        # beyond the usual riser, fall and slope, the heel rises for longer before toe-off
+        # beyond the usual riser, fall and slope, the heel rises for longer before toe-off. `a.fall`: how much lower the
+        # other foot's next footprint is; `b.rise`: how much higher this foot's next one is than the other foot's
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
         climb = max(-a.fall - _USUAL_RISER_M, 0.0)  # the other foot's next footprint is this much higher than usual

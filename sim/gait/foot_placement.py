@@ -267,6 +267,7 @@ def _plan_on_strip(
     Raises:
         ConfigError: The strip is shorter than a shoe.
     """
+    # a strip reaches from the arc length `s0` to `s1`, and from the height `z0` to `z1`
     profile, strip = layout.profile, layout.profile[k]
     heel, toe = -size.shoe.heel_back_x, size.shoe.toe_tip_x  # m, from the foot's origin back and forward, both positive
     last_strip, first_strip = k == len(profile) - 1, strip.s0 < 0.0  # the walk starts at s = 0, on the first one
@@ -361,7 +362,7 @@ def _inner_depth_share(foot: str, curvature: float) -> float:
 def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narrower: float) -> float:
     """Arc length of a foot on a tread, clear of the riser: the one in front going up, the one behind going down.
 
-    A foot longer than the tread overhangs the free edge.
+    A foot longer than the tread overhangs the free edge. The tread reaches from the arc length `s0` to `s1`.
 
     Args:
         strip: The tread.

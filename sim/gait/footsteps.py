@@ -392,7 +392,7 @@ def _footstep(
 def _riser_height(a: Strip, b: Strip) -> float:
     """Height of the risers between a footprint on strip `a` and the next one on strip `b`, m, up positive.
 
-    It is 0 within one strip.
+    It is 0 within one strip; `z0` and `z1` are the heights at the beginning and the end of a strip.
     """
     return 0.0 if a is b else b.z0 - a.z1
 

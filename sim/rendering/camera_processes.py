@@ -110,7 +110,8 @@ class CameraProcesses:
             The images in order of time with the stamps of their clocks; take them before those of the next request.
         """
         due: list[FrameRequest] = []
-        stamps: dict[tuple[str, int], int] = {}  # by topic and true time; also of the depth images
+        # by topic and true time; also of the depth images, whose topic is "" for a camera without depth
+        stamps: dict[tuple[str, int], int] = {}
         for camera in self._cameras:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
             stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())

@@ -54,7 +54,7 @@ class ImageSensor:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
             # variance of a clean level, in squared levels before the gain: its growth per level, and its value in the
             # dark
-            per_electron = 255 / (imager.full_well * light)
+            per_electron = 255 / (imager.full_well * light)  # levels; `full_well` electrons are white at nominal light
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
         # Light falls off with the fourth power of the cosine, 1 / (1 + tan²)², to 1 - vignetting in the corners.
         # tan² is the sum of a share of the row and one of the column, each in proportion to the squared distance from

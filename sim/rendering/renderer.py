@@ -569,6 +569,7 @@ def _paint(
                     rgb[row, column, k] = colours[min(max(i, 0), top), k]
             if up < 0 and away * flat > (1 - share) * edge:  # below the horizon, from the beginning of the haze on
                 q = -up / flat * steepness  # 0 at the horizon, 1 at the edge
+                # 0 at the horizon, 1 / (1 + share) at the edge, 1 where the haze begins
                 s = min(q / (1 + share * q), 1.0)
                 # opacity of the haze: it grows from the horizon to the edge, and fades from there to its beginning
                 a = s * (1 + share) if q < 1 else (1 - s) * (1 + share) / share

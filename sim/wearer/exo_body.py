@@ -72,7 +72,7 @@ def back_panel(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     panel.ipos[0] = -links.hip6
     for name in ("exo_back_plate", "exo_back_box", "exo_bracket_l", "exo_bracket_r"):
         spec.geom(name).pos[0] += moved
-    for side, y in (("l", links.hip1), ("r", -links.hip1)):
+    for side, y in (("l", links.hip1), ("r", -links.hip1)):  # the axes of hip abduction, left and right of the middle
         spec.geom(f"exo_bracket_{side}").pos[1] = y
     _lay_strap(spec, "exo_back_strap", _WAIST, girth)
     return spec
@@ -87,7 +87,9 @@ def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     offsets, _ = chain(links, "l")
     for name, offset in zip(EXO_LEG_BODIES, offsets):
         spec.body(name).pos = offset
-    # `fromto` of a shape: x, y, z of one end, then of the other, m
+    # lengths of `ExoLinks`: from the hip, the abduction hinge is `hip6` back, the arm `hip3` above that hinge, and the
+    # bars `hip2` to the side; the heel holder is `ankle1` behind the ankle's axis, and the axis of inversion `ankle2`
+    # inwards of the bar. `fromto` of a shape: x, y, z of one end, then of the other, m
     arm, beside = -links.hip6, links.hip2  # x of the hinge behind the hip; y of the bars beside the leg
     spec.geom("exo_hip_hinge").fromto[[0, 3]] += arm - spec.geom("exo_hip_arm").fromto[0]
     spec.geom("exo_hip_arm_out").fromto = [arm, 0, 0, arm, beside, links.hip3]

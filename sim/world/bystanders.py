@@ -289,7 +289,10 @@ def _footholds(
 
 
 def _ground_height(profile: Sequence[Strip], s: Array, left: Array) -> Array:
-    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way."""
+    """(...) height of the ground, m, at (...) arc lengths and distances to the left of the way.
+
+    Each strip rises from the height `z0` at the arc length `s0` to `z1` at `s1`, and by `cross` per metre to the left.
+    """
     s0, s1, z0, z1, cross = np.array([(p.s0, p.s1, p.z0, p.z1, np.tan(p.cross_slope)) for p in profile]).T
     i = np.clip(np.searchsorted(s0, s, side="right") - 1, 0, len(s0) - 1)
     return z0[i] + (z1 - z0)[i] * np.clip((s - s0[i]) / (s1 - s0)[i], 0.0, 1.0) + cross[i] * left
