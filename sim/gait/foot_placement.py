@@ -63,8 +63,8 @@ def widening(way: Way, s0: float, s1: float) -> float:
 def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Array]) -> tuple[Array, Array]:
     """Number of steps along the way, as a function of the arc length.
 
-    It integrates the steps per metre: 1 / (`step(s)` times the square root of `speed_share`) in curves, and at least as
-    many as keep the turn of each step below the largest one.
+    It integrates the steps per metre: 1 / (`step(s)` √`speed_share`), where `speed_share` is below 1 in curves, and at
+    least as many as keep the turn of each step below the largest one.
 
     Args:
         way: The way.
@@ -396,7 +396,10 @@ def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
 
 
 def _draw_pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator) -> Array:
-    """(count,) s of standing at each foothold of a strip: now and then on the level, away from edges."""
+    """(count,) s of standing at each foothold of a strip.
+
+    A wandering walker stands still now and then, on the level and away from edges; other walkers never do.
+    """
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
         stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS

@@ -88,8 +88,8 @@ feet, 56 strikes of one person."""
 def case_parameters(strike: float) -> ShoeParameters:
     """Vibration of a sensor case on head or chest after the strikes of both heels: a mostly vertical, decaying impulse.
 
-    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm. A speed of impact of
-    1 m/s gives every strike this strength; the ball does not slap, and nothing rocks in stance.
+    `strike` is the largest acceleration up, m/s². Images do not show it: 10 m/s² at 12 Hz are 2 mm. A speed of impact
+    of 1 m/s gives every strike this strength; the ball does not slap, and nothing rocks in stance.
     """
     return ShoeParameters(
         mode_hz=np.array([12.0, 25.0]),

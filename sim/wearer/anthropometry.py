@@ -115,7 +115,9 @@ def anthropometry(person: Person) -> Anthropometry:
 
     def segment(name: str, z_proximal: float) -> MassProperties:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
-        percent, _, com, *radii = table[name]  # of the body mass; of the length, from the proximal end; of the length
+        # %: share of the body mass; place of the centre of mass from the proximal end, and radii of gyration, as shares
+        # of the length
+        percent, _, com, *radii = table[name]
         mass, size = person.mass_kg * percent / 100.0, length(name)
         return MassProperties(
             mass=mass,

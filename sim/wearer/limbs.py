@@ -214,6 +214,7 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
     if enters > 0.0:  # the eye is outside
         return enters * enters * dot(d, d) > NEAR_M * NEAR_M
     # the eye is inside: everything is occluded if it is deep inside, in the shape that is thinner by `SUNK_M`
+    # a capsule keeps the length between its balls, which become thinner
     length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
     core = (size[0] - SUNK_M, length, size[2] - SUNK_M)
     thin = core[0] <= 0.0 or (core[1] <= 0.0 and kind != _SPHERE) or (core[2] <= 0.0 and kind in (_ELLIPSOID, _BOX))

@@ -167,7 +167,7 @@ class Bystander:
         pitch += _TOUCH_DOWN_PITCH_RAD * (
             ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
         )
-        bump = (4 * share * (1 - share)) ** 2  # lift of the swing, 1 in its middle
+        bump = (4 * share * (1 - share)) ** 2  # share of the swing's lift, 1 in its middle; a riser needs more lift
         # with the toes up the foot stands on its heel, so that the ball is higher
         ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
@@ -194,7 +194,7 @@ def plan_bystanders(
         t: (N,) s of the walk.
         s: (N,) m, arc length of the walker along the way.
         p_walker: (N, 2) m, pelvis of the walker in the world.
-        rng: Draws their size and their start positions.
+        rng: Draws their common start angle and sense, and the size of each.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
     # on the grid: arc length and position of the walker; then start angle and sense of all bystanders

@@ -199,6 +199,7 @@ def _side_quads(solid: Solid, material: str) -> list[Quad]:
     quads = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):  # corners 0 to 3 are the underside, 4 to 7 the top above them
         face = np.array([c[i], c[j], c[4 + j], c[4 + i]])
+        # from the first corner's x on the first and the third side, from its y on the others
         along = c[i, i % 2] + math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
         quads.append(Quad(face, np.column_stack([along, -face[:, 2]]), material))
     return quads
