@@ -283,8 +283,8 @@ class Twin:
         data = mujoco.MjData(self.model)
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
         q, _ = self.walk.position_velocity(times)
-        # the camera follows the walker on a smooth path: it neither sways nor turns with the pelvis
-        # coordinates of the root: x, y, z and yaw
+        # the camera follows the walker on a smooth path, (N, 4) x, y, z and yaw of the root, smoothed: it neither sways
+        # nor turns with the pelvis
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T
         with FilmCamera(self.model, width, height) as camera:

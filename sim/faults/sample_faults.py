@@ -240,11 +240,11 @@ class Offset(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with the offset."""
-        # s, time of drift so far
-        item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
+        item = arrival.item
+        drift_time_s = min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)  # so far
         if isinstance(item, Insole):
-            return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
-        angle = self.offset_rad + self.drift_rad_s * since_s
+            return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * drift_time_s),)
+        angle = self.offset_rad + self.drift_rad_s * drift_time_s
         if isinstance(item, Ahrs):
             from scipy.spatial.transform import Rotation  # slow to import, seldom used
 

@@ -213,6 +213,7 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
         style = style_at(pace(speed, size))
         if rise:
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
+            # the table's style without the changes for slow walkers: a stair's steps are short, but not slow
             style = replace(level_style(pace(speed, size)), double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if previous_rise < 0.0:  # after a step down
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))

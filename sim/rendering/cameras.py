@@ -392,5 +392,5 @@ def _median_depth(depth: NDArray[np.float32]) -> float:
     """Median of the depths of every 16th pixel that sees a surface, m; `_FAR_M` if none does."""
     depths = np.sort(depth[::16, ::16], axis=None)
     visible = depths[np.searchsorted(depths, 0.0, "right") :]  # without the zeros, which stand for no surface
-    half = len(visible) // 2
+    half = len(visible) // 2  # the mean of the two depths in the middle, which are one for an odd number
     return float((visible[half] + visible[-half - 1]) / 2) if len(visible) else _FAR_M

@@ -78,7 +78,8 @@ class DepthModel:
         unmatched = self._mask_unmatched(near, mean, grey)
         # another crop of the noise banks for each image
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
-        # nearest and farthest surface in the matching window, between which flying pixels lie
+        # nearest and farthest surface in the matching window, the largest and the smallest count, between which flying
+        # pixels lie
         window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)  # half as large, because `near` is
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp

@@ -485,7 +485,7 @@ def _viewing_rotation(forward: Array, roll: float) -> Array:
 
 
 def _rotation_with_x(axis: ArrayLike) -> Array:
-    """Rotation of a frame whose x axis is `axis`, not vertical, and whose y axis is horizontal."""
+    """(3, 3) rotation of a frame: x axis along the unit vector `axis`, not vertical, and y axis horizontal."""
     x = np.asarray(axis, dtype=float)
     y = np.cross([0.0, 0.0, 1.0], x)
     y /= np.linalg.norm(y)

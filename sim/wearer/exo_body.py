@@ -121,7 +121,8 @@ def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth:
     band, down = _LIMB[part], CUFF_SHARE[part] * length  # `down`: from the top of the link to the cuff
     gap = beside - band.half_y * girth  # from the skin to the bar
     bar, bracket, pad = (leg.geom(f"exo_{part}_{name}") for name in ("bar", "bracket", "pad"))
-    # sizes of boxes are half edges
+    # the link's origin is on the bar, and the limb's axis is `beside` inwards of it, along −y; sizes of boxes are half
+    # edges
     bar.pos[2], bar.size[2] = -0.5 * length, 0.5 * length
     bracket.pos[1:], bracket.size[1] = (-0.5 * gap, -down), 0.5 * gap
     pad.pos[1:] = -(gap - pad.size[1]), -down

@@ -342,7 +342,10 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
 
 
 def _module(motor: _Motor, link: Link) -> Module:
-    """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model."""
+    """Module of a powered joint: limits from the rig file, rotor, gear and friction from the model.
+
+    The model's armature is the inertia of the rotor at the joint, so that the gear is 1; its links include the mass.
+    """
     return Module(
         gear=1.0,
         rotor_inertia=link.armature,

@@ -105,6 +105,7 @@ class Bystander:
             ankle, R_foot, reach = self._foot(steps, odd)
             hip = p + sign * HIP_M * k * left
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
+            # the shoulders move with the trunk, whose axes are the first ones
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
             swing = -_ARM_SWING_RAD * reach / _STEP_M  # the arm swings against the leg
             upper = _swing_limb(left, ahead, swing)
@@ -302,7 +303,7 @@ def _hip_height(body: Bystander) -> Array:
     """(N,) m, height of the hips: as high as the legs reach, smoothed."""
     reach = (THIGH_M + SHANK_M) * body.size - 0.012  # m, of a nearly straight leg
     limits = []
-    for sign, odd in ((1.0, 0), (-1.0, 1)):
+    for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
         ankle, _, _ = body._foot(body.steps, odd)
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
         away_squared = np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2  # m², horizontally from hip to ankle

@@ -89,7 +89,8 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         if count > most or len(data) < 84 + 50 * count:
             raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
     elif kind == ".ply":
-        # numbers of vertices, faces and other elements in the header; no mesh needs ten vertices per triangle
+        # numbers of vertices, faces and other elements in the header, which is empty if its end is missing; no mesh
+        # needs ten vertices per triangle
         head = data[: data.find(b"end_header") + 1][:20_000]
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
         if not counts or max(counts) > 10 * most or sum(counts) > len(data):

@@ -135,7 +135,7 @@ def surroundings(
     # each group is one object, such as a table of several boxes: all of it is placed, or nothing
     make_groups = {"outdoor": _outdoor_objects, "room": _room_objects, "corridor": _corridor_walls}[scenery]
     groups = make_groups(layout, bottom_m)
-    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
+    clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M  # a corridor's walls stand at the borders of the way
     landmarks = list(things)
     for group in groups:
         if all(_is_clear(mark.box, layout, landmarks, clearance) for mark in group):
@@ -189,6 +189,7 @@ def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: 
     for slab in layout.slabs:
         p, q = slab.local(points)  # m along the slab from its start, and to the left of its axis
         beside = (p < -clearance) | (p > slab.length + clearance)
+        # within rounding, a wall may stand on the border
         beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
         if not beside.all():
             return False
@@ -470,7 +471,7 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
         ConfigError: The message names the object, its place, and what is valid.
     """
     first, last = layout.profile[0].s0, layout.profile[-1].s1
-    # (N, 2) m, where the walker's middle goes
+    # (N, 2) m, where the walker's middle goes, every 5 cm
     walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
     for i, thing in enumerate(things):
         strip, end = _strip_at(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]

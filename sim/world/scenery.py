@@ -160,7 +160,7 @@ def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
     """Whether the ground is a riser lower just beyond one end of a solid: -1 the low-x end, 1 the high-x end."""
     beyond = end * (solid.length / 2 + 0.01)  # m from the centre, just outside
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
-    height, solid_index = surface.top_facet([x, y])
+    height, solid_index = surface.top_facet([x, y])  # -1 where the way ends and only the ground plane follows
     return bool(solid_index >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
 
 
