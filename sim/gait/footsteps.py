@@ -150,7 +150,7 @@ def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
             before = holds[i - 2]  # the place that this foot leaves
-        # a step of 1 m or more leads over no riser: what lies between its ends is other ground
+        # footholds 1 m apart or more do not count as the two sides of one riser
         rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
@@ -213,7 +213,7 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
         style = style_at(pace(speed, size))
         if rise:
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
-            # the table's style without the changes for slow walkers: a stair's steps are short, but not slow
+            # the table's style without the changes for slow walkers: along the way, everyone is slow on stairs
             style = replace(level_style(pace(speed, size)), double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
         if previous_rise < 0.0:  # after a step down
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))

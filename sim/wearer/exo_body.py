@@ -169,6 +169,7 @@ def _add_module(leg: mujoco.MjSpec, joint: str, above: mujoco.MjsBody, down: flo
     """
     housing = read_leaf("exo_module")
     body = housing.body("module")
+    # the leaf has a mass of 1 kg, so that its inertia is per kg
     body.mass, body.inertia = module.mass_kg, module.mass_kg * np.asarray(body.inertia)
     attach(above, housing, "module", [0.0, _BESIDE_BAR_M, -down], prefix=f"exo_{joint}_")
     hinge = leg.joint(f"exo_{joint}_flexion")
