@@ -47,6 +47,7 @@ def read_triangles(path: Path, scale: float) -> Array:
     try:
         data = read_bytes(path, _LARGEST_FILE)
         _check_declared(path, kind, data)
+        # one mesh of all parts, unchanged, without reading other files; only the OBJ reader knows of materials
         mesh: Any = trimesh.load(
             io.BytesIO(data),
             file_type=kind[1:],
@@ -88,11 +89,13 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         if count > most or len(data) < 84 + 50 * count:
             raise ConfigError(path, "triangles declared", count, f"up to {most}, as many as there are")
     elif kind == ".ply":
+        # numbers of vertices, faces and other elements in the header, which is empty if its end is missing; no mesh
+        # needs ten vertices per triangle
         head = data[: data.find(b"end_header") + 1][:20_000]
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
         if not counts or max(counts) > 10 * most or sum(counts) > len(data):
             raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
-    # OBJ and text STL: faces begin with `f` and `facet`
+    # OBJ and text STL: faces begin with `f` and `facet`; no triangle needs as many as 40 lines
     elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 
@@ -117,6 +120,8 @@ _Start = Annotated[Number, Field(ge=-1000, le=1000)]
 @dataclass(frozen=True, kw_only=True)
 class MeshWay:
     """The way on a mesh.
+
+    In scenario files, `heading_rad` is `heading_deg`, whose limits are in degrees.
 
     Attributes:
         path: The mesh.
@@ -169,7 +174,7 @@ def mesh_terrain(way: MeshWay, width_m: float) -> tuple[tuple[MeshSegment, ...],
 def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     """(T, 3, 3) m, triangles in a frame with its origin at the start of the way, x along it, y to its left and z up."""
     x, y, z = np.moveaxis(corners, -1, 0)
-    if way.up == "y":
+    if way.up == "y":  # rotated about x by 90 degrees
         y, z = -z, y
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
     dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way
@@ -191,7 +196,7 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     Raises:
         ConfigError: A hole in the mesh, or no ground in reach.
     """
-    # triangles that face up, nearly, and that the line crosses
+    # triangles that have an area, face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
     size = np.linalg.norm(normal, axis=1)
@@ -241,7 +246,7 @@ def _divide_into_segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment
     risers: list[float] = []
     treads: list[float] = []
     for i, (a, b) in enumerate(zip(starts, ends)):
-        if i:
+        if i:  # a riser leads to every part but the first
             rise, at = float(z[a] - z[a - 1]), f"riser at {s[a]:.2f} m"
             if not RISER_RANGE_M[0] <= abs(rise) <= RISER_RANGE_M[1]:
                 valid = f"{1e3 * RISER_RANGE_M[0]:g}-{1e3 * RISER_RANGE_M[1]:g} mm"
@@ -320,7 +325,8 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     parts: list[MeshSegment] = []
     for k, (i, j) in enumerate(pairwise(knots)):  # samples at the ends of a straight line
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
-        if k in (0, len(knots) - 2):  # the half steps at the ends
+        # the half steps to the risers at both ends: one for the first and the last line, both for a single line
+        if k in (0, len(knots) - 2):
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
         if abs(rise) < _MAX_LEVEL_RISE_M:
             parts.append(Level(length_m=length))
@@ -355,6 +361,7 @@ def _fit_polyline(s: Array, z: Array, a: int, b: int) -> list[int]:
         # m, distance of each sample between i and j from the straight line from i to j
         off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
         worst = int(np.argmax(off))
+        # a part that is not straight is divided at its worst sample; a straight one is done
         if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
             todo.append(i + worst)
         else:
