@@ -38,8 +38,8 @@ class Curves:
 
     Attributes:
         title: Such as `Left foot IMU: angular rate, °/s`.
-        values: (N, K) values.
-        labels: K names.
+        values: (N, K) values of K curves at N instants, in the unit that the title names.
+        labels: Names of the K curves.
     """
 
     title: str
@@ -106,7 +106,7 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         block = recording.block(topic)
         t = block.t_ns * 1e-9
         inside = (t >= window[0]) & (t <= window[1])
-        if inside.sum() < 2:  # no curve
+        if inside.sum() < 2:  # a single sample gives no curve
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
@@ -154,6 +154,7 @@ def scalar_topics(recording: Recording) -> list[str]:
 
 def _by_place(topic: str) -> tuple[int, str]:
     """Sort key of topics: feet first, then head, chest, exoskeleton and others, each by name."""
-    place = topic.split("/")[1]
-    order = next((i for i, p in enumerate(("foot", "head", "chest", "exo")) if place.startswith(p)), 9)
+    places = ("foot", "head", "chest", "exo")
+    place = topic.split("/")[1]  # such as `foot_l`
+    order = next((i for i, beginning in enumerate(places) if place.startswith(beginning)), len(places))
     return order, topic

@@ -105,9 +105,10 @@ def _film_section(film: Film | None) -> str:
 
 def _view_section(data: ReportData) -> str:
     """The section with images of each camera; empty without cameras."""
-    # shoe cameras that render nothing but the other shoe's board
-    boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
-    partly = [t for t in data.recording.rig.cameras if boards and t.startswith("/foot_")]
+    # whether shoe cameras render nothing but the other shoe's board; without options, as by default
+    shoe_options = data.scenario.config.fittings.get("foot_camera", SensorConfig())
+    renders_boards_only = shoe_options.frames == "board"
+    partly = [t for t in data.recording.rig.cameras if renders_boards_only and t.startswith("/foot_")]
     views = [
         {"title": view.title, "images": [(f"{t:.1f} s", jpeg_uri(pixels, 75)) for t, pixels in view.images]}
         for view in camera_views(data.recording, partly)

@@ -34,7 +34,7 @@ class Run:
     Attributes:
         folder: Folder of the files.
         files: Their names.
-        scores: Estimator to scores.
+        scores: Scores by the name of the output, such as `foot_ins_l`.
     """
 
     folder: Path
@@ -66,8 +66,8 @@ def run_scenario(
         progress: Receives the stage and its progress (0-1).
         film: The report has a film of the walk.
         backend: Of the terrain map, see `Options.backend`.
-        only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no other sensors,
-            and nothing else is estimated. Empty runs all.
+        only: Estimators or scores that are asked for, see `score_needs.estimators_of`: the walk has no sensors but
+            those that they need, and nothing else is estimated. Empty runs all.
         parameters: Values in place of the estimators' own, see `outputs.parameters`; `scores.json` records them.
 
     Raises:
@@ -87,6 +87,7 @@ def run_scenario(
         with compile_ahead(*nominal_sensors(scenario.config, seed), estimators):
             twin = make_twin(scenario, seed)
             record(twin, out / "recording.mcap", progress)
+        # faults may leave a recording that is refused unless it is read leniently
         recording = Recording(out / "recording.mcap", lenient=bool(scenario.config.faults))
         progress("estimate", 0.0)
         selection = Selection(only=estimators, backend=backend, parameters=parameters)
@@ -95,6 +96,7 @@ def run_scenario(
         for kind, outputs in run_recording(recording, selection, progress=progress, in_two_processes=True):
             for output in outputs:
                 if not kind.is_empty(output):
+                    # `dead_reckoning`: a path's file also has the poses without tracking
                     kind.write(output, out / f"{output.name}{kind.suffix}", FileOptions(dead_reckoning=True))
             if evaluations := kind.evaluate(outputs, recording):
                 of_kinds.append(KindEvaluations(kind=kind, evaluations=evaluations))
@@ -136,7 +138,7 @@ def scores_document(
     Args:
         scenario: Scenario of the walk.
         seed: Seed of the walk.
-        scores: Scores by output.
+        scores: Scores by the name of the output.
         fell_at: When the walker fell, s; None without a fall.
         faults: Injected faults.
     """
@@ -149,7 +151,7 @@ def scores_document(
 
 
 def _report_frames(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
-    """Yields the frames of the film as they are rendered, each after a report of the progress (0-1)."""
+    """Yields the frames of the film, each a time in s and an RGB image, after a report of the progress (0-1)."""
     for t, rgb in frames:
         progress("film", t / duration_s)
         yield t, rgb
