@@ -62,7 +62,15 @@ class AssistanceRow(CaseRow):
 
 
 class VariantSummary(TypedDict):
-    """Figures of one variant over walks, see `collect`."""
+    """Figures of one variant over walks.
+
+    Attributes:
+        walks: Number of walks.
+        fell: Number of walks that ended by a fall.
+        work_j: The wearer's work per walk, mean over the walks without a fall in any variant; None without any.
+        modes: By mode, the figures of `_mode_figures`.
+        gain_share: Only of `predicted`, see `collect`.
+    """
 
     walks: int
     fell: int
@@ -151,7 +159,7 @@ def _mode_figures(rows: list[AssistanceRow], way: str, mode: str, beside_none: b
     return figures
 
 
-# header, width, and format of a variant's figures; three columns for each mode
+# header, width, and format of a variant's figures; three columns for each mode, such as `{modes[LG][cuff_n]:.0f}`
 _COLUMNS = (
     ("fell", 6, "{fell}"),
     ("J per walk", 12, "{work_j:.0f}"),

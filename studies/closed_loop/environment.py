@@ -138,10 +138,10 @@ class WalkPhysics(control.Physics):
         return STEP_S
 
     def power(self, seconds: float) -> Array:
-        """Power of the wearer's own hips and knees, (N, 4) W in the order of `WEARER_JOINTS`.
+        """Power of the wearer's own hips and knees in the last N time steps, (N, 4) W in the order of `WEARER_JOINTS`.
 
         Args:
-            seconds: The last time steps of this duration.
+            seconds: How long these time steps take together.
         """
         torque, speed = wearer_joints(self.live.simulation.recent(seconds))
         return torque * speed
@@ -290,7 +290,7 @@ class Assistance(control.Task):
 
     def get_reward(self, physics: WalkPhysics) -> float:
         """Minus the wearer's positive work of hips and knees in the last step, J: never above 0."""
-        # (N, 4) W at the time steps of one control step, summed over joints and time
+        # W at the time steps of one control step, (N, 4), summed over joints and time; times the time step it is J
         return -float(np.maximum(physics.power(PERIOD_S), 0.0).sum()) * STEP_S
 
     def get_termination(self, physics: WalkPhysics) -> float | None:

@@ -41,7 +41,7 @@ CASES = {
 MethodFigures = dict[str, float | list[float]]
 """A figure by method; two numbers are of the left and the right foot, four of left y, left x, right y, right x."""
 Summary = dict[str, MethodFigures | int]
-"""Figures by name, each by method, and the number of walks that fell."""
+"""Figures by name, each by method; and `walks_that_fell`, the number of walks that ended by a fall."""
 
 
 class CaseScores(TypedDict):
@@ -74,7 +74,7 @@ def run_case(case: ExperimentCase) -> Row:
         start = true_start(truth)
         figures_of_case: dict[str, Figures] = {}
         for name in CASES:
-            wide = name != "clipped"  # gyros without saturation
+            wide = name != "clipped"  # takes the gyros without saturation
             samples = walk.samples(wide=wide)
             if name == "half_blind":
                 samples = without_every_second_step(samples, touch_down_times_ns(walk))
@@ -92,7 +92,7 @@ def touch_down_times_ns(walk: RecordedWalk) -> Array:
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the images between a touch-down and the next one, for every second pair of touch-downs.
+    """Samples without the images of every second step: from the first touch-down to the second, and so on.
 
     Args:
         samples: In time order.
@@ -197,6 +197,7 @@ def table(result: Result[Summary, EndErrors, WalkRow]) -> list[str]:
             "nees": _by_method(summary, f"end_nees{suffix}_mean"),
             "paper": {} if case == "half_blind" else paper_errors,  # the paper has no such case
         }
+        # from columns by method to a row of all columns for each method
         rows = [(m, {name: by_method.get(m, "") for name, by_method in columns.items()}) for m in COMPARED_METHODS]
         lines += ["", description, *table_lines(_COLUMNS, rows, 24)]
     return lines

@@ -143,11 +143,11 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
                 (positions, position_dot),
                 (directions, replace(position_dot, p_in_body=p + _RAY_M * ahead, origin=p)),
             ):
-                at = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
-                if at not in best or loss < best[at].loss:
-                    best[at] = dot
-    # by name of the sensor, the numbers of its positions and of its viewing directions
-    moved, turned = (Counter(name for name, *_ in dots) for dots in (positions, directions))
+                key_of_dot = name, dot.body, json.dumps(np.round(dot.p_in_body, 4).tolist())
+                if key_of_dot not in best or loss < best[key_of_dot].loss:
+                    best[key_of_dot] = dot
+    # by name of the sensor, how many positions and how many viewing directions it has
+    moved, turned = (Counter(name for name, *_ in dot_by_key) for dot_by_key in (positions, directions))
     dots = [dot for (name, *_), dot in positions.items() if moved[name] > 1]
     dots += [dot for (name, *_), dot in directions.items() if moved[name] == 1 < turned[name]]
     return sorted(dots, key=lambda dot: -dot.loss)
@@ -156,7 +156,7 @@ def _collect_dots(problem: PlacementProblem, folder: Path, searched: MeasuredPla
 def _list_mounts(config: TwinConfig) -> Iterator[tuple[str, Mount, bool]]:
     """Yields name and mount of each sensor on the left side or in the middle of the body, and whether it is a board.
 
-    The right side mirrors the left one, so its sensors are left out.
+    The right side mirrors the left one, so its sensors are left out; so are sensors on the exoskeleton.
     """
     rig = sensor_rig(config).rig
     # an IMU inside a depth camera has no mark of its own
@@ -201,7 +201,7 @@ def _draw_panel(
     # half of what the picture shows, m, and tangent of half the angle of view; their ratio is the camera's distance
     reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
     slope = math.tan(math.radians(model.vis.global_.fovy / 2))
-    view = lookat, azimuth, elevation, reach / slope
+    view = lookat, azimuth, elevation, reach / slope  # as `_pixels` and the camera take it
     with FilmCamera(model, _SIZE, _SIZE) as camera:
         image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])
     # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions
@@ -222,7 +222,7 @@ def _draw_panel(
 def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """The wearer with straight legs and sensors; all but one body and its parts are translucent."""
     spec = mujoco.MjSpec()
-    spec.add_texture(
+    spec.add_texture(  # a white background
         name="paper",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,

@@ -63,8 +63,8 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
         progress: Receives the stage and its progress (0-1).
 
     Returns:
-        As JSON holds it: `placement`, `scores`, `walks`, `tried`, `table` (places with `label`, `values`, `scores`,
-        best first), `comparisons`, `words`, `pareto`, `files`. All places are in `places.csv`.
+        As JSON holds it (`PlacementResult`): above all `table` (places with `label`, `values` and `scores`, best first)
+        and `comparisons`, their differences. All places are in `places.csv`.
 
     Raises:
         StrideTwinError: Any usage error.
@@ -217,9 +217,9 @@ def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: Mea
         table.append(row)
     pairs = compare_places(final.losses_of_walks)
     labels = [place.label for place in final.places]
-    # what the sentences call the places
-    called = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
-    # (P,) losses of all measured places by each score, for the Pareto front
+    # the place of each rank in the sentences: with its label, unless that is long
+    place_names = [f"{i} ({name})" if len(name) < _LONG else f"place {i}" for i, name in enumerate(labels, 1)]
+    # for each score, (P,) losses of all measured places, for the Pareto front
     losses = [mean_losses(score.losses(searched.values[..., s])) for s, score in enumerate(problem.scores)]
     best = pareto_front(np.column_stack(losses)) if len(names) > 1 else []
     return {
@@ -248,7 +248,7 @@ def _make_result(problem: PlacementProblem, searched: MeasuredPlaces, final: Mea
             }
             for p in pairs
         ],
-        "words": comparison_text(pairs, called, len(final.walks)),
+        "words": comparison_text(pairs, place_names, len(final.walks)),
         "pareto": [
             {
                 "label": searched.places[i].label,

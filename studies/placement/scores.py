@@ -35,7 +35,7 @@ class Seeing:
     Attributes:
         least_px: Edge of its squares in the image, at the board's centre, if it were seen face on.
         incidence_rad: Largest angle between its normal and the line of sight.
-        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp`.
+        blur_squares: Largest displacement of its centre during the exposure, in squares; for `sharp_pct`.
     """
 
     least_px: Annotated[Number, Field(ge=0.1, le=1000)] = 4.0

@@ -44,9 +44,10 @@ def check_bounded_memory(subject: Subject) -> None:
             _feed_pass(estimator, samples, duration_ns, number)
             gc.collect()
             sizes.append((sys.getallocatedblocks(), _count_allocated_bytes()))
-            # (passes, 2) growth of both sizes; the first one is left out, in which windows are filled
+            # (passes - 2, 2) growth of both sizes from pass to pass; that from the first pass to the second is left
+            # out, because windows are still being filled
             growth = np.diff(sizes, axis=0)[1:]
-            # neither objects nor bytes have grown in every pass so far: memory is bounded
+            # neither objects nor bytes have grown by more than `_LEAST_GROWTH` in every pass so far: memory is bounded
             if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
     finally:
