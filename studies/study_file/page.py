@@ -21,8 +21,9 @@ def study_page(result: StudyResult, text: str, command: str) -> str:
     # sentences above the figures and above the comparison
     lead = "Means over walks, and over the outputs of a method, such as both feet, with 95 % intervals."
     tested = "Each method against the first one, walk by walk, corrected for the number of comparisons (Holm)."
+    head = table_head(result)
     # the table has one line per combination and method
-    head, combinations = table_head(result), len(result["table"]) // len(result["methods"])
+    combination_count = len(result["table"]) // len(result["methods"])
     sections = [
         section("Scores", lead, "".join(_draw_score(result, score) for score in result["scores"])),
         section(
@@ -33,7 +34,7 @@ def study_page(result: StudyResult, text: str, command: str) -> str:
         section("Comparison", tested, render_template("list", words=result["words"])) if result["words"] else "",
         section("The study", command, text_block(text.splitlines())),
     ]
-    chips = [", ".join(result["methods"]), f"{combinations} combinations", f"{len(result['seeds'])} walks of each"]
+    chips = [", ".join(result["methods"]), f"{combination_count} combinations", f"{len(result['seeds'])} walks of each"]
     return page("Study", result["study"], chips, sections, "Drawn by stridetwin experiment.")
 
 

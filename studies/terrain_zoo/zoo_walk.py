@@ -45,8 +45,10 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
         the camera's estimated mount), and `methods`: method to the rows of `ModeScores`, and `time_ms` per depth image.
     """
     names = kinds_of(kinds)
-    kind, (config,) = names[case.seed % len(names)], list_configs(case, kinds)
-    mount, poses = config.rig_mount, list[Pose]()  # body of the camera; valid poses of the odometry
+    kind = names[case.seed % len(names)]
+    (config,) = list_configs(case, kinds)
+    mount = config.rig_mount  # body of the camera
+    poses: list[Pose] = []  # valid ones of the odometry, which `predict` fills
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
             samples_with_poses(recording, mount, "dvio", on_pose=poses.append), recording, (*METHODS, *case.estimators)
