@@ -35,7 +35,8 @@ def run_case(case: ExperimentCase, make: odometry_walks.Maker = odometry_walks.m
         The case's row with `faults`: label of the fault to drift, failure and time (`odometry_walks.score_odometry`).
     """
     (walk,) = case.walks()
-    mount, figures_of_fault = walk.config.rig_mount, {}
+    mount = walk.config.rig_mount
+    figures_of_fault = {}
     with record_walk(walk, case) as recording:
         truth = odometry_walks.true_path(recording, mount)
         for label, plan in fault_plans(case, recording.rig, recording.duration).items():

@@ -37,6 +37,7 @@ Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct"
 WORDS = {"proposed": "proposed", "published": "published", FORGETFUL: "one image"}
 """Column headers of the methods."""
 QUANTITIES = {"camera_pitch_rad": "camera pitch rad", "speed_mps": "speed m/s"}
+"""Quantities of Figure 4 with their titles."""
 # rows of the table of accuracies: title, and keys of the figure in a `MethodSummary`
 _ACCURACIES = (
     ("accuracy %", ("walks_accuracy_pct", "mean")),
@@ -58,7 +59,7 @@ _AHEAD = (
     ("next footprint mm, steady", ("footprint_steady_rmse_m", "forward"), 1e3),
     ("calibration error, points of %", ("calibration_error",), 100.0),
 )
-_TITLE_WIDTH = 34  # of the first column of a table, characters
+_TITLE_WIDTH = 34  # of the first column of a text table, characters
 _CELL_KEYS = ("height_group", "pattern", "terrain", "mount")
 """Keys of a row whose values identify a cell of Table II."""
 _WALKER_KEYS = ("height_group", "member")
@@ -74,7 +75,14 @@ _MOUNT_NOTE = (
 
 
 class ModeRow(CaseRow):
-    """The row of a walk, see `mode_walks.run_case`; it also has the levels of the walk's conditions."""
+    """The row of a walk, see `mode_walks.run_case`; it also has the levels of the walk's conditions.
+
+    Attributes:
+        mount: Body of the camera: head or chest.
+        fell_at_s: When the walker fell; None without a fall.
+        spread: Spread of camera pitch and speed, by quantity (keys of `EDGES`).
+        methods: Scores of the predicted modes, by method.
+    """
 
     mount: str
     fell_at_s: float | None
@@ -83,7 +91,16 @@ class ModeRow(CaseRow):
 
 
 class WalksAccuracy(TypedDict):
-    """Accuracy over walks, %: mean, standard deviation, and half of the mean's 95 % interval over persons or walks."""
+    """Accuracy over walks, %.
+
+    Attributes:
+        mean: Mean over the walks.
+        sd: Standard deviation over the walks.
+        ci95: Half of the mean's 95 % interval; None with one person or walk.
+        over: Number of persons or walks that the interval is over.
+        of: What they are: `persons` or `walks`.
+        sd_of_cells: Standard deviation of the accuracies of the cells; only with several cells.
+    """
 
     mean: float
     sd: float
@@ -94,7 +111,14 @@ class WalksAccuracy(TypedDict):
 
 
 class MethodSummary(ModeFigures):
-    """Figures of one method over all walks, by condition and by cell."""
+    """Figures of one method over all walks.
+
+    Attributes:
+        walks_accuracy_pct: Share of right steps of a walk, over the walks.
+        walks_strict_accuracy_pct: The share in which only the true mode is right, over the walks.
+        accuracy_by_condition_pct: By row of `conditions`, mean of its walks' shares.
+        cells_pct: By cell of Table II (`_cell_name`), mean of its walks' shares.
+    """
 
     walks_accuracy_pct: WalksAccuracy
     walks_strict_accuracy_pct: WalksAccuracy
@@ -103,7 +127,13 @@ class MethodSummary(ModeFigures):
 
 
 class PublishedAccuracy(TypedDict):
-    """The paper's accuracy, %: over all walks, by condition and by cell."""
+    """The paper's accuracy, %.
+
+    Attributes:
+        accuracy_pct: Over all walks.
+        accuracy_by_condition_pct: By row of `conditions`.
+        cells_pct: By cell of Table II.
+    """
 
     accuracy_pct: MeanAndSd
     accuracy_by_condition_pct: dict[str, float]
@@ -111,7 +141,13 @@ class PublishedAccuracy(TypedDict):
 
 
 class PaperFigures(TypedDict):
-    """The paper's figures, see `read_paper_figures`."""
+    """The paper's figures.
+
+    Attributes:
+        published: Its accuracy.
+        time_ms: Times by what was timed.
+        spread: Moments by quantity, those of its Figure 4; only of the test of generality.
+    """
 
     published: PublishedAccuracy
     time_ms: dict[str, float]
@@ -285,13 +321,12 @@ def _are_spreads(spreads: object) -> TypeGuard[dict[str, Spread]]:
 def table(result: ModeResult) -> list[str]:
     """Tables III and II with the paper's, Figure 4, and the confusion matrix, as lines of text."""
     counts = method_summary(result, methods(result)[0])["confusion"]
-    blocks = [overall_lines(result), [*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
+    blocks = [overall_lines(result)]
     if len(condition_lines(result)) > 1:
-        # inserted after the overall lines
-        blocks[1:1] = [[conditions_title(result), *condition_lines(result)]]
+        blocks.append([conditions_title(result), *condition_lines(result)])
     if cell_lines(result):
-        # inserted before the last two blocks
-        blocks[-2:-2] = [["Table II", *cell_lines(result)]]
+        blocks.append(["Table II", *cell_lines(result)])
+    blocks += [[*ahead_lines(result), "", *spread_lines(result)], confusion_lines(counts)]
     # an empty line between the blocks
     return "\n\n".join("\n".join(block) for block in blocks).split("\n")
 
@@ -530,9 +565,8 @@ def _table_2_section(result: ModeResult) -> str:
     for group in HEIGHT_GROUPS:
         for pattern in GAIT_PATTERNS:
             cells = [f"{group} {pattern} {terrain} {mount}" for terrain, mount in columns]
-            # our accuracy and the paper's; None for cells that were not walked
-            pairs = [(ours[c], paper_cells[c]) if c in ours else None for c in cells]
-            shown = ["" if pair is None else _two_lines(f"{pair[0]:.2f}", f"{pair[1]:.2f}") for pair in pairs]
+            # our accuracy and the paper's; empty for cells that were not walked
+            shown = [_two_lines(f"{ours[c]:.2f}", f"{paper_cells[c]:.2f}") if c in ours else "" for c in cells]
             rows.append([f"{group} {pattern}", *shown])
     head = ["", *(f"{terrain} {mount}" for terrain, mount in columns)]
     return section("Table II", "Accuracy by cell, %: ours, and the paper's below it.", _table_of_numbers(head, rows))

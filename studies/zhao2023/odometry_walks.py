@@ -80,7 +80,7 @@ class OdometryRun:
     """Result of an odometry on a recording.
 
     Attributes:
-        odometry: Its path.
+        odometry: Its path, and where it reports that it is healthy.
         frame_ms: (N,) processing time from one image to the next.
     """
 
@@ -125,7 +125,11 @@ def true_path(recording: Recording, mount: str) -> TruePath:
 
 
 class OdometryFigures(DriftFigures):
-    """Drift and failure of an odometry on one walk, and its time per frame: `mean` and `p99`, ms."""
+    """Drift and failure of an odometry on one walk.
+
+    Attributes:
+        time_ms: Processing time per frame: `mean` and `p99`.
+    """
 
     time_ms: dict[str, float]
 
@@ -136,7 +140,14 @@ def score_odometry(run: OdometryRun, truth: TruePath) -> OdometryFigures:
 
 
 class OdometryRow(CaseRow):
-    """The row of a walk, see `run_case`; a walk of a bench also has the name of its sequence."""
+    """The row of a walk; a walk of a bench also has the name of its sequence.
+
+    Attributes:
+        mount: Body of the camera: head or chest.
+        fell_at_s: When the walker fell; None without a fall.
+        rate_radps: Measured angular rate of this body: `p95` and `max`.
+        methods: Drift, failure and time, by method.
+    """
 
     mount: str
     fell_at_s: float | None
