@@ -153,6 +153,6 @@ def _parse_imports(source: bytes) -> list[str]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif isinstance(node, ast.ImportFrom) and node.module:  # not `from . import name`
             names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return names

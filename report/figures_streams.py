@@ -147,6 +147,7 @@ def scalar_topics(recording: Recording) -> list[str]:
     """The sensor topics without images and without joints that have no motor, the feet's first."""
     kinds = {t: info.kind for t, info in recording.topics.items() if not t.startswith("/truth/")}
     sensors = recording.rig.others if recording.has_rig else {}
+    # an actuator without a torque limit is a joint that only measures
     without_motor = {t for t, s in sensors.items() if s.kind == "actuator" and "torque_max_nm" not in s.parameters}
     topics = [t for t, kind in kinds.items() if kind not in (Image, Depth) and t not in without_motor]
     return sorted(topics, key=_by_place)

@@ -58,8 +58,9 @@ def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
     same_walks = np.split(np.arange(len(lines)), np.flatnonzero(walks[1:] != walks[:-1]) + 1)
     plot.curves([np.column_stack([places, values])[part] for part in same_walks], PALETTE[0])
     # beginnings of the sentences about this score; the gate names both feet of an estimator without `_l` or `_r`
-    marked = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
-    worse = np.array([any(sentence.startswith(marked) for sentence in line["regressions"]) for line in lines])
+    beginnings = tuple(f"{output} {metric}:" for output in (name, name.removesuffix("_l").removesuffix("_r")))
+    # which versions have such a sentence
+    worse = np.array([any(sentence.startswith(beginnings) for sentence in line["regressions"]) for line in lines])
     is_scored = np.isfinite(values)
     plot.dots(places[is_scored & ~worse], values[is_scored & ~worse], PALETTE[0])
     if worse.any():

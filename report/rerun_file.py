@@ -25,7 +25,7 @@ from stridetwin.streams.terrain_truth import Layout, terrain_layout
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-_GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}
+_GROUND = {"level": (208, 216, 226), "stair": (170, 190, 214), "ramp": (184, 208, 184)}  # red, green, blue by label
 _IMAGES_HZ, _POSES_HZ, _IMAGE_WIDTH = 5.0, 30.0, 320  # rates, and width in pixels, of what is logged
 
 

@@ -70,6 +70,9 @@ def run_scenario(
             those that they need, and nothing else is estimated. Empty runs all.
         parameters: Values in place of the estimators' own, see `outputs.parameters`; `scores.json` records them.
 
+    Returns:
+        The folder with the names of its files, and the scores.
+
     Raises:
         StrideTwinError: Any usage error.
     """

@@ -196,7 +196,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
         topics = [topic for topic, stream in streams.items() if _concerns(injection, stream, rig)]
         for number, topic in enumerate(topics):
             fault = injection.create(topic)
-            events = _events(injection, fault, topic, number / len(topics), len(topics), samples, _part(rig, topic))
+            events = _events(injection, fault, topic, number, len(topics), samples, _part(rig, topic))
             if events:
                 memory: dict[object, object] = {}  # what the fault keeps between samples; `flush` gives the rest
                 streams[topic] = [*fault.process(streams[topic], events, memory), *fault.flush(memory)]
@@ -227,7 +227,7 @@ def _concerns(injection: Injection, stream: Sequence[SampleInTransit], rig: Rig)
 
 
 def _events(
-    injection: Injection, fault: TimedFault, topic: str, first: float, count: int, samples: Sequence[Sample], part: str
+    injection: Injection, fault: TimedFault, topic: str, number: int, count: int, samples: Sequence[Sample], part: str
 ) -> tuple[Event, ...]:
     """Events of a fault on one topic: in the common windows, then in the topic's share of the window `each`.
 
@@ -235,8 +235,8 @@ def _events(
         injection: The windows.
         fault: The fault.
         topic: Topic that it acts on.
-        first: Number of the topic among those of the injection, divided by their number.
-        count: Their number.
+        number: Number of the topic among those of the injection, from 0.
+        count: How many topics these are.
         samples: All samples of the walk, which give its begin and duration.
         part: Name of the sensor's part.
     """
@@ -244,6 +244,7 @@ def _events(
     windows = list(injection.windows)  # as shares of the duration
     if injection.each is not None:
         begin, width = injection.each[0], injection.each[1] - injection.each[0]
+        first = number / count  # where the topic's share of this window begins, 0-1
         windows.append((begin + width * first, begin + width * (first + 1.0 / count)))
     return tuple(
         Event(

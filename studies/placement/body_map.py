@@ -189,22 +189,15 @@ def _draw_panel(
     posed_body = data.body(body)
     rotation = posed_body.xmat.reshape(3, 3)  # from the body's axes to the world's
     points = np.array([d.p_in_body for d in dots]) @ rotation.T + posed_body.xpos  # (N, 3) m in the world
-    middle = (points.max(axis=0) + points.min(axis=0)) / 2
     # (3,) m, middle of the body's shapes
     shape_positions = [shape.p for shape in find_shapes(model, {model.body(body).id})]
     body_middle = posed_body.xpos + rotation @ np.mean(shape_positions, axis=0)
-    # (2,) the horizontal direction from there to the dots: the camera looks against it
-    out = (points - body_middle).mean(axis=0)[:2]
-    azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
-    # between the dots and the body, at the dots' height
-    lookat = (middle + np.array([*body_middle[:2], middle[2]])) / 2
-    # half of what the picture shows, m, and tangent of half the angle of view; their ratio is the camera's distance
-    reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
-    slope = math.tan(math.radians(model.vis.global_.fovy / 2))
-    view = lookat, azimuth, elevation, reach / slope  # as `_pixels` and the camera take it
+    slope = math.tan(math.radians(model.vis.global_.fovy / 2))  # tangent of half the angle of view
+    view = _aim_camera(points, body_middle, view_deg, slope)
     with FilmCamera(model, _SIZE, _SIZE) as camera:
         image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])
-    # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions
+    # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions; a dot at a
+    # position is its own sensor
     uv = _pixels(points, *view, _SIZE / 2 / slope)
     eyes = np.array([d.p_in_body if d.origin is None else d.origin for d in dots])
     from_uv = _pixels(eyes @ rotation.T + posed_body.xpos, *view, _SIZE / 2 / slope)
@@ -217,6 +210,32 @@ def _draw_panel(
         cv2.line(image, np.rint(start).astype(int), np.rint(at).astype(int), colour, 1, cv2.LINE_AA)
         _draw_mark(image, at, _BEST_PX if dot is dots[-1] else usual_px, colour, dot.board)  # the last dot is the best
     return image
+
+
+def _aim_camera(
+    points: Array, body_middle: Array, view_deg: tuple[float, float], slope: float
+) -> tuple[Array, float, float, float]:
+    """Aims a camera at dots with the body behind them, from so far that all dots are in the picture.
+
+    Args:
+        points: (N, 3) m, the dots in the world.
+        body_middle: (3,) m, middle of the body.
+        view_deg: Azimuth relative to the side of the dots, and elevation.
+        slope: Tangent of half the angle of view.
+
+    Returns:
+        (3,) m, the point that the camera looks at; azimuth and elevation of its viewing direction, deg; and its
+        distance from that point, m.
+    """
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2  # of the dots
+    # (2,) the horizontal direction from the body to the dots: the camera looks against it
+    out = (points - body_middle).mean(axis=0)[:2]
+    azimuth, elevation = math.degrees(math.atan2(-out[1], -out[0])) + view_deg[0], view_deg[1]
+    # between the dots and the body, at the dots' height
+    lookat = (middle + np.array([*body_middle[:2], middle[2]])) / 2
+    # half of what the picture shows, m: the farthest dot with a margin, but at least `_LEAST_M`
+    reach = max(float(np.linalg.norm(points - lookat, axis=1).max()), _LEAST_M / _MARGIN) * _MARGIN
+    return lookat, azimuth, elevation, reach / slope
 
 
 def _pose_standing(config: TwinConfig, body: str) -> tuple[mujoco.MjModel, mujoco.MjData]:

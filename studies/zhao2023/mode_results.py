@@ -344,6 +344,21 @@ def overall_lines(result: ModeResult) -> list[str]:
         cells = f"± {accuracy['sd_of_cells']:.2f} from cell to cell (as the paper's ±), "
     paper_text = f"{_figure_text(paper_accuracy['mean'], 9)} ± {paper_accuracy['sd']:.2f}"
     interval = "" if accuracy["ci95"] is None else f"; 95 % interval of the mean ± {accuracy['ci95']:.2f}"
+    # one line per accuracy, with the paper's beside the first one, the only one that it has
+    accuracy_lines = [
+        f"{title:<{_TITLE_WIDTH}}"
+        + "".join(_figure_text(_figure_at(summary[m], keys)) for m in columns)
+        + (paper_text if keys == _ACCURACIES[0][1] else "")
+        for title, keys in _ACCURACIES
+    ]
+    # one line per lead time and statistic
+    statistics = {"median": ", median", "p5": ", 5th percentile"}  # key in the summary, and end of the line's title
+    lead_lines = [
+        f"{title + ending:<{_TITLE_WIDTH}}"
+        + "".join(_figure_text(_figure_at(summary[m], (lead, key))) for m in columns)
+        for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
+        for key, ending in statistics.items()
+    ]
     return [
         f"{len(result['cases'])} walks, {ours['steps']} steps, {ours['transitions']} of them transitions",
         f"walks that ended by a fall: {', '.join(fell) or 'none'}",
@@ -351,20 +366,8 @@ def overall_lines(result: ModeResult) -> list[str]:
         f"mean over the walks; 95th percentile {time_ms['p95']:.1f} on the slowest walk",
         "",
         _head_line(result),
-        # one line per accuracy, with the paper's beside the first one, the only one that it has
-        *(
-            f"{title:<{_TITLE_WIDTH}}"
-            + "".join(_figure_text(_figure_at(summary[m], keys)) for m in columns)
-            + (paper_text if keys == _ACCURACIES[0][1] else "")
-            for title, keys in _ACCURACIES
-        ),
-        # one line per lead time and statistic
-        *(
-            f"{title + {'median': ', median', 'p5': ', 5th percentile'}[key]:<{_TITLE_WIDTH}}"
-            + "".join(_figure_text(_figure_at(summary[m], (lead, key))) for m in columns)
-            for title, lead in (("lead s", "lead_time_s"), ("of transitions s", "transition_lead_time_s"))
-            for key in ("median", "p5")
-        ),
+        *accuracy_lines,
+        *lead_lines,
         "accuracy and strict: means over the walks; others: shares of all steps",
         f"{columns[0]}: {cells}± {accuracy['sd']:.2f} from walk to walk{interval}, "
         f"over {accuracy['over']} {accuracy['of']}",
@@ -378,18 +381,18 @@ def ahead_lines(result: ModeResult) -> list[str]:
     tread, slope), up and down.
     """
     ours = method_summary(result, methods(result)[0])
-    return [
+    lines = [
         f"1.5 s before: {ours['changes']} changes",
         *(f"{title:<{_TITLE_WIDTH}}{_figure_text(_figure_at(ours, keys, factor))}" for title, keys, factor in _AHEAD),
         "",
         f"{'':<{_TITLE_WIDTH}}{'seen %':>12}{'RMS of those':>16}{'RMS of all estimated':>23}",
-        *(
-            f"{size.replace('_', ' ') + ', ' + direction:<{_TITLE_WIDTH}}{_figure_text(size_figures['seen_pct'])}"
-            f"{_figure_text(size_figures['rmse'], 16)}{_figure_text(size_figures['all_rmse'], 23)}"
-            for size, by_direction in ours["sizes"].items()
-            for direction, size_figures in by_direction.items()
-        ),
     ]
+    for size, by_direction in ours["sizes"].items():  # such as `riser_mm`, up and down
+        for direction, size_figures in by_direction.items():
+            title = f"{size.replace('_', ' ')}, {direction}"
+            seen, rmse = _figure_text(size_figures["seen_pct"]), _figure_text(size_figures["rmse"], 16)
+            lines.append(f"{title:<{_TITLE_WIDTH}}{seen}{rmse}{_figure_text(size_figures['all_rmse'], 23)}")
+    return lines
 
 
 def _figure_at(figures: Figures, keys: tuple[str, ...], factor: float = 1.0) -> float | None:
