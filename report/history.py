@@ -85,7 +85,7 @@ def _verdicts(lines: Sequence[HistoryLine]) -> str:
         (line["label"], line["verdict"], line["walks"], Markup("<br>").join(_describe_problems(line)))
         for line in reversed(lines)
     ]
-    return table(head, rows, (2,))
+    return table(head, rows, (2,))  # column 2 has numbers
 
 
 def _describe_problems(line: HistoryLine) -> list[str]:

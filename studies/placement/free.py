@@ -290,6 +290,7 @@ def free_field(paths: tuple[FieldPath, ...], spec: Between | Among | Over, at: F
     place = {key: getattr(spec, key) for key in _COORDINATES}
     free = {key: value for key, value in place.items() if isinstance(value, Between)}
     knobs = tuple(_knob_between(f"{name}/{key}", value, at.key(key)) for key, value in free.items())
+    # `off_mm` is here in every case; where it is free, the chosen value replaces it in `FreeField.value`
     fixed = {"off_mm": 0.0} | {key: value for key, value in place.items() if key not in free}
     return FreeField(paths=paths, knobs=knobs, surface=spec.over, fixed=fixed, at=at)
 

@@ -331,7 +331,8 @@ class Measure:
         """
         versions = partial(code_versions, visibility.__name__)
         seeing, sources = self._problem.seeing, versions()["sources"]
-        jobs, counts = [], Counter[str]()  # number of visits of each walk so far
+        jobs = []
+        counts: Counter[str] = Counter()  # number of visits of each walk so far
         for visit in visits:
             config = repr(visit.scenario.config)
             key = content_key("geometric", config, visit.seed, self._geometric_names, vars(seeing), sources)

@@ -68,7 +68,7 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bare = replace(scenario, config=replace(scenario.config, sensors=(), fittings={}, faults=()))
     twin = make_twin(bare, seed)
     steps = [step for side in SIDES for step in twin.walk.steps[side]]
-    # from the first toe-off to the last touch-down
+    # the instants lie between the first toe-off and the last touch-down
     offs = [step.t_off for step in steps if np.isfinite(step.t_off)]
     ends = [step.t_touch for step in steps if np.isfinite(step.t_touch)]
     t = np.arange(min(offs), min(max(ends), twin.duration_s), 1.0 / RATE_HZ)  # (N,) s
@@ -77,7 +77,8 @@ def pose_walk(scenario: Scenario, seed: int) -> PosedWalk:
     bodies = {name: motion.carrier(name) for name in motion.tracks}
     layout = twin.terrain.layout
     along_m = layout.way.project(bodies["pelvis"].p_body_in_world[:, :2])  # (N,) m along the route
-    # (N, A, 2): at each instant, every distance ahead on each of the lines beside the route
+    # at each of N instants, each of D distances ahead on each of the three lines beside the route: (N D, 3, 2), then
+    # (N, A, 2) with A = 3 D
     ahead = np.stack([layout.way.point((along_m[:, None] + AHEAD_M).ravel(), left) for left in ASIDE_M], axis=1)
     ahead = ahead.reshape(len(t), -1, 2)
     ground = np.concatenate([ahead, twin.terrain.height(ahead)[..., None]], axis=-1)

@@ -86,7 +86,7 @@ def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns
 
 
 def _translation_of_pass(samples: tuple[Sample, ...]) -> Array:
-    """(3,) m, horizontal translation between the first and the last pose; zero without poses."""
+    """(3,) m, horizontal translation from the first pose of the samples to the last one; zero without poses."""
     poses = [sample for sample in samples if isinstance(sample, Odometry)]
     if not poses:
         return np.zeros(3)
