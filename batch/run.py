@@ -92,7 +92,7 @@ class Batch(Generic[Task, RowT]):
         """Runs the missing jobs on an executor that is opened for them, and announces the time left.
 
         Args:
-            options: Workers.
+            options: Number of workers, or the scheduler; the folder is not used here.
             work: How the rows are made.
             stage: What runs, for progress and forecast.
             progress: Receives the stage and its progress (0-1).

@@ -101,7 +101,8 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
         topics: Streams without images.
         window: First and last time, s.
     """
-    figures, faults = [], read_injected_faults(recording.metadata)
+    figures = []
+    faults = read_injected_faults(recording.metadata)
     for topic in topics:
         block = recording.block(topic)
         t = block.t_ns * 1e-9

@@ -225,7 +225,7 @@ def read_design(file: DesignFile, data: Mapping[str, object], path: Path, *, cro
 
 
 def _first_scenario(factors: Iterable[tuple[FactorLevel, ...]], where: FieldLocation) -> tuple[Base, ...]:
-    """The scenario of a design without the key `scenarios`: that of a factor's first level, as one tuple.
+    """The scenario of a design without the key `scenarios`: that of a factor's first level, alone in a tuple.
 
     Args:
         factors: Levels of each factor; one factor must set a scenario in every level.

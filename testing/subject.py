@@ -243,8 +243,9 @@ def _with_interface(estimator_class: type) -> type[AnyEstimator]:
             return tuple(Stream(role=topic, topic=topic, kind=kinds.get(topic, Sample)) for topic in topics)
 
         def update(self, sample: Sample) -> object:
-            """The pose, with the frame that the class names."""
-            estimate, frame = self._inner.update(sample), getattr(inner_class, "frame", "")
+            """What the class returns; a pose without a frame gets the one that the class names in `frame`, if any."""
+            estimate = self._inner.update(sample)
+            frame = getattr(inner_class, "frame", "")
             if isinstance(estimate, Pose) and frame and not estimate.frame:
                 return replace(estimate, frame=frame)
             return estimate

@@ -121,6 +121,7 @@ def collect(results: list[FaultRow[FaultFigures]]) -> Collected[dict[str, Figure
 def _mean_figures(rows: list[FaultFigures]) -> Figures:
     """Means of a fault's figures over walks, and the largest standard deviations.
 
+    `end_error_m` is the horizontal size of the error at the end, `end_height_error_m` the size of its vertical part.
     If the filter has refused any of the walks, only its first message (`error`), the number of refusals (`refused`) and
     that of walks (`of`) are given.
     """

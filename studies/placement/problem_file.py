@@ -185,7 +185,7 @@ def read_problem(path: Path) -> PlacementProblem:
         ),
         # these keys have the names of the attributes
         **{name: getattr(file, name) for name in ("scores", "seeds", "seeing", "confirm")},
-        search=file.method,
+        search=file.method,  # None for a sweep
         user_files=files.user_files,
     )
     names = [knob.name for knob in problem.knobs]

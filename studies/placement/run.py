@@ -158,7 +158,7 @@ def _measure_finalists(problem: PlacementProblem, searched: MeasuredPlaces, meas
     if problem.confirm is not None:
         first = max(problem.seeds) + 1  # seeds that the search has not used
         final = measure(final.places, range(first, first + problem.confirm.walks), "confirm")
-    return final.part(final.best_first)
+    return final.part(final.best_first)  # on the walks of the table, the order may be another one
 
 
 def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: int) -> list[int]:
@@ -173,8 +173,8 @@ def _distinct_best(problem: PlacementProblem, searched: MeasuredPlaces, count: i
     for i in searched.best_first:
         if len(numbers) == count or not np.isfinite(searched.losses[i]):  # places without a loss come last
             break
-        is_alike = (_are_alike(problem, searched.places[i], searched.places[better]) for better in numbers)
-        if problem.search is None or not any(is_alike):
+        place = searched.places[i]
+        if problem.search is None or not any(_are_alike(problem, place, searched.places[k]) for k in numbers):
             numbers.append(i)
     return numbers
 

@@ -113,7 +113,8 @@ class PlaceScore:
 
     def _scores_of_estimator(self, row: PlaceRow) -> list[Scores]:
         """Scores of each output of the score's estimator in a row: one, or one per foot; none if it has not run."""
-        name, outputs = self.name.partition(".")[0], row.get("estimators", {})
+        name = self.name.partition(".")[0]  # of the estimator
+        outputs = row.get("estimators", {})
         keys = [name] if name in outputs else [f"{name}_l", f"{name}_r"]
         return [outputs[key] for key in keys if key in outputs]
 
