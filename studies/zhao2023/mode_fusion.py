@@ -154,14 +154,15 @@ def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     # scored steps of all walks, and the legs' prediction of each
     camera_steps = [s for r in results for w in r["predicted"]["light"]["camera"] for s in ModeScores.of(w).steps]
     predicted = [mode for r in results for _, _, mode in r["legs"]]
-    # for each step, whether the legs' prediction is one of the modes that count as right, as for the camera, and whether
-    # the step is a transition: its mode differs from that of the previous step
+    # for each step, whether the legs' prediction is one of the modes that count as right, as for the camera, and
+    # whether the step is a transition: its mode differs from that of the previous step
     right = [(mode in s.allowed, s.is_transition) for s, mode in zip(camera_steps, predicted, strict=True)]
+    right_transitions = [is_right for is_right, is_transition in right if is_transition]
     legs = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([is_right for is_right, _ in right])),
         "transition_accuracy_pct": 100.0
-        * float(np.mean([is_right for is_right, is_transition in right if is_transition])),
+        * float(np.mean(right_transitions)),
     }
     return {"summary": {"light": light, "dark": dark, "legs": legs}, "paper": {}}
 
