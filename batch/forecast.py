@@ -37,7 +37,8 @@ class Forecast:
         Args:
             workers: Number of jobs that run at a time.
         """
-        self._ended, self._left = self._ended + 1, self._left - 1
+        self._ended += 1
+        self._left -= 1
         if self._ended == 1:
             self._start_s = time.monotonic()
         # the first job also compiles kernels, so the time is taken from its end on; two more per worker show the speed

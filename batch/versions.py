@@ -80,12 +80,12 @@ def digest(module: str, *, estimators: bool = True) -> str:
     files = _data_files() | {
         name: file for name, file in _find_imports(module).items() if estimators or not name.startswith(_ESTIMATORS)
     }
-    hashed = hashlib.sha256(_library_versions().encode())
+    hasher = hashlib.sha256(_library_versions().encode())
     for name in sorted(files):
         text = files[name].read_bytes()
         # name and length keep one file's end apart from the next one's beginning
-        hashed.update(f"{name} {len(text)}\n".encode() + text)
-    return hashed.hexdigest()[:16]
+        hasher.update(f"{name} {len(text)}\n".encode() + text)
+    return hasher.hexdigest()[:16]
 
 
 @cache

@@ -133,7 +133,7 @@ class Plot:
         """
         xs, ys = np.asarray(x, float), np.asarray(y, float)
         if np.all(np.diff(xs) >= 0):  # a curve over x; others, such as paths from above, keep all points
-            xs, ys = thin(xs, ys, _MOST_POINTS // 2)
+            xs, ys = thin(xs, ys, _MOST_POINTS // 2)  # each bucket keeps two points
         line = {"color": color, "width": width, "dash": dash}
         self._add(label, x=_numbers(xs), y=_numbers(ys), mode="lines", line=line)
 

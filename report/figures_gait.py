@@ -57,7 +57,7 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
     """
     steady = footprints[1:-1]
     strides = []
-    for first, other, last in zip(steady, steady[1:], steady[2:]):
+    for first, other, last in zip(steady, steady[1:], steady[2:]):  # three footprints in a row
         # a stride of one foot with one step of the other within it
         is_stride = first.foot == last.foot != other.foot
         if is_stride and all(p.mode == "LG" and p.terrain == "level" for p in (first, other, last)):

@@ -98,7 +98,8 @@ def camera_views(
         # `count` times inside the walk, without its ends
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
-            images, note = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
+            images = _find_rendered_parts(recording, topic, moments, width)
+            note = ", cropped to the rendered part"
         else:
             images = [(p.t_ns / 1e9, scale_image(p, width)) for p in recording.images(topic, t_ns=moments)]
             note = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
@@ -179,7 +180,8 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
     webm = io.BytesIO()
     with av.open(webm, "w", format="webm", options={"fflags": "+bitexact"}) as film:  # no random identifiers
         stream = film.add_stream("libvpx-vp9", rate=FPS, options=_VP9)
-        stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1  # one thread, for equal bytes
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.thread_count = 1  # for equal bytes
         for t, rgb in frames:
             if not stream.codec_context.is_open:  # the first frame sets the size
                 stream.height, stream.width = rgb.shape[:2]

@@ -20,7 +20,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
-_RESIDUAL = "/truth/root_residual"
+_RESIDUAL = "/truth/root_residual"  # topic of the external force at a simulated walker's pelvis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -108,6 +108,7 @@ def run_scenario(
         if parameters:
             document["parameters"] = {name: dict(values) for name, values in parameters.items()}
         (out / "scores.json").write_text(to_json(document), encoding="utf-8")
+        # a generator: without a film nothing is rendered
         frames = _report_frames(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)

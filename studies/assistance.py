@@ -103,12 +103,12 @@ def run_case(case: ExperimentCase, ways: Sequence[str]) -> Row:
 
 
 def collect(results: list[AssistanceRow]) -> Collected[dict[str, VariantSummary], NoPaper]:
-    """Summary over the walks without a fall in any variant.
+    """Summary of each variant: falls on all walks, and costs on the walks without a fall in any variant.
 
     Returns:
-        `summary`: variant to `walks`, `fell` (their number), `work_j` (mean per walk), and `modes`: mode to
-        `_mode_figures`. For `predicted` also `gain_share`: the work that predicted modes save against modes from the
-        legs, as a share of what true modes save; None if true modes save nothing.
+        `summary`: variant to `walks` and `fell`, the numbers of all walks and of those that ended by a fall; `work_j`,
+        mean per walk; and `modes`: mode to `_mode_figures`. For `predicted` also `gain_share`: the work that predicted
+        modes save against modes from the legs, as a share of what true modes save; None if true modes save nothing.
     """
     ways = [way for way in VARIANT_NAMES if all(way in r["ways"] for r in results)]
     # rows of the walks that no variant fell in, so that all variants have walked the whole route

@@ -184,7 +184,7 @@ def read_experiment(path: Path) -> Experiment:
         module=run_module.__name__,
         content=repr({key: value for key, value in data.items() if key not in _OF_TABLES}),
         kind=file.kind,
-        estimates=file.estimates * max(1, len(file.faults)),
+        estimates=file.estimates * max(1, len(file.faults)),  # a walk is estimated anew with each fault
         adjustable=getattr(run_module, "ESTIMATORS", ()),
         list_configs=None if list_configs is None else partial(list_configs, **hook.arguments),
         run_case=partial(run_module.run_case, **hook.arguments),

@@ -208,6 +208,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
             return None
     arrivals = sorted((arrival for stream in streams.values() for arrival in stream), key=_order)
     over_at = next((i for i, arrival in enumerate(arrivals) if arrival.log_ns > last_ns), len(arrivals))
+    # all of these arrivals are samples; in a scenario they may also be blocks
     return FaultySamples([arrival.item for arrival in arrivals if isinstance(arrival.item, Sample)], over_at)
 
 

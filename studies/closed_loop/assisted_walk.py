@@ -107,7 +107,7 @@ def compute_costs(result: WalkResult) -> dict[str, dict[str, float]]:
     # (N,) W: positive power, and what of it exceeds the torque limits of the motors
     power = np.maximum(torque * speed, 0.0).sum(axis=1)
     rest = np.maximum(torque * speed - torque_limits_nm(WEARER_JOINTS) * np.abs(speed), 0.0).sum(axis=1)
-    cuffs = _cuff_force_squared(result)  # (N,) like power and rest
+    cuffs = _cuff_force_squared(result)  # (N,) N², mean square of the cuffs' forces
     # of both feet, by touch-down
     steps = sorted((s for side in SIDES for s in _select_landed(walk.steps[side])), key=lambda s: s.t_touch)
     cost_of_mode = {mode: {"steps": 0.0, "work_j": 0.0, "rest_j": 0.0, "cuff_n": 0.0} for mode in MODES}

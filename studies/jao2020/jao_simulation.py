@@ -288,10 +288,10 @@ class JaoSimulation:
         dt = np.diff(self.t_ns)[:, None] * 1e-9
         # of each foot, (N,) distances to the north between samples, m, and (N,) heading errors, rad: sums of the noise
         # about the vertical
-        walked = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
+        north_steps_m = [np.diff(self.imus[f].p_body_in_world[:, 0]) for f in FEET]
         headings = [np.cumsum(self.imus[f].rotation[1:].apply(noises[f] * dt)[:, 2]) for f in FEET]
-        alone = np.array([float(heading @ way) for heading, way in zip(headings, walked)])
-        return alone, float(np.mean(headings, axis=0) @ np.mean(walked, axis=0))
+        alone = np.array([float(heading @ way) for heading, way in zip(headings, north_steps_m)])
+        return alone, float(np.mean(headings, axis=0) @ np.mean(north_steps_m, axis=0))
 
     def analytic_floor(self) -> tuple[float, float]:
         """Mean end error, m, of one gyro alone and of two coupled ones: √(2/π) v σ √(T³/3), and that over √2.

@@ -163,11 +163,12 @@ def score_paths(paths: FootPaths, truth: Mapping[str, TruePath]) -> FootScores:
         "feet_disagree_max_m": float(apart_m.max()),
     }
     for foot, compared in in_world.items():
-        # (K,) NEES of the position along the path, and (3,) error at its end
-        nees, end_m = nees_position(compared), compared.error_m[-1]
+        nees = nees_position(compared)  # (K,) NEES of the position along the path
+        end_m = compared.error_m[-1]  # (3,) error at its end
         # horizontal distance that the foot has walked
         walked_m = np.linalg.norm(np.diff(compared.truth.p_frame_in_world[:, :2], axis=0), axis=1).sum()
-        t_ns, last_ns = truth[foot].t_ns, compared.truth.t_ns[-1]  # stamps of the truth; that of the last estimate
+        t_ns = truth[foot].t_ns  # stamps of the whole truth
+        last_ns = compared.truth.t_ns[-1]  # stamp of the last estimate
         scores["end_error_m"].append(end_m.tolist())
         scores["end_error_pct"].append(100.0 * float(np.linalg.norm(end_m[:2]) / walked_m))
         scores["end_nees"].append(float(nees[-1]))

@@ -85,7 +85,8 @@ def body_map(problem: PlacementProblem, folder: Path, searched: MeasuredPlaces, 
     name, sign = "weighted sum", 1.0
     weighing = [score for score in problem.scores if score.weight]
     if len(weighing) == 1 and weighing[0].weight == 1:
-        name, sign = weighing[0].name, -1.0 if weighing[0].higher_is_better else 1.0
+        name = weighing[0].name
+        sign = -1.0 if weighing[0].higher_is_better else 1.0
     config = scenario_at(problem, problem.bases[0], best, folder).config
     bodies = sorted({dot.body for dot in dots})
     span = min(d.loss for d in dots), max(d.loss for d in dots)
@@ -195,7 +196,7 @@ def _draw_panel(
     slope = math.tan(math.radians(model.vis.global_.fovy / 2))  # tangent of half the angle of view
     view = _aim_camera(points, body_middle, view_deg, slope)
     with FilmCamera(model, _SIZE, _SIZE) as camera:
-        image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])
+        image: Rgb = np.ascontiguousarray(camera.frame(data, *view)[..., ::-1])  # blue, green, red, as OpenCV draws
     # (N, 2) pixels of the dots, and of the sensors from which lines lead to dots of viewing directions; a dot at a
     # position is its own sensor
     uv = _pixels(points, *view, _SIZE / 2 / slope)
@@ -293,7 +294,7 @@ def _pixels(points: Array, lookat: Array, azimuth: float, elevation: float, dist
     ahead = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([math.sin(a), -math.cos(a), 0.0])
     up = np.cross(right, ahead)
-    away = points - (lookat - distance * ahead)
+    away = points - (lookat - distance * ahead)  # (N, 3) m from the camera to the points
     return np.asarray(_SIZE / 2 + focal * np.column_stack([away @ right, -(away @ up)]) / (away @ ahead)[:, None])
 
 

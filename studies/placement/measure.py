@@ -258,7 +258,7 @@ class Measure:
             stage: What is measured, for progress.
 
         Raises:
-            ConfigError: No walk has a score of the problem.
+            ConfigError: On every walk of the first place, an estimator reports scores, but not one that is asked for.
             StrideTwinError: An error that affects all walks.
         """
         scores = self._problem.scores
@@ -358,10 +358,10 @@ class Measure:
             jobs.append(Job(name=visit.label, key=key, task=visit))
         work = Work(run=one_by_one(partial(score_recording, self._folder, self._estimators)), versions=versions)
         if jobs and not self._is_checked:
-            share = walks / len(jobs)  # of the work that the first place is
+            share = walks / len(jobs)  # share of the work that the walks of the first place are
             self._check_scores(self._run(jobs[:walks], work, lambda done: progress(share * done)))
             self._is_checked = True
-        return self._run(jobs, work, progress)
+        return self._run(jobs, work, progress)  # the rows of the first place are stored by now, and reused
 
     def _run(
         self, jobs: Sequence[Job[Visit]], work: Work[Visit, PlaceRow], progress: Callable[[float], None]

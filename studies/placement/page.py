@@ -177,10 +177,11 @@ def _draw_over_numbers(knob: Knob, searched: MeasuredPlaces, numbers: list[int],
         k: Number of the score.
     """
     shown = numbers[:_MOST_DOTS]
-    x, means = [to_number(searched.places[i].values[knob.name]) for i in shown], searched.means[shown, k]
+    x = [to_number(searched.places[i].values[knob.name]) for i in shown]
+    means = searched.means[shown, k]
     plot = Plot(title=knob.name, x_label=knob.name, y_label=searched.scores[k].name)
     plot.dots(x, means, _DOT, size=_dot_px(len(x)), label="place")
-    # the first place is the best one
+    # the first of them is the best place
     plot.dots(x[:1], means[:1], _BEST, size=9, label=_best_label(searched))
     if np.isfinite(searched.losses[0]):  # of the unchanged scenario
         plot.line([min(x), max(x)], 2 * [searched.means[0, k]], _AS_IT_IS, width=1.2, label="unchanged")

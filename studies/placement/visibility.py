@@ -268,7 +268,7 @@ def _score_boards(sensor_rig: SensorRig, walk: PosedWalk, seeing: Seeing) -> dic
         if board is not None and isinstance(part, CameraPart):
             visibilities.append(see_board(walk, camera, board, part.imager.exposure_s, seeing))
     seen = np.array([s.seen for s in visibilities])  # (cameras, N)
-    # instants with a board in view, over both cameras
+    # instants with a board in view, counted for each camera
     in_view = sum(int(s.in_view.sum()) for s in visibilities)
     scores = {
         "visibility_pct": 100.0 * float(seen.any(axis=0).mean()),

@@ -70,7 +70,7 @@ def run_method(method: Method, recording: Recording, make_walk: Callable[[], Ali
             poses; it is only called for estimators that take poses.
 
     Raises:
-        StrideTwinError: The recording does not feed the estimator, lacks the truth, or the estimator gives no output.
+        StrideTwinError: The recording does not feed the estimator or lacks the truth, or an estimate is invalid.
     """
     estimator_class = registry.estimator(method.estimator)
     declaration = estimator_class.declaration

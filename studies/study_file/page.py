@@ -45,9 +45,9 @@ def _draw_score(result: StudyResult, score: str) -> str:
     names = [", ".join(line["levels"].values()) or "all walks" for line in result["table"][:: len(methods)]]
     plot = Plot(title=score, x_names=names, x=(-0.5, len(names) - 0.5), y_label=score, height=360)
     for m, method in enumerate(methods):
-        # lines of the table are ordered by combination, then by method: every n-th one from m on is of this method.
-        # At each combination the methods are drawn side by side
-        color, shift = PALETTE[m % len(PALETTE)], _SPREAD * ((m + 0.5) / len(methods) - 0.5)
+        color = PALETTE[m % len(PALETTE)]
+        shift = _SPREAD * ((m + 0.5) / len(methods) - 0.5)  # the methods are drawn side by side at each combination
+        # lines of the table are ordered by combination, then by method: every n-th one from m on is of this method
         means = [line["scores"].get(score) for line in result["table"][m :: len(methods)]]
         # place on the axis, and mean with its interval, where the method has the score
         drawn = [(c + shift, mean) for c, mean in enumerate(means) if mean is not None]

@@ -207,8 +207,8 @@ def _compare_with_first(study: Study, values: Array) -> list[MethodComparison]:
         Ordered by score, method and combination.
     """
     compared: list[ComparedMethod] = []
-    # of each comparison, the (W,) losses minus those of the first method, and the scale of the score
-    columns, scales = list[Array](), list[Scale]()
+    columns: list[Array] = []  # of each comparison, the (W,) losses minus those of the first method
+    scales: list[Scale] = []  # of each comparison, the scale of the score
     # s, m, c: numbers of score, method and combination
     for s, m, c in np.ndindex(len(study.scores), len(study.methods), len(study.combinations)):
         scale = scale_of(study.scores[s])

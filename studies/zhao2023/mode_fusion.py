@@ -134,7 +134,8 @@ def _predict_like_last(recording: Recording, steps: list[StepEstimate]) -> list[
         came before.
     """
     t_ns = np.array([s.t_ns for s in steps])
-    predictions, before = [], "LG"
+    predictions = []
+    before = "LG"  # mode of the previous step
     for footprint in true_footprints(recording)[2:]:  # without the two initial ones
         last = int(np.searchsorted(t_ns, footprint.t_ns)) - 1  # number of the last estimate before touch-down
         predictions.append((footprint.mode, before, steps[last].mode if last >= 0 else "LG"))
@@ -161,8 +162,7 @@ def collect(results: list[FusionRow]) -> Collected[FusionSummary, NoPaper]:
     legs = {
         "steps": len(predicted),
         "accuracy_pct": 100.0 * float(np.mean([is_right for is_right, _ in right])),
-        "transition_accuracy_pct": 100.0
-        * float(np.mean(right_transitions)),
+        "transition_accuracy_pct": 100.0 * float(np.mean(right_transitions)),
     }
     return {"summary": {"light": light, "dark": dark, "legs": legs}, "paper": {}}
 

@@ -286,8 +286,8 @@ def score_predictions(predictions: Predictions, recording: Recording, sole_m: fl
     # poses at which the truth is known
     in_truth = (predictions.path.t_ns >= truth.t_ns[0]) & (predictions.path.t_ns <= truth.t_ns[-1])
     path = predictions.path[in_truth]
-    # from the odometry's world to the true one, and the true terrain
-    alignment, layout = MovingAlignment(path, truth.at(path.t_ns)), terrain_layout(recording.metadata)
+    alignment = MovingAlignment(path, truth.at(path.t_ns))  # from the odometry's world to the true one
+    layout = terrain_layout(recording.metadata)  # the true terrain
     footprints = true_footprints(recording)
     return {m: score_modes(footprints, e, alignment, layout, sole_m) for m, e in predictions.estimates.items()}
 

@@ -163,7 +163,7 @@ def run_every_method(
     Args:
         recording: The walk.
         mount: Mount of the camera: head or chest.
-        make: Makes an odometry from its name.
+        make: Makes an odometry from its name, the rig, and the mount.
         further_names: Names of the other estimators.
     """
     truth = true_path(recording, mount)
