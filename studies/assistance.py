@@ -49,14 +49,23 @@ _RECOGNISERS: Mapping[str, tuple[Recogniser | None, tuple[str, ...]]] = {
 
 
 class VariantCosts(TypedDict):
-    """One walk in one variant: when it fell, s, and the costs of each mode (`compute_costs`)."""
+    """One walk in one variant.
+
+    Attributes:
+        fell_at_s: When the walker fell; None without a fall.
+        modes: By mode, the costs of its steps (`compute_costs`).
+    """
 
     fell_at_s: float | None
     modes: dict[str, dict[str, float]]
 
 
 class AssistanceRow(CaseRow):
-    """The row of a case: what came of each variant, by its key in `VARIANT_NAMES`."""
+    """The row of a case.
+
+    Attributes:
+        ways: What came of each variant, by its key in `VARIANT_NAMES`.
+    """
 
     ways: dict[str, VariantCosts]
 

@@ -45,7 +45,7 @@ Summary = dict[str, MethodFigures | int]
 
 
 class CaseScores(TypedDict):
-    """Scores of every method in one of `CASES`, and the number of board observations."""
+    """Scores of every method in one of `CASES`, and the number of board observations (`sightings`)."""
 
     zupt: FootScores
     zupt_relative_distance: FootScores

@@ -123,7 +123,10 @@ def _record_echoes(samples: Iterable[Sample], echoes: list[Range]) -> Iterator[S
 
 
 class FootScores(TypedDict):
-    """Scores of the paths of both feet, see `score_paths`; lists are left and right."""
+    """Scores of the paths of both feet, see `score_paths` for each of them; lists are of left and right.
+
+    The errors in `end_error_m` are lists themselves: x, y, z of the world.
+    """
 
     end_error_m: list[list[float]]
     end_error_pct: list[float]
