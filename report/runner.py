@@ -76,7 +76,8 @@ def run_scenario(
     Raises:
         StrideTwinError: Any usage error.
     """
-    scenario, folder = to_scenario(scenario), Path(folder)
+    scenario = to_scenario(scenario)
+    folder = Path(folder)
     with explain_import_error("runs need the simulator and its reports", "twin"):
         from stridetwin.report.images import FPS, HEIGHT, WIDTH, make_film
         from stridetwin.report.rerun_file import rerun_installed, write_rerun

@@ -44,4 +44,5 @@ def summarize_by_fault(
         figures: From the results of one fault in all cases to its figures.
     """
     labels = results[0]["faults"]  # the same in all cases
+    # for each label, `figures` gets what all cases have under it
     return {"summary": {label: figures([r["faults"][label] for r in results]) for label in labels}, "paper": {}}

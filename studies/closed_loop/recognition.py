@@ -96,7 +96,8 @@ class LegRecognition(Recognition):
         """Passes a sample to the estimator; a new step with a known mode sets all modes."""
         step = self._legs.update(sample)
         if step is not None and step.step > 0 and step.mode != UNKNOWN:  # step 0 is standing at the start
-            self.current, self.upcoming = dict.fromkeys(SIDES, step.mode), dict.fromkeys(SIDES, step.mode)
+            self.current = dict.fromkeys(SIDES, step.mode)
+            self.upcoming = dict.fromkeys(SIDES, step.mode)
 
 
 class TrueModes(Recognition):

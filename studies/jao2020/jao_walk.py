@@ -92,7 +92,7 @@ def touch_down_times_ns(walk: RecordedWalk) -> Array:
 
 
 def without_every_second_step(samples: Iterable[Sample], touches: Array) -> Iterator[Sample]:
-    """Samples without the images of every second step: from the first touch-down to the second, and so on.
+    """Samples without the images of every second step: touch-down 1 to 2, 3 to 4, and so on.
 
     Args:
         samples: In time order.

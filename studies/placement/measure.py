@@ -213,7 +213,8 @@ class MeasuredPlaces:
     def part(self, numbers: Sequence[int]) -> MeasuredPlaces:
         """The places of some numbers, in this order; they are numbered anew, from 0."""
         failed = {new: self.failed[old] for new, old in enumerate(numbers) if old in self.failed}
-        places, values = [self.places[i] for i in numbers], self.values[numbers]
+        places = [self.places[i] for i in numbers]
+        values = self.values[numbers]
         return MeasuredPlaces(scores=self.scores, places=places, walks=self.walks, values=values, failed=failed)
 
 

@@ -69,7 +69,8 @@ def run_placement(problem: PlacementProblem, options: PlacementOptions, progress
     Raises:
         StrideTwinError: Any usage error.
     """
-    problem, folder = options.of(problem), options.folder
+    problem = options.of(problem)  # with the seeds of the options
+    folder = options.folder
     with hold_folder(folder, (folder / ROWS).exists, _USED) as unfinished:
         _check_folder(folder, problem, options.resume)
         (folder / SCENARIOS).mkdir(exist_ok=True)

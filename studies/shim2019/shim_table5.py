@@ -101,7 +101,8 @@ def run_case(case: ExperimentCase) -> Row:
         The case's row with `fell`, `walks`: walk to method to the rows of its steps; and `false_steps`: method to the
         number of estimated steps that did not happen.
     """
-    methods, fell = (*METHODS, *case.estimators), []
+    methods = (*METHODS, *case.estimators)
+    fell = []  # names of the walks that ended by a fall
     walks: dict[str, dict[str, list[StepRow]]] = {}
     false_counts = dict.fromkeys(methods, 0)
     for walk in case.walks():

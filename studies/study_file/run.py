@@ -96,7 +96,8 @@ def run_study(
     Raises:
         StrideTwinError: Any usage error; the folder is used by another process, or holds rows and is not to be resumed.
     """
-    study, folder = options.of(study), options.folder
+    study = options.of(study)  # with the seeds of the options
+    folder = options.folder
     with hold_folder(folder, (folder / ROWS).exists) as unfinished:
         if (folder / ROWS).exists() and not options.resume:
             raise StrideTwinError(f"{folder}: holds a study: expected --resume to continue it, or another folder")

@@ -48,7 +48,7 @@ def run_case(case: ExperimentCase, kinds: str = "all") -> Row:
     kind = names[case.seed % len(names)]
     (config,) = list_configs(case, kinds)
     mount = config.rig_mount  # body of the camera
-    poses: list[Pose] = []  # valid ones of the odometry, which `predict` fills
+    poses: list[Pose] = []  # valid ones of the odometry, which runs while `predict` reads the samples
     with record_walk(CaseWalk(name=kind, labels={}, config=config), case) as recording:
         predictions = predict(
             samples_with_poses(recording, mount, "dvio", on_pose=poses.append), recording, (*METHODS, *case.estimators)

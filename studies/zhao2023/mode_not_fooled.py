@@ -84,6 +84,7 @@ def _alarm_share_pct(estimates: list[ModeEstimate]) -> float:
 def collect(results: list[TrapsRow]) -> Collected[TrapSummary, NoPaper]:
     """Figures by method and trap over all walks; the paper has no such table."""
     return {
+        # a row has trap, then method; the summary has method, then trap, each with the rows of all cases
         "summary": {
             m: {trap: _trap_figures([r["traps"][trap][m] for r in results]) for trap in results[0]["traps"]}
             for m in METHODS
