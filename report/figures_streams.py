@@ -28,7 +28,7 @@ from stridetwin.streams.samples import (
     Sample,
 )
 
-_DEG = 180.0 / np.pi
+_DEG = 180.0 / np.pi  # from radians to degrees
 WINDOW_S = 6.0  # seconds of each stream that a report shows
 
 
@@ -47,6 +47,7 @@ class Curves:
     labels: tuple[str, ...]
 
 
+# names of sensors in titles, where they differ from the last part of the topic
 _SENSOR_NAMES = {"imu": "IMU", "ahrs": "AHRS", "interaction": "cuff", "actuator": "motor"}
 _XYZ = ("x", "y", "z")
 _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[str, ...]], ...]] = {

@@ -34,6 +34,7 @@ from stridetwin.studies.closed_loop.plan_cache import cache_plans
 HIP_NM, KNEE_NM = 20.0, 15.0
 """Torque limits of hips and knees of the built-in exoskeleton, N m; an exoskeleton of the user's has its own."""
 WEARER_JOINTS = tuple(f"{joint}_flexion_{side}" for joint in ("hip", "knee") for side in SIDES)
+"""The wearer's own joints whose work is counted: both hips, then both knees, left first."""
 _ORDER = ("hip", "knee", "ankle")  # of the joints among the actions
 _OBSERVED = {
     "insole": (4, ("force",)),

@@ -48,8 +48,9 @@ ESTIMATORS = ("foot_to_foot",)
 """Estimators whose parameters `--set` changes here."""
 
 FEET = ("l", "r")
+# methods of the filter in the table: the published ones, then ours
 REPORTED_METHODS = ("zupt", "zupt_relative_distance", "zupt_relative_position", "proposed")
-STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100
+STRIDE_M, STRIDE_S, STRIDES = 1.54, 1.07, 100  # length and duration of a stride of one foot; strides of each foot
 _SWING_SHARE = 0.55  # of a stride's duration
 _SEPARATION_M = 0.20  # from the right foot's line to the left's
 _STAND_S = 0.15  # before the left foot starts, and after the right one has landed

@@ -36,6 +36,7 @@ CASES = {
     "clipped": "ADIS16485, gyros saturate at 450 °/s",
     "half_blind": "gyros without saturation, no image in every second step",
 }
+"""Cases of each walk, with their titles in the table."""
 
 
 MethodFigures = dict[str, float | list[float]]

@@ -25,7 +25,9 @@ from stridetwin.streams.samples import Array, Block, Image, Imu, Range, Sample
 FEET = ("l", "r")
 MethodName = Literal["zupt", "zupt_relative_distance", "zupt_relative_position", "proposed"]
 PUBLISHED: tuple[MethodName, ...] = ("zupt", "zupt_relative_distance", "zupt_relative_position")
+"""Methods of Jao, Wang and Shkel 2020."""
 COMPARED_METHODS: tuple[MethodName, ...] = (*PUBLISHED, "proposed")
+"""Theirs, then ours."""
 _NOT_ALIGNED = Rigid(R=np.eye(3), t=np.zeros(3))  # leaves a path as it is
 _ROTATION_SD_RAD = 0.1  # rad that a foot may rotate between an image and the estimate that follows it
 

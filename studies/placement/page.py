@@ -99,7 +99,8 @@ def _value_map(problem: PlacementProblem, searched: MeasuredPlaces) -> str:
     "" for a search, which has no grid of values, for a placement with fewer than two numbers, and without a scored
     place.
     """
-    numbers, places = [knob for knob in problem.knobs if not knob.values], _find_scored(searched)
+    numbers = [knob for knob in problem.knobs if not knob.values]  # knobs that are numbers
+    places = _find_scored(searched)
     if problem.search is not None or len(numbers) < 2 or not places:
         return ""
     across, up = numbers[:2]  # the knobs along x and y

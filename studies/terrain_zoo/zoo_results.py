@@ -19,7 +19,7 @@ from stridetwin.studies.zhao2023.mode_results import calibration_plot, confusion
 from stridetwin.studies.zhao2023.mode_walks import TimedModeRows
 
 _SURE = 0.9  # a wrong prediction with a higher probability is sure and wrong
-_OURS, _PUBLISHED = METHODS
+_OURS, _PUBLISHED = METHODS  # names of the predictor's two methods
 _UNTUNED = "kinds that are not in the tuning set"  # label of the walks of these kinds
 _ALL = "all"  # label of all walks
 

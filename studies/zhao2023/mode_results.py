@@ -29,7 +29,9 @@ from stridetwin.studies.zhao2023.mode_walks import (
 )
 
 PAPER_TERRAINS = ("stair_15cm", "stair_20cm", "stair_25cm", "ramp_11.8deg", "ramp_15.8deg", "ramp_17.8deg")
+"""Terrains of Table III, as the rows of walks name them."""
 GAIT_PATTERNS = ("wander", "walk", "jog")
+"""Patterns of walking of Table III."""
 ScoredWalk = tuple[Figures, ModeScores]
 """The row of a walk, and a method's scores on it."""
 Trial = Literal["", "external_disturbance_pct", "unconventional_camera_view_pct", "multi_direction_outdoor_pct"]
@@ -333,7 +335,8 @@ def table(result: ModeResult) -> list[str]:
 
 def overall_lines(result: ModeResult) -> list[str]:
     """Number of walks and steps, accuracy and lead times by method, as lines of text."""
-    paper_accuracy, time_ms = result["paper"]["published"]["accuracy_pct"], get_figures(result["summary"], "time_ms")
+    paper_accuracy = result["paper"]["published"]["accuracy_pct"]
+    time_ms = get_figures(result["summary"], "time_ms")
     columns = methods(result)  # ours first
     summary = {m: method_summary(result, m) for m in columns}
     ours, accuracy = summary[columns[0]], summary[columns[0]]["walks_accuracy_pct"]

@@ -45,6 +45,7 @@ FigureName = Literal[
 ]
 """Names of figures of `OdometryFigures` of which means over walks are taken."""
 FIGURES: tuple[FigureName, ...] = ("loop_drift_m", "ape_rmse_m", "rpe_5m_pct", "height_rmse_m", "climb_error_m")
+"""Those of them that measure drift."""
 
 
 class Odometer(Protocol):
