@@ -60,8 +60,8 @@ class Outcome:
 
     Attributes:
         latency: None without an estimator.
-        files: Rows by file.
-        streams: Received traffic by topic.
+        files: Number of rows by file.
+        streams: Counters by topic: traffic of the receiver, and samples that were late or not used, by reason.
         refused: Refused senders, with reasons.
         refusals: Number of refusals.
         recorded: Messages in the recording.
@@ -208,7 +208,7 @@ class _Live:
         given = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - given:
             self._say(f"warning: another sender describes {name} differently; the first description is used")
-        self._metadata = hello.metadata | self._metadata
+        self._metadata = hello.metadata | self._metadata  # the first sender that gives a key prevails
         if self._recorder is not None:
             self._recorder.set_rig(self._rig, self._metadata)
         self._try_chain()
@@ -338,9 +338,10 @@ def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
         (first.boards, second.boards),
         (first.others, second.others),
     )
-    for one, two in pairs:
+    for of_first, of_second in pairs:
+        in_both = of_first.keys() & of_second.keys()
         # compared as text, because entries hold arrays
-        differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
+        differing |= {name for name in in_both if repr(of_first[name]) != repr(of_second[name])}
     merged = Rig(
         imus={**second.imus, **first.imus},
         cameras={**second.cameras, **first.cameras},

@@ -132,5 +132,5 @@ class InputCheck:
         if (height, width) != (camera.height, camera.width):
             return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}", "other_size"
         if channels and camera.mount.body.startswith("foot"):
-            return _COLOUR, f"{channels[0]} channels", "other_size"
+            return _COLOUR, f"{channels[0]} channels", "other_size"  # colour is counted as a size
         return None

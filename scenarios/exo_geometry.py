@@ -46,7 +46,8 @@ def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
             topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
         )
 
-    # (4, 4) pose of the sole in the D-H frame of the foot; the body's axes are rotated into those of the D-H frame
+    # (4, 4) pose of the sole in the D-H frame of the foot, whose origin is the heel holder: in the body's axes `ankle1`
+    # behind the ankle's axis and as high. The sole's origin is `ankle_x` behind that axis, on the ground.
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
@@ -155,16 +156,16 @@ def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) ->
     Errors of segment lengths have the standard deviation `LINK_SD_M`, those of AHRS mounts `MOUNT_SD_RAD`.
     """
 
-    def rotate(attitude: geometry.Attitude) -> geometry.Attitude:
+    def measure_mount(attitude: geometry.Attitude) -> geometry.Attitude:
         """The mount of an AHRS with a small random rotation in the frame that carries it."""
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
-    def change_lengths(leg: geometry.Leg) -> geometry.Leg:
+    def measure_leg(leg: geometry.Leg) -> geometry.Leg:
         """The leg with measurement errors of its thigh, its shank and both mounts."""
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())
-        return replace(leg, rows=tuple(rows), thigh=rotate(leg.thigh), foot=rotate(leg.foot))
+        return replace(leg, rows=tuple(rows), thigh=measure_mount(leg.thigh), foot=measure_mount(leg.foot))
 
-    return replace(exo, back=rotate(exo.back), legs={side: change_lengths(leg) for side, leg in exo.legs.items()})
+    return replace(exo, back=measure_mount(exo.back), legs={side: measure_leg(leg) for side, leg in exo.legs.items()})

@@ -69,7 +69,9 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     """
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
-    features, spans, rates, before = _Features(camera), [], [], None
+    features = _Features(camera)
+    spans, rates = [], []  # stamps of both images of each pair, ns, and (3,) rotation rate between them, rad/s
+    before = None  # stamp, grey image and depth image of the image before
     try:
         for number, t_ns in enumerate(times, first):
             grey = _to_small_grey(recording.images(camera.topic, [number])[0])
@@ -116,8 +118,8 @@ class _Features:
     def rotation(self, a: Grey, b: Grey, depth: DepthImage | None) -> Array | None:
         """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
 
-        Without motion it is 0; with depth it comes from perspective from n points; otherwise from a rotation alone if
-        that explains the features, else from the essential matrix.
+        Without motion it is 0. Otherwise it comes from the first of these that succeeds: with depth, perspective from
+        n points; a rotation alone, if that explains the features; the essential matrix.
 
         Args:
             a: First image, grey.

@@ -28,7 +28,7 @@ def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
     """The events of planned faults as metadata, in time order, and the restarts of an odometry, which replays apply.
 
     Args:
-        planned: Each fault of a walk with its events by topic.
+        planned: Each fault of a walk with its events by topic; those of an odometry have the topic `POSES`.
 
     Returns:
         JSON by key: rows with kind, topic, begin and end of each event; and, if there are any, the restarts

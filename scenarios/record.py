@@ -100,6 +100,7 @@ def nominal_sensors(config: TwinConfig, seed: int) -> tuple[Rig, dict[str, str]]
     from stridetwin.sim.wearer.body import fit_wearer
 
     rig = sensor_rig(config).nominal(seed)
+    # an exoskeleton of the user's own has no links of the D-H table
     has_links = config.exo is not None and config.exo.user_exo is None
     return rig, exo_geometry.geometry_metadata(fit_wearer(config.person, has_links), rig, seed)
 

@@ -28,7 +28,7 @@ SAMPLINGS = ("sobol", "latin_hypercube")
 _WHETHER = ("reject", "keep")
 MOST_WALKS = 1_000_000
 _SUFFIXES = (".yaml", ".yml")
-_CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}
+_CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}  # keys that no scenario file has
 _MOST_PEOPLE = 10_000
 _NOWHERE = FieldLocation(source="")
 _BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
@@ -165,6 +165,7 @@ class _Drawn(FileModel):
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
             raise field_error(body["bmi"].description, "either bmi or mass_kg", "bmi")
+        # the ends of the distribution of `bmi`, if there is one; those of a choice may have any type
         for end in body["bmi"].ends if "bmi" in body else ():
             if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
                 raise field_error(end, "15-45 (kg/m²)", "bmi")

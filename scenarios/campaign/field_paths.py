@@ -67,7 +67,7 @@ def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: Fi
         _check_place(node, path, depth, where)
         if isinstance(key, str) and key not in node:
             node[key] = _standard_mount(scenario, path.keys[: depth + 1])
-        # depth 0 is the list of groups, depth 1 one group
+        # below `sensors` (depth 0) there may be a list of groups, below the name of a group (depth 1) its short form
         if path.keys[0] == "sensors" and depth < 2:
             node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
@@ -162,7 +162,7 @@ def _expand_short_form(node: object, *, of_group: bool) -> object:
     if of_group:
         if isinstance(node, str):
             return {"part": node}
-        return {} if isinstance(node, bool) else node
+        return {} if isinstance(node, bool) else node  # a mapping of options switches the group on
     if isinstance(node, list):
         # only the groups whose state differs from the default one
         return {group: group in node for group in KIND if (group in node) != (group in TwinConfig.sensors)}

@@ -71,7 +71,7 @@ class Manifest(TypedDict):
         versions: Versions of the code that generated the walks.
         files: Digests of the user's files by name.
         people: Body measures by person.
-        splits: Part by name, of each person (`person`) and terrain (`terrain`).
+        splits: Under `person` and `terrain`: the part of each person or terrain, by its name.
         walks: Rows of all walks.
     """
 
@@ -167,6 +167,7 @@ def manifest(
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
+            # an accepted walk has both a person and a terrain, so that `group_of` is not None
             entry["split"] = {by: parts[by][str(group_of(row, by, campaign.splits))] for by in parts}
         walks.append(entry)
     return {

@@ -318,14 +318,15 @@ def errors_in_user_files(
     if scenario is not None and scenario not in catalogue().values():
         files[f"/{SCENARIOS}/{_PARSED}"] = scenario
     located: list[StrideTwinError] = []
-    for one in error.errors if isinstance(error, ConfigFileError) else (error,):
-        if not isinstance(one, ConfigError):
+    # a `ConfigFileError` holds several errors
+    for single_error in error.errors if isinstance(error, ConfigFileError) else (error,):
+        if not isinstance(single_error, ConfigError):
             continue
-        file = next((path for end, path in files.items() if one.source.endswith(end)), None)
+        file = next((path for end, path in files.items() if single_error.source.endswith(end)), None)
         if file is not None:  # else the error is in a file of ours, such as the scenario of one walk
             working_folder = Path.cwd()
             shown_path = file.relative_to(working_folder) if file.is_relative_to(working_folder) else file
-            located.append(ConfigError(shown_path, one.field, one.value, one.valid))
+            located.append(ConfigError(shown_path, single_error.field, single_error.value, single_error.valid))
     if not located:
         return None
     return located[0] if len(located) == 1 else ConfigFileError(located)

@@ -45,7 +45,7 @@ def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, k
         points = qmc.Sobol(dimensions, rng=rng).random_base2(math.ceil(math.log2(count)))[:count]
     else:
         points = qmc.LatinHypercube(dimensions, rng=rng).random(count)
-    return np.minimum(points, np.nextafter(1.0, 0.0))
+    return np.minimum(points, np.nextafter(1.0, 0.0))  # below 1, whatever the rounding
 
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i

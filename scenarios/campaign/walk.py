@@ -79,7 +79,7 @@ class WalkRow(TypedDict):
             following keys.
         bytes: Size of the recording.
         sha256: Digest of the recording.
-        duration_s: See `QualityFigures`, as for the other figures.
+        duration_s: This key and the following ones up to `expected_findings`: see `QualityFigures`.
         split: Parts of the splits of an accepted walk, by `person` and `terrain`.
     """
 
