@@ -70,7 +70,8 @@ def evaluate_recording(
     """Runs every selected estimator that a recording feeds, and compares the outputs with the truth, kind by kind.
 
     Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
-    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+    the images. A kind that takes no poses is left out if the recording lacks its truth (`OutputKind.has_truth`), and
+    any kind without scores.
 
     Args:
         recording: The recording.
@@ -97,7 +98,7 @@ def run_recording(
     """Runs every selected estimator that a recording feeds, without comparing the outputs with the truth.
 
     Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
-    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+    the images. A kind that takes no poses is left out if the recording lacks its truth (`OutputKind.has_truth`).
 
     Args:
         recording: The recording.
