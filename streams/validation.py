@@ -202,13 +202,13 @@ def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object 
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
         # mappings of one key each (`fields.OneKey`): one of the keys is valid, not all together
-        one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
-        alternatives.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
+        has_one_key = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
+        alternatives.append(f"one of the keys {suggest(value, keys)}" if has_one_key else f"keys {', '.join(keys)}")
     return ", or ".join(dict.fromkeys(alternatives))
 
 
 def _describe_type(schema: _Schema, root: _Schema) -> str:
-    """Description of a number, a list, a text or a truth value; empty for a schema with words or keys."""
+    """Description of a number, a list, a text or a truth value; "" for a schema with words or keys, and for null."""
     match schema:
         case {"const": _} | {"enum": _} | {"properties": _} | {"type": "null"}:
             return ""
@@ -231,7 +231,7 @@ def _describe_list(schema: _Schema, root: _Schema) -> str:
         case {"minItems": least, "maxItems": most} if least == most:
             contents = f", each {items[0]}" if len(set(items)) == 1 else f": {', '.join(items)}"
             return f"a list of {_COUNTED.get(least, least)} items{contents}"
-        case {"minItems": _}:
+        case {"minItems": _}:  # the minimum is 1 wherever a type sets it without a maximum
             return f"a list with at least one item, each {items[0]}"
     return f"a list of {items[0]}"
 
