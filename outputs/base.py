@@ -212,6 +212,8 @@ class ReportParts:
 class OutputKind(ABC, Generic[E, V]):
     """A kind of output. `list` shows the first line of the docstring of its module.
 
+    `E` is the type of the estimates in its outputs, `V` that of its evaluations.
+
     Attributes:
         order: Place among the kinds in scores, reports and lists.
         scores: Its scores, in the order in which tables show them.

@@ -110,10 +110,10 @@ class ScoredMode:
         allowed: Modes that count as right.
         lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
         probabilities: Of `MODES`, at the last prediction.
-        forward_m: Predicted minus true footprint along the route, when the previous foot had just landed; NaN if there
-            was no prediction.
-        left_m: Likewise across the route.
-        length_m: Distance of the true footprint from the previous one, forward or sideways.
+        forward_m: Predicted minus true footprint in the direction of the true foot, when the previous foot had just
+            landed; NaN if there was no prediction.
+        left_m: Likewise to the left of the true foot.
+        length_m: Horizontal distance of the true footprint from the previous one, which is the other foot's.
         slope_rad: Estimated minus true slope of the ground under the foot, at the last prediction; NaN on treads and
             across edges.
         slope_sd_rad: Its reported standard deviation.
@@ -288,6 +288,7 @@ _SIZES = (
     ("tread_m", "tread_sd_m"),
     ("slope_rad", "slope_sd_rad"),
 )
+"""Attributes of a `ScoredChange`: the error of each size, and its reported standard deviation."""
 _MAX_OBSERVED_SD = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
 """A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
@@ -300,7 +301,7 @@ class LeadTimes(TypedDict):
 
 
 class FootprintErrors(TypedDict):
-    """RMS errors of predicted footprints along the route and across it, m; None without any."""
+    """RMS errors of predicted footprints in the direction of the true feet and to their left, m; None without any."""
 
     forward: float | None
     left: float | None
@@ -395,7 +396,7 @@ def _lead_times(steps: Sequence[ScoredMode]) -> LeadTimes:
 
 
 def _footprint_rmse(steps: Sequence[ScoredMode]) -> FootprintErrors:
-    """RMS errors of the footprints, forward and sideways, m."""
+    """RMS errors of the footprints in the direction of the true feet and to their left, m; None without any."""
     return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
 
@@ -430,6 +431,7 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
     # per attribute, the errors of the sizes that were observed, not guessed
     observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
+    # `sizes` below: for each size and each way, up or down, the figures of the changes of the one mode that has both
     return {
         "changes": len(approaches),
         "changes_found_pct": _percent(a.is_detected for a in approaches),

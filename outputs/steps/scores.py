@@ -269,7 +269,7 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
     places, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
     end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
+    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")  # figures that are no scores in `SCORES`
     return {
         **{k: float(v) for k, v in figures.items() if k not in left_out},
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),

@@ -22,13 +22,14 @@ from stridetwin.pages.html import boxes, data_uri, section
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range
 from stridetwin.streams.samples import Array
 
-_PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)  # of the mapped ground
+# colours of the mapped ground, RGB: those of the classes, mixed with white
+_PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)
 _HEX, _PALE_HEX = (
     {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, colors)} for colors in (CLASS_COLORS, _PALE)
 )
 _LINE_M = 0.2  # half width of the strip whose median height is shown
 _CLEAR_M = 0.06  # nearer to a true edge no error of the height is shown
-_LEAST_CLEAR = 0.3  # of the cells across the route
+_LEAST_CLEAR = 0.3  # share of the cells of that strip, across the route, that must be mapped
 _MAX_EDGE_ERROR_MM = 140.0  # an estimated edge farther than this from every true one matches none
 _LEAD = (
     "From depth camera and visual-inertial odometry: the ground, mapped before the walker reached it. Drift of the "

@@ -33,9 +33,9 @@ _STRAIGHT_M = 0.05  # the route is straight up to where it deviates by more from
 _REACH_M = 6.0
 """Edges farther away are not ahead."""
 _FACING = 0.5
-"""Cosine of the angle at which an edge of a winding stair is still met from in front."""
+"""Least cosine of the angle between the line ahead and the route at an edge that is met from in front."""
 _EVERY = 5
-"""Every n-th point is measured."""
+"""Of the map's points, every fifth is compared with the true ground."""
 
 SCORES = (
     Score(
@@ -73,7 +73,7 @@ class MapScores:
     """Scores of one walk's map against the true terrain.
 
     Attributes:
-        changes: In order along the route.
+        changes: The scored terrain changes, in order along the route.
         accuracy_m: RMS distance of the map's ground ahead on the route from the true mesh.
         accuracy_p95_m: 95th percentile of it.
         completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
@@ -261,7 +261,14 @@ def _rms(values: Array | Sequence[float]) -> float:
 
 
 def _profile_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Profile:
-    """The map's profile straight ahead of a place on the route, corrected for drift."""
+    """The map's profile straight ahead of a place on the route, corrected for drift.
+
+    Args:
+        mapper: The map.
+        place_m: The place along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
     heading = float(layout.way.heading(place_m))
     return mapper.profile(alignment.to_estimated(layout.way.point(place_m)), heading - alignment.yaw)
 
@@ -307,9 +314,8 @@ def _score_change(
             slope_sd_rad=plane.slope_sd,
         )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):  # the longest first
-        sign = math.copysign(
-            1.0, change.riser
-        )  # -1 where the walker goes down, against the flight's direction of ascent
+        # -1 where the walker goes down, against the flight's direction of ascent
+        sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:  # it rises, or falls, in another direction than the true one
             continue
         # from the true begin to each edge of the flight, m forward; the first one that the walker meets is the begin
@@ -461,10 +467,10 @@ def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
     jumps = np.array([s for s, _, _ in edges(layout.profile)])  # places of the true edges, m along the route
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
-    across = np.stack(
-        [np.cos(heading), np.sin(heading)], -1
-    )  # (J, 2) direction of the route, perpendicular to each edge
+    # (J, 2) direction of the route at each edge, perpendicular to the edge
+    across = np.stack([np.cos(heading), np.sin(heading)], -1)
     facing = across @ forward  # cosine of the angle between the line and the route at each edge
     # distance of each edge's line from the place, perpendicular to the edge
     away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)
+    # along the line to the edge it is longer by 1 / cos
     return np.asarray(away[facing > _FACING] / facing[facing > _FACING])
