@@ -80,8 +80,9 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
 def vertical_rotation(M: Array) -> Array:
     """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3).
 
-    The angle is atan2(M₂₁ - M₁₂, M₁₁ + M₂₂), with rows and columns counted from 1. With M = Σ t eᵀ of centred points this is the least-squares rotation about
-    the vertical from points e to points t; with a rotation matrix M it is the nearest such rotation.
+    The angle is atan2(M₂₁ - M₁₂, M₁₁ + M₂₂), with rows and columns counted from 1. With M = Σ t eᵀ of centred points
+    this is the least-squares rotation about the vertical from points e to points t; with a rotation matrix M it is the
+    nearest such rotation.
     """
     a = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
     return np.asarray(Rotation.from_rotvec(a[..., None] * np.array([0.0, 0.0, 1.0])).as_matrix())
