@@ -15,6 +15,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 ALIGNMENTS = ("start", "yaw", "se3")
+"""Valid values of `how` in `align`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +124,14 @@ class YawAlignment:
 
     @staticmethod
     def _transform_points(points: Array, origin: Array, target: Array, rotation: Array) -> Array:
-        """Points (..., 2 or 3) rotated about the vertical around `origin`, which then becomes `target`, m."""
+        """Points rotated about the vertical through `origin`, and then shifted so that `origin` becomes `target`.
+
+        Args:
+            points: (..., 2 or 3) m.
+            origin: (3,) m.
+            target: (3,) m.
+            rotation: (2, 2) in the horizontal plane; heights are only shifted.
+        """
         # points of two coordinates use the horizontal part of `origin` and `target`
         offset = np.asarray(points, float) - origin[: np.shape(points)[-1]]
         offset[..., :2] = offset[..., :2] @ rotation.T

@@ -283,6 +283,11 @@ class OutputKind(ABC, Generic[E, V]):
     def write(self, output: Output[E], file: Path, options: FileOptions) -> Written:
         """Writes an output to a file, and to others of the same name if the kind has several.
 
+        Args:
+            output: The output.
+            file: The requested file; others have another suffix or ending.
+            options: What the user asks of the files.
+
         Raises:
             StrideTwinError: There is nothing to write, or a library that writes it is not installed.
         """
@@ -291,7 +296,9 @@ class OutputKind(ABC, Generic[E, V]):
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """Makes what formats the estimates of one estimator as rows in `live`.
 
-        It writes a file only if one is given.
+        Args:
+            declaration: Declaration of the estimator.
+            file: File to write at the end; None writes none.
         """
 
     def report(self, evaluations: Sequence[V], recording: Recording) -> ReportParts:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 CURVES_HZ = 50.0
+"""Rate of the values of a curve in the viewer."""
 
 
 def log_curves(

@@ -44,7 +44,13 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
 
 
 def _compile_estimators(stop: Event, names: Sequence[str], metadata: Mapping[str, str]) -> None:
-    """Compiles one estimator after the other, until `stop` is set."""
+    """Compiles one estimator after the other, until `stop` is set.
+
+    Args:
+        stop: Set when no further estimator shall be compiled; the present one is finished.
+        names: Names of the estimators.
+        metadata: Of the recordings that follow.
+    """
     for name in names:
         if not stop.is_set():
             compile_estimator(name, metadata)

@@ -151,11 +151,11 @@ class _Live:
                 if self._chain is not None:
                     self._chain.abandon()
                 raise
-            counted = {"late": self._reorder.late, **self._counts}
-            streams = {
-                topic: {**vars(traffic), **{name: counts[topic] for name, counts in counted.items()}}
-                for topic, traffic in sorted(receiver.traffic.items())
-            }
+            counts_by_reason = {"late": self._reorder.late, **self._counts}  # each a number by topic
+            streams: dict[str, dict[str, int]] = {}
+            for topic, traffic in sorted(receiver.traffic.items()):
+                streams[topic] = {**vars(traffic)}
+                streams[topic] |= {reason: counts[topic] for reason, counts in counts_by_reason.items()}
             return Outcome(
                 latency=self._latency if self._chain is not None else None,
                 files=files,

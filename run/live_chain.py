@@ -16,6 +16,7 @@ from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 EstimatorRow = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
+# problems of a topic's samples, for a warning
 _KIND = "of another kind than the estimator reads: such samples are left out"
 _SIZE = "of another size than in the rig: such images are left out"
 _COLOUR = "in colour where the estimator reads grey: such images are left out"

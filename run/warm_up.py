@@ -87,7 +87,8 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     Args:
         takes: The kind of sample by topic; IMU and camera topics are those of `synthetic_rig`.
     """
-    encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
+    encoder = messages.MessageEncoder(synthetic_rig())
+    decoders: dict[str, messages.MessageDecoder] = {}  # by topic
     for synthetic in _samples(takes):
         message = encoder.encode(synthetic)
         decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
@@ -176,7 +177,10 @@ def _draw_board() -> NDArray[np.uint8]:
 
 
 def _draw_blobs() -> NDArray[np.uint8]:
-    """A colour image (H, W, 3) of smooth blobs: among equal pixels, a corner detector finds no maximum."""
+    """A colour image (H, W, 3) of smooth blobs of about 8 pixels.
+
+    Among equal pixels, a corner detector would find no maximum.
+    """
     blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
     return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
 

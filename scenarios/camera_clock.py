@@ -37,13 +37,13 @@ _MIN_CORRELATION = 0.7  # correlation from which a result counts
 _MAX_HALF_WIDTH_S = 0.01  # half width up to which a result counts
 _MODEL_SD_S = 0.0008  # of exposure, low-pass and features: offsets of twelve catalogue walks (seeds below 1000)
 _BLOCK = 11  # pairs of images of a block
-_MIN_BLOCKS = 6
+_MIN_BLOCKS = 6  # fewest blocks from which a clock is estimated
 _OUTLIER = 5.0  # times the median of the squared differences
 _MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
-_SHOES = ("foot_l", "foot_r")
+_SHOES = ("foot_l", "foot_r")  # bodies
 
 
 class ClockRow(TypedDict):
@@ -110,6 +110,10 @@ def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
 
     Such images show the motion of both shoes, so that the gyro of one does not explain them.
 
+    Args:
+        rig: Calibration with the boards.
+        camera: The camera.
+
     Returns:
         The board; None for a camera that is on no shoe or measures depth, and without a board on the other shoe.
     """
@@ -159,7 +163,7 @@ def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate:
         t: (M,) stamps of the gyro, ns.
         rate: (M, 3) rates of the gyro in the camera's axes, rad/s.
     """
-    # an incomplete segment at the end is left out, unless it is the only one
+    # segments that a further image follows; the rest at the end is left out, unless it is the only one
     starts = range(0, max(1, len(images) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:

@@ -19,7 +19,7 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Sample
 
-_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
+_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180  # units of data sheets, in m/s² and rad
 # Full scales of parts of public recordings that are not in the library, from their data sheets: text in the part's
 # name, then field of a sample, to rad/s or m/s².
 _FURTHER_FULL_SCALES = {
@@ -79,7 +79,7 @@ CLIPPED_PCT, RANGE_HITS_PCT = 5.0, 20.0
 """Shares of saturated samples from which a warning and an error are due. On 14 real walks whose samples were clipped at
 smaller ranges, the foot's error stays within a factor of 1.2 up to the first (median), doubles by the second, and grows
 more than fivefold above it (`python -m benchmarks.foot_ins_clipping`)."""
-_MIN_SAMPLES = 10
+_MIN_SAMPLES = 10  # fewest samples of a stream whose values are checked
 _SHARE_OF_CLOCKS = 0.5  # part of the progress that the check of the cameras' clocks takes
 
 

@@ -23,7 +23,7 @@ LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration of a stationary wearer."""
 _MEASUREMENT = 4  # key of the random numbers of the measurement, beside the walk's seed
 _THIGH, _KNEE, _FOOT = 5, 6, 8  # numbers of frames in the D-H table
-_SENSORS = {"ahrs", "encoder", "insole"}
+_SENSORS = {"ahrs", "encoder", "insole"}  # kinds of sensors without which the estimator does not run
 
 
 def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
@@ -154,6 +154,10 @@ def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) ->
     """The exoskeleton as a laboratory measures it.
 
     Errors of segment lengths have the standard deviation `LINK_SD_M`, those of AHRS mounts `MOUNT_SD_RAD`.
+
+    Args:
+        exo: True geometry.
+        rng: Random numbers of the measurement.
     """
 
     def measure_mount(attitude: geometry.Attitude) -> geometry.Attitude:

@@ -36,6 +36,7 @@ _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 """Most features that are looked for, the number below which new ones replace them, and the number below which no
 rotation is estimated."""
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
+"""Least strength of a corner relative to the strongest one, and least distance of two corners."""
 _LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
 """Median motion of the features below which the camera is at rest; median residual below which a rotation alone
@@ -179,6 +180,7 @@ def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
         y: (N, 2) in the second image.
         pixel: Size of a pixel in normalised coordinates.
     """
+    # 0.999 is the probability with which RANSAC shall find the right matrix
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):  # OpenCV stacks several solutions
         return None

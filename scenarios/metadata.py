@@ -11,12 +11,19 @@ from stridetwin.sim.faults.sample_faults import Restart
 from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.pose_restart import RESTARTS
 
-_FAULTS = "faults"
+_FAULTS = "faults"  # key in the metadata
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """One fault on one stream, from start to end; a mount slip is permanent and ends with the walk."""
+    """One fault on one stream, from start to end; a mount slip is permanent and ends with the walk.
+
+    Attributes:
+        kind: Kind of the fault, as the scenario names it.
+        topic: The stream.
+        from_s: When it begins, as a stamp of the recording.
+        until_s: When it ends.
+    """
 
     kind: str
     topic: str

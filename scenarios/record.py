@@ -92,6 +92,10 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
 def nominal_sensors(config: TwinConfig, seed: int) -> tuple[Rig, dict[str, str]]:
     """The nominal rig of a walk, and the geometry of its exoskeleton as metadata, before the walk is planned.
 
+    Args:
+        config: Configuration of the walk.
+        seed: Seed of the walk, which determines the errors of the calibration.
+
     Raises:
         StrideTwinError: The simulator is not installed.
     """

@@ -276,6 +276,7 @@ _OPTIONS = {
 }
 """Attributes of a `SensorConfig` that only some groups have."""
 _COMMON_OPTIONS = ("ideal", "rate_hz", "clock")
+"""Attributes of a `SensorConfig` that all groups have."""
 _HIGHEST_ON_SHOE_M = 0.15
 """Height of the upper of a high shoe above its sole."""
 _ON_SHOE = (

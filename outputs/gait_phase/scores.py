@@ -29,7 +29,7 @@ STEADY_CHANGE = 0.1
 """A level stride is steady if its time differs from the previous one by less than this share, and it is neither one of
 the foot's first two nor its last."""
 _TERRAIN_OF_MODE = {"LG": LEVEL, "SA": STAIRS, "SD": STAIRS, "RA": RAMP, "RD": RAMP}
-_INTERVAL_95 = 1.96
+_INTERVAL_95 = 1.96  # standard deviations on each side of the mean that contain 95 % of a normal density
 
 SCORES = (
     Score(name="rmse_pct", heading="phase %", label="Phase, RMS error", unit="% of the cycle"),
@@ -265,7 +265,7 @@ def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]
     pairs = match_touch_downs(detected_ns, true_ns)
     errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])
     margin_ns = 250_000_000  # the tolerance of `match_touch_downs`
-    # every matched detection is among these
+    # detections that a true touch-down could match
     between = (detected_ns > true_ns[0] - margin_ns) & (detected_ns < true_ns[-1] + margin_ns)
     scores = {"missed": float(len(true_ns) - len(pairs)), "extra": float(between.sum() - len(pairs))}
     if not pairs:

@@ -41,6 +41,10 @@ def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """The mapped ground along the straightened route by class, with mapped edges, true footprints and the true path.
 
     The route is cut into rows, true to scale.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
     """
     straight = StraightenedRoute(walk)
     span = (max(float(route.s[0]), straight.span_m[0]), min(float(route.s[-1]), straight.span_m[1]))
@@ -96,7 +100,12 @@ def _encode_class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) ->
 
 
 def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Heights along the route: true ground, mapped ground by class, estimated edges."""
+    """Heights along the route: true ground, mapped ground by class, estimated edges.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
+    """
     s, height, classes = _ground_along_middle(route)
     profile, span = walk.layout.profile, StraightenedRoute(walk).span_m
     shown = (s > span[0]) & (s < span[1])
@@ -125,7 +134,12 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
+    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
+    """
     s, height, _ = _ground_along_middle(route)
     span = StraightenedRoute(walk).span_m
     true_edges = np.array([at for at, _, _ in edges(walk.layout.profile)])  # m along the route

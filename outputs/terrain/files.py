@@ -106,6 +106,10 @@ def _build_ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> tr
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
+
+    Args:
+        terrain_map: The map.
+        estimate: Its planes and terrains, which decide the colours.
     """
     import trimesh
 
@@ -134,7 +138,12 @@ def _terrain_name(terrain: Terrain | None) -> str:
 
 
 def _plane_fields(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
-    """A plane as plain values for the JSON file."""
+    """A plane as plain values for the JSON file.
+
+    Args:
+        plane: The plane.
+        terrain: The terrain that it belongs to; None without one.
+    """
     return {
         "id": plane.id,
         "terrain": _terrain_name(terrain),

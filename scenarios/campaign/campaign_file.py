@@ -25,16 +25,16 @@ from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
-_WHETHER = ("reject", "keep")
+_WHETHER = ("reject", "keep")  # what happens to walks of some kind
 MOST_WALKS = 1_000_000
 _SUFFIXES = (".yaml", ".yml")
 _CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}  # keys that no scenario file has
 _MOST_PEOPLE = 10_000
 _NOWHERE = FieldLocation(source="")
-_BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
+_BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")  # keys of a drawn body, in the file
 _MASS_KG = (45.0, 110.0)  # valid masses; that of a body mass index is limited to them
 _MM = 1e-3
-_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")  # a valid name of a part
 
 
 def _check_shares(shares: dict[str, float]) -> dict[str, float]:

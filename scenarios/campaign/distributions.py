@@ -236,7 +236,7 @@ def _span_text(ends: tuple[float, float]) -> str:
     return f"{ends[0]:g} to {ends[1]:g}"
 
 
-_KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")
+_KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")  # each names a distribution in a file
 
 
 def _distribution_tag(node: object) -> str | None:

@@ -14,6 +14,7 @@ from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, FOOT_IM
 from stridetwin.streams.errors import FieldLocation
 from stridetwin.streams.fields import DEG, MM
 
+# one step of a path: a key, and the indices of list items after it
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 PlainScenario = dict[str, object]
 """Content of a scenario file: its keys, with texts, numbers, lists and mappings as the file has them."""

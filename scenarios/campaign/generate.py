@@ -42,7 +42,7 @@ from stridetwin.streams.files import atomic_file, to_json
 _USED = "another process generates walks there: expected another folder"
 _RESUME = "the same command continues"
 _ANOTHER = "expected the same request to resume, or another folder"
-_LABELS = {"off": "sensors switched off:"}
+_LABELS = {"off": "sensors switched off:"}  # how a message names a key of a request, if not by the key
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +75,13 @@ class CampaignResult:
     @property
     def empty_parts(self) -> list[str]:
         """Parts of the splits without an accepted walk, such as `test (by person)`."""
+        # the parts of each accepted walk, by `person` and `terrain`
         accepted = [walk["split"] for walk in self.manifest["walks"] if walk["status"] == ACCEPTED]
-        return [
-            f"{part} (by {by})"
-            for by in self.manifest["splits"]
-            for part in self.manifest["shares"]
-            if not any(split[by] == part for split in accepted)
-        ]
+        empty: list[str] = []
+        for by in self.manifest["splits"]:
+            filled_parts = {split[by] for split in accepted}
+            empty += [f"{part} (by {by})" for part in self.manifest["shares"] if part not in filled_parts]
+        return empty
 
     @property
     def reasons(self) -> Counter[str]:

@@ -18,10 +18,10 @@ import numpy as np
 from stridetwin.scenarios.campaign.campaign_file import Campaign, Splits
 from stridetwin.scenarios.campaign.walk import ACCEPTED, WalkRow
 
-_GOLDEN = (5**0.5 - 1) / 2
+_GOLDEN = (5**0.5 - 1) / 2  # step of the fractions by which names are assigned to parts
 _KEYS = {"person": 2, "terrain": 3}  # keys of the random numbers of each split
-_BARS = "▁▂▃▄▅▆▇█"
-_BINS = 16
+_BARS = "▁▂▃▄▅▆▇█"  # of a histogram, the lowest first
+_BINS = 16  # of a histogram
 _FILES = {
     "manifest.json": "every walk: seed, drawn values, person, terrain, checksum, verdict, splits",
     "recordings/": "the accepted walks",
@@ -95,8 +95,13 @@ class Manifest(TypedDict):
 def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
     """Assigns each person and each terrain of all walks to a part of its split.
 
+    Args:
+        rows: Rows of all walks, in order.
+        splits: The parts with their shares.
+        seed: Seed of the campaign.
+
     Returns:
-        By `person` and `terrain`: name to part.
+        Under `person` and `terrain`: the part of each person or terrain, by its name.
     """
     parts = {}
     for by in _KEYS:

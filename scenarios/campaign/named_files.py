@@ -25,10 +25,10 @@ from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
 FILES, SCENARIOS = "files", "scenarios"
 """Folders of the output: copies of the user's files, and the scenario file of each walk."""
-_PARSED = "parsed.yaml"
+_PARSED = "parsed.yaml"  # file through which a scenario is tried
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
-_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
+_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")  # endings of the user's files: YAML, models and meshes
 _NAMING = ("sensors", "exo", "terrain")
 """Keys of a scenario that may name files."""
 
@@ -252,6 +252,11 @@ class NamedFiles:
 
     def _find_file(self, home: Path, name: str, where: FieldLocation) -> Path:
         """Path of a file that must exist in the naming file's folder or below it.
+
+        Args:
+            home: Folder that the name is relative to.
+            name: The file, as written.
+            where: Position of the name, for errors.
 
         Raises:
             ConfigError: The file does not exist there.

@@ -116,6 +116,10 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     The scenario of each walk is drawn first. Each scenario then has a unit cube of its own, with one dimension for the
     person and one per varying value; its walks take the points in order. So the values of a scenario fill their ranges
     jointly, independent of the other scenarios.
+
+    Args:
+        campaign: The campaign.
+        extra: Overrides for every walk.
     """
     members, sampling = draw_people(campaign), campaign.sampling
     # number of the scenario of each walk

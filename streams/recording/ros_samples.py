@@ -47,6 +47,7 @@ TopicValues = Callable[[str, Rig, Constants], dict[str, object]]
 FEET = ("l", "r")
 TERRAINS = ("level", "stair", "ramp")
 MODES = ("LG", "SA", "SD", "RA", "RD")
+"""Locomotion modes: level ground, stair ascent and descent, ramp ascent and descent."""
 
 _ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
 """Covariance (3, 3), row by row, by which an Imu message says that it lacks a quantity: the first entry is -1."""
@@ -386,8 +387,9 @@ _BY_TYPE = {small.typename: small for small in SAMPLE_MAPPINGS.values()}
 def find_mapping(typename: str, first: Rows) -> SampleMapping:
     """Finds the type of sample that a topic's messages are, from the first one by any writer.
 
-    An Imu message without angular rate is an accelerometer, one with an orientation and without acceleration an
-    attitude reference, any other one an IMU; a joint state of one joint and nothing but its position is an encoder.
+    An Imu message with an acceleration and no angular rate is an accelerometer, one with an orientation and no
+    acceleration an attitude reference, any other one an IMU. A joint state of one joint and nothing but its position is
+    an encoder.
 
     Args:
         typename: ROS 2 type of the messages.

@@ -132,6 +132,7 @@ _MOST_STORES = 256
 OWN_PACKAGE = "stridetwin_msgs"
 """ROS package of our own message types."""
 OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
+"""Names of our own message types."""
 
 
 @cache
