@@ -63,6 +63,7 @@ class Chain:
     def __init__(self, request: Request, rig: Rig, metadata: Mapping[str, str]) -> None:
         """Builds the estimator and, if its kind takes poses, an odometry before it."""
         estimator_class = request.load()
+        # `source` names the metadata in errors: they come with a sender's hello
         options = replace(request.options, metadata=metadata, source="hello")
         self._name, kind = estimator_class.declaration.name, kind_of(estimator_class.declaration)
         # odometry and estimator together; None for an estimator that takes no poses

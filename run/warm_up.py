@@ -43,7 +43,9 @@ def synthetic_rig() -> Rig:
     for body, axes in _AXES.items():
         T_body_sensor = np.eye(4)  # the columns of the rotation are the camera's axes; IMUs have the body's axes
         T_body_sensor[:3, :3] = np.transpose(axes)
-        mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
+        mount = Mount(body=body, T_body_sensor=T_body_sensor)
+        on_head = body == "head"
+        # noise and ranges are those of usual parts
         imu = ImuCalibration(
             topic=f"/{body}/imu",
             part="",

@@ -319,8 +319,8 @@ def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float
     at = int(np.argmin(means))
     # (3,) variance of each axis, from the median of its squares, which outliers hardly change
     variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
-    squared = np.sum(residual**2 / variance, axis=2)
-    return np.minimum(squared, _OUTLIER * np.median(squared[at])), at, float(means[at])
+    weighted = np.sum(residual**2 / variance, axis=2)
+    return np.minimum(weighted, _OUTLIER * np.median(weighted[at])), at, float(means[at])
 
 
 def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:

@@ -231,8 +231,9 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
     # the samples of all these strides together
     errors = np.concatenate([stride_errors for _, stride_errors, _ in rows])
     sds = np.concatenate([stride_sds for _, _, stride_sds in rows])
-    inside = [slice(*np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))) for stride, _, _ in rows]
-    walking = np.concatenate([series.walking[samples] for samples in inside])
+    # which samples of the series lie in each of these strides
+    ranges = [slice(*np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))) for stride, _, _ in rows]
+    walking = np.concatenate([series.walking[samples] for samples in ranges])
     groups: Mapping[str, list[Array]] = {
         **{terrain: [e for stride, e, _ in rows if stride.terrain == terrain] for terrain in TERRAINS},
         "steady": [e for stride, e, _ in rows if stride.is_steady],

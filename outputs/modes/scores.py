@@ -466,11 +466,11 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
         `seen_pct`, share of the changes where the size was observed, not guessed; `rmse` of those; `all_rmse` of all.
     """
     sd = name.replace("_", "_sd_")  # `riser_m` has the standard deviation `riser_sd_m`
-    errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    pairs = [(getattr(a, name), getattr(a, sd)) for a in approaches]  # error and standard deviation of each change
     return {
-        "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in errors),
-        "rmse": rms([e for e, d in errors if d < _MAX_OBSERVED_SD[name]], factor),
-        "all_rmse": rms([e for e, _ in errors], factor),
+        "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in pairs),
+        "rmse": rms([e for e, d in pairs if d < _MAX_OBSERVED_SD[name]], factor),
+        "all_rmse": rms([e for e, _ in pairs], factor),
     }
 
 

@@ -387,7 +387,7 @@ def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
     Returns:
         (N,) m along the route, and (N,) m to the left of it; empty at the end of the route.
     """
-    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)  # 1e-9 so that both ends are included
     s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(place_m, layout), across))
     return s, aside
 

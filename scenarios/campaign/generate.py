@@ -252,7 +252,7 @@ def _differences(request: Mapping[str, object], previous: Mapping[str, object]) 
 
 
 def _text(value: object) -> str:
-    """A setting as text for a message."""
+    """A setting of a request as text for a message; None leaves what the scenario has."""
     if isinstance(value, (list, tuple)):
         return ", ".join(value) or "none"
     return "as in the scenario" if value is None else str(value)

@@ -253,7 +253,7 @@ def _file_lines(manifest: Manifest) -> Iterator[str]:
     """Yields the lines of the card's table of files."""
     yield "| | |\n|---|---|"
     for name, what in _FILES.items():
-        if name != "files/" or manifest["files"]:
+        if name != "files/" or manifest["files"]:  # the folder `files` exists only where the scenarios name files
             yield f"| `{name}` | {what} |"
 
 
