@@ -34,7 +34,7 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
     """
     names = [name for name in registry.names() if only is None or name in only]
     uncompiled = [name for name in names if _is_uncompiled(registry.estimator(name), rig, metadata)]
-    # Those that take poses run an odometry, too; they have the most to compile.
+    # first those that take poses: they run an odometry, too, and have the most to compile
     uncompiled.sort(key=lambda name: not kind_of(registry.estimator(name).declaration).takes_poses)
     if not uncompiled:
         yield

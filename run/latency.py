@@ -91,7 +91,7 @@ class Times:
         """
         if not self.count:
             return 0.0
-        # the first bin up to whose end the requested number of times lies
+        # the first bin with which at least the requested number of times has been counted
         bin_number = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
         return min(_SHORTEST_S * _GROWTH ** (bin_number + 1), self.most_s)
 

@@ -115,7 +115,7 @@ class InputCheck:
         """Notes the camera of each topic of images and depth."""
         self._takes = takes
         self._cameras: dict[str, CameraCalibration] = {}
-        for camera in rig.cameras.values():
+        for camera in rig.cameras.values():  # without depth, its `depth_topic` "" is the topic of no sample
             self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
 
     def find_problem(self, sample: Sample) -> tuple[str, str, str] | None:

@@ -353,6 +353,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
         "longest_gap_at_s": timing["longest_gap_at_s"],
     }
     findings: list[Finding] = []  # gaps of images are warnings, gaps of other sensors errors
+    # other sensors have no section in Kalibr's format, so that a calibration may lack them
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"

@@ -249,9 +249,9 @@ def _check_times(fault: Fault) -> Fault:
     """
     if not isinstance(fault, TimedFault):
         return fault
-    times = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
-    if len(times) != 1:
-        raise field_error(list(times), "either at_s or rate_per_min")
+    keys = [key for key in ("at_s", "rate_per_min") if getattr(fault, key) is not None]  # those that the file has
+    if len(keys) != 1:
+        raise field_error(keys, "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
         raise field_error(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault

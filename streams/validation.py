@@ -197,7 +197,9 @@ def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object 
         root: Schema of the whole file, which has the definitions.
         value: The present value; a similar word or key is suggested.
     """
-    choices = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
+    choices: list[object] = []  # the valid words of all schemas
+    for schema in schemas:
+        choices += [schema["const"]] if "const" in schema else schema.get("enum", [])
     alternatives = [suggest(value, dict.fromkeys(choices))] if choices else []
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):

@@ -224,7 +224,7 @@ def score_modes(
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
-    for i, print_ in enumerate(landed):
+    for i, print_ in enumerate(landed):  # `print` is a built-in
         allowed = (print_.mode, *alternatives[i])
         # an estimate e predicts this step as e.steps[k]; the lead time counts from the first estimate after the last
         # wrong one

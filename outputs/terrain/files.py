@@ -62,6 +62,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     estimate = terrain_map.estimate
     if estimate is None:
         raise RecordingError("no depth image has a pose, so the map is empty")
+    # made first, so that no file is written if the library is not installed
     mesh_files = _export_meshes(terrain_map, estimate, file) if mesh else {}
     points, plane = terrain_map.surface_points()  # (N, 3) m, and (N,) id of the plane of each point
     kinds = [_terrain_name(estimate.terrain_of(int(p))) for p in plane]

@@ -369,6 +369,7 @@ def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
     # in the axes of the route there: forward along it, and to the left
     cos, sin = np.cos(heading[nearest]), np.sin(heading[nearest])
     along, aside = offset[:, 0] * cos + offset[:, 1] * sin, offset[:, 1] * cos - offset[:, 0] * sin
+    # farther along than a cell from the nearest sample are only points before the first one or beyond the last one
     return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
 
 

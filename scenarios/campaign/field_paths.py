@@ -101,6 +101,7 @@ def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any
             sensors: Any = scenario["sensors"]
             pitch_deg = sensors["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
             _, position_m = RGBD_MOUNT[str(scenario.get("camera_mount", "head"))]  # the body, and the place on it
+            # it faces forward (0° aside), and down by the pitch
             return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
         case _:
             return {}
@@ -163,7 +164,8 @@ def _expand_short_form(node: object, *, of_group: bool) -> object:
     if of_group:
         if isinstance(node, str):
             return {"part": node}
-        return {} if isinstance(node, bool) else node  # a mapping of options switches the group on
+        # a switch becomes an empty mapping, off as well as on: an option in it switches the group on
+        return {} if isinstance(node, bool) else node
     if isinstance(node, list):
         # only the groups whose state differs from the default one
         return {group: group in node for group in KIND if (group in node) != (group in TwinConfig.sensors)}

@@ -199,7 +199,11 @@ def manifest(
 
 
 def varying_values(campaign: Campaign) -> dict[str, str]:
-    """Each varying value, with its distribution as text; values of one scenario begin with its name."""
+    """Values and their distributions as text: those that vary, and all body measures of the people.
+
+    The value of one scenario alone begins with its name, a body measure with `people[i]`, where i is the number of the
+    group; a group of predefined people has their names.
+    """
     texts = {v.name: v.distribution.description for v in campaign.variables if v.varies}
     for base in campaign.bases:
         texts |= {f"{base.name}: {v.name}": v.distribution.description for v in base.variables if v.varies}
@@ -268,12 +272,11 @@ def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
         # `NAME` is set in all scenarios, `BASE: NAME` in one, where it replaces the value of all
         first, colon, second = name.partition(": ")
         base, value_name = (first, second) if colon else ("", name)
-        values = [
-            w["values"][value_name]
-            for w in accepted
-            if value_name in w["values"]
-            and (w["scenario"] == base if base else f"{w['scenario']}: {name}" not in manifest["ranges"])
-        ]
+        values: list[object] = []  # of the walks in which this line sets the value
+        for walk in accepted:
+            is_of_line = walk["scenario"] == base if base else f"{walk['scenario']}: {name}" not in manifest["ranges"]
+            if is_of_line and value_name in walk["values"]:
+                values.append(walk["values"][value_name])
         yield _row(name, text, values)
     # the measures that the people actually have, instead of drawn quantities such as `bmi`
     bodies = [manifest["people"][w["person"]] for w in accepted]

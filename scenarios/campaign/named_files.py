@@ -189,7 +189,7 @@ class NamedFiles:
             where: Position of the block.
 
         Raises:
-            ConfigError: An invalid path, a field set twice, or a file outside of the folder.
+            ConfigError: An invalid path, the same paths given twice, or a file outside of the folder.
         """
         variables: list[Variable] = []
         for name, value in values.items():

@@ -240,7 +240,7 @@ def right_jacobian(v: Array) -> Array:
     """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     t = math.sqrt(t2)  # θ
-    if t < 1e-4:
+    if t < 1e-4:  # the quotients lose digits, as their terms cancel
         return _sum_powers_of_hat(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
     return _sum_powers_of_hat(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
 
@@ -253,7 +253,7 @@ def right_jacobian_inverse(v: Array) -> Array:
     """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     t = math.sqrt(t2)  # θ
-    if t < 1e-4:
+    if t < 1e-4:  # the factor loses digits, as its terms cancel
         return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
     return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
 

@@ -243,7 +243,7 @@ class RecordingIndex:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except CutOffError as error:
             self.notes.add_problem(Problem("", None, f"{error}; {self._readable_range_text()}"))
-        except DamagedError as error:
+        except DamagedError as error:  # a wrong CRC of the whole data or summary, which is raised after the last record
             self.notes.add_problem(Problem("", None, str(error)))
 
     def _readable_range_text(self) -> str:
@@ -309,7 +309,9 @@ class RecordingIndex:
                     self.notes.add_problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
-        """Indexes the messages of a chunk, of one channel per topic; notes the chunk if it has valid samples.
+        """Indexes the messages of a chunk, and notes the chunk if it has valid samples.
+
+        Of a topic with several channels (publishers) only the first in the chunk is read.
 
         Args:
             offset: Place of the chunk in the file, bytes.

@@ -113,8 +113,8 @@ class RecordingWriter:
                 default samples arrive at their stamps.
 
         Raises:
-            RecordingError: A stamp (or arrival) of the topic is not after the previous one, or the topic changes its
-                kind.
+            RecordingError: A stamp of the topic is not after the previous one, an arrival is before it, one of them is
+                out of range, or the topic changes its kind.
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
@@ -145,7 +145,8 @@ class RecordingWriter:
             log_ns: Arrival time of each, (N,) ns; None: the stamps.
 
         Raises:
-            RecordingError: A stamp or arrival is not after the previous one, or the topic changes its kind.
+            RecordingError: A stamp is not after the previous one, an arrival is before it, one of them is out of range,
+                or the topic changes its kind.
         """
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
