@@ -392,6 +392,7 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
         squared = np.sum((a @ R.transpose(0, 2, 1) - b) ** 2, axis=2)
         most = _OUTLIER * np.median(squared, axis=1, keepdims=True)
         weight = (squared <= most).astype(float)
+    # the rotations of the last round, and their costs
     return R, np.mean(np.minimum(squared, most), axis=1)
 
 

@@ -51,34 +51,35 @@ def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
-    legs = {
-        side: geometry.Leg(
-            rows=tuple(
-                geometry.DhRow(
-                    alpha=row.alpha,
-                    a=row.a,
-                    d=row.d,
-                    theta=row.theta,
-                    turns=row.joint is not None,
-                    stops=_stops(side, row.joint),
-                )
-                for row in dh_table(links, side)
-            ),
+    legs = {}  # by side
+    for side in geometry.SIDES:
+        rows = tuple(
+            geometry.DhRow(
+                alpha=row.alpha,
+                a=row.a,
+                d=row.d,
+                theta=row.theta,
+                turns=row.joint is not None,
+                stops=_stops(side, row.joint),
+            )
+            for row in dh_table(links, side)
+        )
+        sole = geometry.Sole(
+            topic=f"/foot_{side}/insole",
+            T_foot_sole=T_foot_sole,
+            cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
+            heel_x=size.shoe.heel_back_x,
+            hinge_x=size.shoe.toe_hinge_x,
+            hinge_z=size.shoe.toe_hinge_z,
+            tip_x=size.shoe.toe_tip_x,
+        )
+        legs[side] = geometry.Leg(
+            rows=rows,
             thigh=mount(f"/exo/thigh_{side}/ahrs", _THIGH),
             knee=geometry.Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
             foot=mount(f"/exo/foot_{side}/ahrs", _FOOT),
-            sole=geometry.Sole(
-                topic=f"/foot_{side}/insole",
-                T_foot_sole=T_foot_sole,
-                cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
-                heel_x=size.shoe.heel_back_x,
-                hinge_x=size.shoe.toe_hinge_x,
-                hinge_z=size.shoe.toe_hinge_z,
-                tip_x=size.shoe.toe_tip_x,
-            ),
+            sole=sole,
         )
-        for side in geometry.SIDES
-    }
     return geometry.Exoskeleton(
         description="Exoskeleton of Shim et al. 2019, set to its wearer",
         back=mount("/exo/back/ahrs", 0),

@@ -132,8 +132,9 @@ def _walk_data(data: Any, steps: Iterable[_Step]) -> Iterator[tuple[_Step, objec
     Steps that the data do not have are passed over: tags, and keys that a file in a short form leaves out.
     """
     for step in steps:
-        known_steps = data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()
-        if step in known_steps:
+        is_key = isinstance(data, dict) and step in data
+        is_index = isinstance(data, list) and step in range(len(data))
+        if is_key or is_index:
             data = data[step]
             yield step, data
 
@@ -242,8 +243,8 @@ def _describe_range(schema: _Schema) -> str:
     """Description of a number by its least and largest value."""
     match schema:
         case {"minimum": low, "maximum": high}:
-            low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
-            return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"  # no hyphen after a minus sign
+            least, most = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
+            return f"{least} to {most}" if least.startswith("-") else f"{least}-{most}"  # no hyphen after a minus sign
         case {"exclusiveMinimum": low}:
             return f"a number above {low:g}"
         case {"minimum": low}:

@@ -431,7 +431,17 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
     # per attribute, the errors of the sizes that were observed, not guessed
     observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
-    # `sizes` below: for each size and each way, up or down, the figures of the changes of the one mode that has both
+    # for each size and each way, up or down, the figures of the changes to the one mode that has this size and way
+    figures_by_size: dict[str, dict[str, SizeFigures]] = {}
+    for size, name, factor, size_modes in (
+        ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
+        ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
+        ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
+    ):
+        figures_by_size[size] = {}
+        for way, mode in zip(("up", "down"), size_modes):
+            of_mode = [a for a in approaches if a.mode == mode]
+            figures_by_size[size][way] = _size_figures(name, factor, of_mode)
     return {
         "changes": len(approaches),
         "changes_found_pct": _percent(a.is_detected for a in approaches),
@@ -440,18 +450,10 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
         "riser_rmse_mm": rms(observed["riser_m"], 1e3),
         "tread_rmse_mm": rms(observed["tread_m"], 1e3),
         "slope_rmse_deg": rms(observed["slope_rad"], 180.0 / math.pi),
-        "sizes": {
-            size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
-                   for way, mode in zip(("up", "down"), modes)}
-            for size, name, factor, modes in (
-                ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
-                ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
-                ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
-            )
-        },
+        "sizes": figures_by_size,
         "inside_95_pct": inside_pct([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
         "distance_inside_95_pct": inside_pct(sizes["distance_m"]),
-    }  # fmt: skip
+    }
 
 
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> SizeFigures:
@@ -503,7 +505,7 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
         For each tenth with steps: mean probability, share of steps that were right, and their number.
     """
     predicted = [s for s in steps if s.probabilities and not s.is_straddling]
-    p = np.array([max(s.probabilities) for s in predicted])
+    p = np.array([max(s.probabilities) for s in predicted])  # the largest one is that of the predicted mode
     right = np.array([s.is_correct for s in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)  # a probability of 1 belongs to the last bin
     rows = []

@@ -110,6 +110,7 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
     profile, span = walk.layout.profile, StraightenedRoute(walk).span_m
     shown = (s > span[0]) & (s < span[1])
     true = true_heights(profile, s)
+    # the figure shows 12 cm below the lowest ground
     span_z = data_range(true[shown], height[shown], include=(float(true[shown].min()) - 0.12,))
     plot = Plot(
         title="The ground from the side",

@@ -54,7 +54,7 @@ class RouteMapper:
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
-        # centres of the cells; the arrays are those of `MappedRoute`
+        # centres of the cells; the arrays are those of `MappedRoute`. 1e-9: rounding adds no cell beyond the edge.
         self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
         self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
         self._height = np.full((len(self._s), len(self._left)), np.nan)

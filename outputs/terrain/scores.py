@@ -216,12 +216,13 @@ class MapScorer:
     def scores(self) -> MapScores:
         """The scores over all samples so far."""
         points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
-        # (N,) m, distances of all sampled points from the true ground
-        far = distance_to(mesh_of(self._layout.slabs), points)
+        distances = distance_to(
+            mesh_of(self._layout.slabs), points
+        )  # (N,) m, of the sampled points from the true ground
         return MapScores(
             changes=tuple(self._changes),
-            accuracy_m=_rms(far),
-            accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
+            accuracy_m=_rms(distances),
+            accuracy_p95_m=float(np.percentile(distances, 95)) if len(distances) else math.nan,
             completeness=float(np.nanmean(self._complete)) if np.isfinite(self._complete).any() else math.nan,
             edge_errors=np.concatenate(self._edges) if self._edges else np.zeros(0),
         )
@@ -422,7 +423,8 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
     starts = np.array([strip.s0 for strip in profile])
     # (strips, 4): begin along the route, height there, rise per m along the route and per m to the left
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
-    at = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)  # the strip under each place
+    # number of the strip under each place; the first and the last one continue beyond the ends of the route
+    at = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
     s0, z0, slope, cross = strips[at].T
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
@@ -439,7 +441,7 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
         layout: The true terrain.
 
     Returns:
-        Estimated minus true distance; inf where no true edge is near.
+        Estimated minus true distance; all inf if there is no true edge near the place (`_edges_along`).
     """
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
     # mapped edges, m straight ahead
@@ -448,7 +450,8 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
     forward = np.array([math.cos(heading), math.sin(heading)])
     ahead = layout.way.point(place_m) + known[:, None] * forward
     straight = np.linalg.norm(layout.way.point(place_m + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
-    known, true = known[straight], _edges_along(place_m, forward, layout)  # m straight ahead, mapped and true
+    known = known[straight]
+    true = _edges_along(place_m, forward, layout)  # true edges, m straight ahead
     if not len(true):
         return np.full(len(known), math.inf)
     return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])

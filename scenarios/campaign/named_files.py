@@ -167,7 +167,7 @@ class NamedFiles:
         return Base(
             name=self._make_unique(path.stem),
             scenario=scenario,
-            weight=getattr(item, "weight", 1.0),
+            weight=getattr(item, "weight", 1.0),  # only the scenarios of a campaign have one
             variables=self.variables(item.set, where.key("set")),
             at=at,
             file=path,

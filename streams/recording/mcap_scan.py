@@ -175,7 +175,7 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             if opcode == Opcode.DATA_END:
                 (stored,) = struct.unpack("<I", body)  # CRC of the data section; 0 means that there is none
                 problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
-                crc = 0  # of the summary, which begins here
+                crc = 0  # of the summary, which begins after this record
             elif opcode == Opcode.FOOTER:
                 # a footer has 20 bytes: two offsets of 8 bytes, and the CRC of the summary; a CRC of 0 means none, and
                 # -1, for a footer of another size, is never correct
