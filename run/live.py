@@ -111,7 +111,7 @@ class _Live:
         self._request, self._say, self._emit = request, say, emit
         declaration = request.chain.load().declaration if request.chain else None
         default_window_s = declaration.window_s if declaration else WINDOW_S
-        default_budget_s = declaration.budget_s if declaration else 0.0
+        default_budget_s = declaration.budget_s if declaration else 0.0  # without an estimator it is not used
         window_s = default_window_s if request.window_s is None else request.window_s
         self._latency = Latency(default_budget_s if request.budget_s is None else request.budget_s)
         self._window_s, self._reorder = window_s, Reorder(window_s)

@@ -122,7 +122,12 @@ def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, 
 def _join_path(path: str, *steps: _Step) -> str:
     """`path` extended by keys (`path.step`) and indices (`path[step]`)."""
     for step in steps:
-        path = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
+        if isinstance(step, int):
+            path = f"{path}[{step}]"
+        elif path:
+            path = f"{path}.{step}"
+        else:
+            path = step
     return path
 
 

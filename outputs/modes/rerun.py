@@ -114,7 +114,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
             size = f", riser {1e3 * change.riser:.0f} mm"
         if math.isfinite(change.tread):
             size += f", tread {1e3 * change.tread:.0f} mm"
-        if math.isfinite(change.slope):
+        if math.isfinite(change.slope):  # a ramp, which has no riser and no tread
             size = f", {math.degrees(change.slope):.1f}°"
         lines.append(f"then {CLASS_NAMES[change.mode]} in {change.distance:.1f} m{size}")
     return "\n".join(lines)

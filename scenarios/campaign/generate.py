@@ -124,7 +124,8 @@ def generate(
         )
         for walk in plan_walks(campaign, options.extra)
     ]
-    # one process at a time; `unfinished` is a folder for files that are not complete yet
+    # one process at a time; `unfinished` is a folder for files that are not complete yet. The function says whether the
+    # folder has the row of a walk: a new folder without any is removed again if the run is refused.
     with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)

@@ -164,6 +164,7 @@ def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Va
     """
     variables: list[Variable] = []
     later = list(extra.places)  # fields that are set later on, as keys; a field inside one of them is replaced, too
+    # from the last variable to the first, so that `later` has the fields of all that follow
     for variable in reversed((*campaign.variables, *base.variables)):
         # for each of its fields, whether one of the later fields is that field or contains it
         is_replaced = [any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths]
