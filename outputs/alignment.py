@@ -15,6 +15,7 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Trajectory
 
 ALIGNMENTS = ("start", "yaw", "se3")
+"""Valid values of `how` in `align`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,8 +81,9 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
 def vertical_rotation(M: Array) -> Array:
     """The rotations (..., 3, 3) about z that maximise tr(Rᵀ M) for matrices (..., 3, 3).
 
-    The angle is atan2(M₂₁ - M₁₂, M₁₁ + M₂₂). With M = Σ t eᵀ of centred points this is the least-squares rotation about
-    the vertical from points e to points t; with a rotation matrix M it is the nearest such rotation.
+    The angle is atan2(M₂₁ - M₁₂, M₁₁ + M₂₂), with rows and columns counted from 1. With M = Σ t eᵀ of centred points
+    this is the least-squares rotation about the vertical from points e to points t; with a rotation matrix M it is the
+    nearest such rotation.
     """
     a = np.arctan2(M[..., 1, 0] - M[..., 0, 1], M[..., 0, 0] + M[..., 1, 1])
     return np.asarray(Rotation.from_rotvec(a[..., None] * np.array([0.0, 0.0, 1.0])).as_matrix())
@@ -122,7 +124,14 @@ class YawAlignment:
 
     @staticmethod
     def _transform_points(points: Array, origin: Array, target: Array, rotation: Array) -> Array:
-        """Points (..., 2 or 3) rotated about the vertical around `origin`, which then becomes `target`, m."""
+        """Points rotated about the vertical through `origin`, and then shifted so that `origin` becomes `target`.
+
+        Args:
+            points: (..., 2 or 3) m.
+            origin: (3,) m.
+            target: (3,) m.
+            rotation: (2, 2) in the horizontal plane; heights are only shifted.
+        """
         # points of two coordinates use the horizontal part of `origin` and `target`
         offset = np.asarray(points, float) - origin[: np.shape(points)[-1]]
         offset[..., :2] = offset[..., :2] @ rotation.T

@@ -212,6 +212,8 @@ class ReportParts:
 class OutputKind(ABC, Generic[E, V]):
     """A kind of output. `list` shows the first line of the docstring of its module.
 
+    `E` is the type of the estimates in its outputs, `V` that of its evaluations.
+
     Attributes:
         order: Place among the kinds in scores, reports and lists.
         scores: Its scores, in the order in which tables show them.
@@ -281,6 +283,11 @@ class OutputKind(ABC, Generic[E, V]):
     def write(self, output: Output[E], file: Path, options: FileOptions) -> Written:
         """Writes an output to a file, and to others of the same name if the kind has several.
 
+        Args:
+            output: The output.
+            file: The requested file; others have another suffix or ending.
+            options: What the user asks of the files.
+
         Raises:
             StrideTwinError: There is nothing to write, or a library that writes it is not installed.
         """
@@ -289,7 +296,9 @@ class OutputKind(ABC, Generic[E, V]):
     def live_output(self, declaration: Declaration, file: Path | None) -> LiveOutput:
         """Makes what formats the estimates of one estimator as rows in `live`.
 
-        It writes a file only if one is given.
+        Args:
+            declaration: Declaration of the estimator.
+            file: File to write at the end; None writes none.
         """
 
     def report(self, evaluations: Sequence[V], recording: Recording) -> ReportParts:

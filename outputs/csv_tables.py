@@ -13,7 +13,13 @@ from stridetwin.streams.files import atomic_file
 
 
 def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
-    """Writes a CSV file with a header."""
+    """Writes a CSV file with a header.
+
+    Args:
+        columns: Titles of the columns.
+        rows: Cells of each row.
+        path: The file.
+    """
     with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

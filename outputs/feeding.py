@@ -154,6 +154,6 @@ def start(instance: Instance, recording: Recording) -> tuple[AnyEstimator, Itera
         RecordingError: The recording lacks a required stream.
     """
     check_topics(instance, recording)
-    # streams that are not live are read by `follow` alone
+    # streams that are not live are for estimators that read a whole recording at once, by their method `follow`
     topics = [s.topic for s in instance.streams if s.live and s.topic in recording.topics]
     return instance.build(rig_of(recording)), iter(recording.samples(topics))

@@ -24,6 +24,7 @@ from stridetwin.streams.validation import suggest, validate
 ParameterValues = Mapping[str, Mapping[str, object]]
 """Values by the name of the estimator and of its parameter, as JSON can hold them."""
 OPTION = "--set"
+"""The option of commands that sets parameters; errors name it."""
 _IN_USE: ContextVar[ParameterValues] = ContextVar("_IN_USE", default=MappingProxyType({}))
 _END = "\n...\n"
 """What YAML writes after a value that stands alone."""
@@ -71,7 +72,7 @@ def to_texts(values: ParameterValues) -> list[str]:
 
 
 def _read_value(text: str, at: FieldLocation) -> Any:
-    """The value of a text: a number, a word, true or false, or a list of these."""
+    """The value of a text: a number, a word, true or false, or a list of these; `at` is its place, for errors."""
     try:
         value = yaml.safe_load(text)
     except yaml.YAMLError:

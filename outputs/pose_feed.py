@@ -69,6 +69,7 @@ def merge_poses(
             without any. See `PathEstimate.camera`.
     """
     streams = [] if camera is None else [_pose_samples(camera, CAMERA_POSES)]
+    # at equal stamps the samples come in the order of these arguments
     return heapq.merge(*streams, _pose_samples(poses, POSES), recording.samples(topics), key=lambda s: s.t_ns)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 CURVES_HZ = 50.0
+"""Rate of the values of a curve in the viewer."""
 
 
 def log_curves(
@@ -56,7 +57,7 @@ def thin_out(t_ns: NDArray[np.int64], rate_hz: float, *columns: Array) -> tuple[
         Times in s, and the columns.
     """
     seconds = t_ns * 1e-9
-    span_s = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0
+    span_s = float(seconds[-1] - seconds[0]) if len(seconds) > 1 else 1.0  # a single row is kept, whatever its span
     # number of rows per row that is kept
     step = max(1, round(len(seconds) / (span_s * rate_hz)))
     return seconds[::step], *(np.asarray(column[::step], dtype=float) for column in columns)

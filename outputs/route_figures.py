@@ -153,7 +153,7 @@ class StraightenedRoute:
         way, p = self._walk.layout.way, self._walk.p_frame_in_world[::8, :2]
         s = way.project(p)
         heading, offset = way.heading(s), p - way.point(s)
-        # distance to the left of the route
+        # (N,) m, distance to the left of the route: the part of the offset along (-sin, cos) of its direction
         left = offset[:, 1] * np.cos(heading) - offset[:, 0] * np.sin(heading)
         is_inside = (s > span[0]) & (s < span[1])
         plot.line(s[is_inside], left[is_inside], MUTED, width=1.0, label="true path of the camera")

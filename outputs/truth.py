@@ -159,6 +159,7 @@ def true_frames(topics: Iterable[str]) -> list[str]:
 
 
 FOOTPRINTS = "/truth/footprints"
+"""Topic of the true footprints."""
 SCORED_AHEAD_S = 1.5
 """How long before a foot lands beyond a terrain change its estimate is scored."""
 _REACH_M = 1.5  # longest step; joggers reach 1.4 m
@@ -220,7 +221,11 @@ class Flight:
 
 
 def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, float, Strip]]:
-    """Height steps of the ground of at least `min_m`, in order along the route.
+    """Height steps of the ground, in order along the route.
+
+    Args:
+        profile: Strips of the route.
+        min_m: Least size of a step, m.
 
     Returns:
         For each its place, m along the route; its height, m, down negative; and the strip that begins there.
@@ -230,10 +235,14 @@ def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, fl
 
 
 def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
-    """The flights of a route, in order; height steps below `min_m` are ignored.
+    """The flights of a route, in order.
 
     A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair. A
     flight that the route does not leave again is left out.
+
+    Args:
+        profile: Strips of the route.
+        min_m: Height steps below this are ignored, m.
     """
     route_flights: list[Flight] = []
     s, heights = [], []  # places and heights of the edges of the present flight

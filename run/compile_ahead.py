@@ -34,7 +34,7 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
     """
     names = [name for name in registry.names() if only is None or name in only]
     uncompiled = [name for name in names if _is_uncompiled(registry.estimator(name), rig, metadata)]
-    # Those that take poses run an odometry, too; they have the most to compile.
+    # first those that take poses: they run an odometry, too, and have the most to compile
     uncompiled.sort(key=lambda name: not kind_of(registry.estimator(name).declaration).takes_poses)
     if not uncompiled:
         yield
@@ -44,7 +44,13 @@ def compile_ahead(rig: Rig, metadata: Mapping[str, str], only: Collection[str] |
 
 
 def _compile_estimators(stop: Event, names: Sequence[str], metadata: Mapping[str, str]) -> None:
-    """Compiles one estimator after the other, until `stop` is set."""
+    """Compiles one estimator after the other, until `stop` is set.
+
+    Args:
+        stop: Set when no further estimator shall be compiled; the present one is finished.
+        names: Names of the estimators.
+        metadata: Of the recordings that follow.
+    """
     for name in names:
         if not stop.is_set():
             compile_estimator(name, metadata)

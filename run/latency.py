@@ -29,7 +29,15 @@ class TravelFigures(TimeFigures):
 
 
 class TopicFigures(TimeFigures):
-    """Times from the arrival of a topic's samples until an estimator has processed them, and its own part, ms."""
+    """Times from the arrival of a topic's samples until an estimator has processed them, ms.
+
+    Attributes:
+        samples: Number of samples.
+        estimates: Number of samples that gave a new estimate.
+        work_mean_ms: Mean time in which the estimator computed.
+        work_p99_ms: Its quantile of 99 %.
+        within_budget: Whether 99 % of the samples met the latency budget.
+    """
 
     samples: int
     estimates: int
@@ -83,7 +91,7 @@ class Times:
         """
         if not self.count:
             return 0.0
-        # the first bin up to whose end the requested number of times lies
+        # the first bin with which at least the requested number of times has been counted
         bin_number = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
         return min(_SHORTEST_S * _GROWTH ** (bin_number + 1), self.most_s)
 

@@ -60,8 +60,8 @@ class Outcome:
 
     Attributes:
         latency: None without an estimator.
-        files: Rows by file.
-        streams: Received traffic by topic.
+        files: Number of rows by file.
+        streams: Counters by topic: traffic of the receiver, and samples that were late or not used, by reason.
         refused: Refused senders, with reasons.
         refusals: Number of refusals.
         recorded: Messages in the recording.
@@ -111,7 +111,7 @@ class _Live:
         self._request, self._say, self._emit = request, say, emit
         declaration = request.chain.load().declaration if request.chain else None
         default_window_s = declaration.window_s if declaration else WINDOW_S
-        default_budget_s = declaration.budget_s if declaration else 0.0
+        default_budget_s = declaration.budget_s if declaration else 0.0  # without an estimator it is not used
         window_s = default_window_s if request.window_s is None else request.window_s
         self._latency = Latency(default_budget_s if request.budget_s is None else request.budget_s)
         self._window_s, self._reorder = window_s, Reorder(window_s)
@@ -151,11 +151,11 @@ class _Live:
                 if self._chain is not None:
                     self._chain.abandon()
                 raise
-            counted = {"late": self._reorder.late, **self._counts}
-            streams = {
-                topic: {**vars(traffic), **{name: counts[topic] for name, counts in counted.items()}}
-                for topic, traffic in sorted(receiver.traffic.items())
-            }
+            counts_by_reason = {"late": self._reorder.late, **self._counts}  # each a number by topic
+            streams: dict[str, dict[str, int]] = {}
+            for topic, traffic in sorted(receiver.traffic.items()):
+                streams[topic] = {**vars(traffic)}
+                streams[topic] |= {reason: counts[topic] for reason, counts in counts_by_reason.items()}
             return Outcome(
                 latency=self._latency if self._chain is not None else None,
                 files=files,
@@ -208,7 +208,7 @@ class _Live:
         given = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
         for name in differing - given:
             self._say(f"warning: another sender describes {name} differently; the first description is used")
-        self._metadata = hello.metadata | self._metadata
+        self._metadata = hello.metadata | self._metadata  # the first sender that gives a key prevails
         if self._recorder is not None:
             self._recorder.set_rig(self._rig, self._metadata)
         self._try_chain()
@@ -338,9 +338,10 @@ def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
         (first.boards, second.boards),
         (first.others, second.others),
     )
-    for one, two in pairs:
+    for of_first, of_second in pairs:
+        in_both = of_first.keys() & of_second.keys()
         # compared as text, because entries hold arrays
-        differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
+        differing |= {name for name in in_both if repr(of_first[name]) != repr(of_second[name])}
     merged = Rig(
         imus={**second.imus, **first.imus},
         cameras={**second.cameras, **first.cameras},

@@ -16,6 +16,7 @@ from stridetwin.streams.samples import Depth, Image, Imu, Sample
 
 EstimatorRow = tuple[str, str | None]
 """The estimator that has just processed the sample, and its estimate as a row; None without a new estimate."""
+# problems of a topic's samples, for a warning
 _KIND = "of another kind than the estimator reads: such samples are left out"
 _SIZE = "of another size than in the rig: such images are left out"
 _COLOUR = "in colour where the estimator reads grey: such images are left out"
@@ -62,6 +63,7 @@ class Chain:
     def __init__(self, request: Request, rig: Rig, metadata: Mapping[str, str]) -> None:
         """Builds the estimator and, if its kind takes poses, an odometry before it."""
         estimator_class = request.load()
+        # `source` names the metadata in errors: they come with a sender's hello
         options = replace(request.options, metadata=metadata, source="hello")
         self._name, kind = estimator_class.declaration.name, kind_of(estimator_class.declaration)
         # odometry and estimator together; None for an estimator that takes no poses
@@ -113,7 +115,7 @@ class InputCheck:
         """Notes the camera of each topic of images and depth."""
         self._takes = takes
         self._cameras: dict[str, CameraCalibration] = {}
-        for camera in rig.cameras.values():
+        for camera in rig.cameras.values():  # without depth, its `depth_topic` "" is the topic of no sample
             self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
 
     def find_problem(self, sample: Sample) -> tuple[str, str, str] | None:
@@ -132,5 +134,5 @@ class InputCheck:
         if (height, width) != (camera.height, camera.width):
             return _SIZE, f"{width} × {height}, not {camera.width} × {camera.height}", "other_size"
         if channels and camera.mount.body.startswith("foot"):
-            return _COLOUR, f"{channels[0]} channels", "other_size"
+            return _COLOUR, f"{channels[0]} channels", "other_size"  # colour is counted as a size
         return None

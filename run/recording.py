@@ -70,7 +70,8 @@ def evaluate_recording(
     """Runs every selected estimator that a recording feeds, and compares the outputs with the truth, kind by kind.
 
     Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
-    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+    the images. A kind that takes no poses is left out if the recording lacks its truth (`OutputKind.has_truth`), and
+    any kind without scores.
 
     Args:
         recording: The recording.
@@ -97,7 +98,7 @@ def run_recording(
     """Runs every selected estimator that a recording feeds, without comparing the outputs with the truth.
 
     Paths come first, because their odometry supplies the poses for terrain and modes, which are run in one pass over
-    the images. A kind whose truth the recording lacks (`OutputKind.has_truth`) is left out.
+    the images. A kind that takes no poses is left out if the recording lacks its truth (`OutputKind.has_truth`).
 
     Args:
         recording: The recording.
@@ -119,7 +120,8 @@ def run_recording(
         )
         driven: list[KindOutputs] | None = None  # of the kinds that take poses, if they have been run already
         if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
-            # the other process estimates the paths of those that supply no poses; this one odometry and what it drives
+            # the other process, which opens the MCAP file itself, estimates the paths of those that supply no poses;
+            # this one odometry and what it drives
             pool = stack.enter_context(open_pool(1))
             future = pool.submit(_find_other_paths, recording.path, recording.lenient, selection)
             odometries = find_paths(supplies_poses=True)
@@ -206,11 +208,11 @@ def has_two_image_estimators(recording: Recording, only: Container[str] | None =
         only: Names of the estimators to run; None stands for all.
     """
     # whether the estimators with images supply poses: {True, False} if there is an odometry and another one
-    supplies_poses = {
-        estimator_class.declaration.supplies_poses
-        for name, estimator_class in estimator_registry.estimators(PATH).items()
-        if only is None or name in only
-        for instance in runnable_instances(estimator_class, recording)
-        if any(stream.kind is Image and stream.topic in recording.topics for stream in instance.streams)
-    }
+    supplies_poses = set[bool]()
+    for name, estimator_class in estimator_registry.estimators(PATH).items():
+        if only is not None and name not in only:
+            continue
+        for instance in runnable_instances(estimator_class, recording):
+            if any(stream.kind is Image and stream.topic in recording.topics for stream in instance.streams):
+                supplies_poses.add(estimator_class.declaration.supplies_poses)
     return len(supplies_poses) == 2

@@ -43,7 +43,9 @@ def synthetic_rig() -> Rig:
     for body, axes in _AXES.items():
         T_body_sensor = np.eye(4)  # the columns of the rotation are the camera's axes; IMUs have the body's axes
         T_body_sensor[:3, :3] = np.transpose(axes)
-        mount, on_head = Mount(body=body, T_body_sensor=T_body_sensor), body == "head"
+        mount = Mount(body=body, T_body_sensor=T_body_sensor)
+        on_head = body == "head"
+        # noise and ranges are those of usual parts
         imu = ImuCalibration(
             topic=f"/{body}/imu",
             part="",
@@ -87,7 +89,8 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     Args:
         takes: The kind of sample by topic; IMU and camera topics are those of `synthetic_rig`.
     """
-    encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
+    encoder = messages.MessageEncoder(synthetic_rig())
+    decoders: dict[str, messages.MessageDecoder] = {}  # by topic
     for synthetic in _samples(takes):
         message = encoder.encode(synthetic)
         decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
@@ -136,7 +139,8 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
         takes: The kind of sample by topic.
     """
     # with depth the camera is that of the head, in colour; else it is a shoe's, which sees a board
-    pixels, depth = _draw_blobs() if Depth in takes.values() else _draw_board(), _draw_stair_depths()
+    pixels = _draw_blobs() if Depth in takes.values() else _draw_board()
+    depth = _draw_stair_depths()
     rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
     # time (ns), topic and number of every sample
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
@@ -160,8 +164,8 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
 def _draw_board() -> NDArray[np.uint8]:
     """An image (H, W) of the other shoe's board, as either shoe camera sees it from 0.2 m.
 
-    A square has 9 pixels, a white margin of one square is around the board, and the rest is grey. The board's columns
-    run against those of the image, as it faces the camera.
+    A square is 9 pixels wide, a light margin of one square is around the board, and the rest is grey. The board's
+    columns run against those of the image, as it faces the camera.
     """
     columns, rows = _SQUARES
     # a dark square where row and column add up to an even number; then a margin of one square on each side
@@ -175,7 +179,10 @@ def _draw_board() -> NDArray[np.uint8]:
 
 
 def _draw_blobs() -> NDArray[np.uint8]:
-    """A colour image (H, W, 3) of smooth blobs: among equal pixels, a corner detector finds no maximum."""
+    """A colour image (H, W, 3) of smooth blobs of about 8 pixels.
+
+    Among equal pixels, a corner detector would find no maximum.
+    """
     blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
     return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
 
@@ -190,10 +197,11 @@ def _draw_stair_depths() -> NDArray[np.float32]:
     rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL  # (H,) downward slope of each row's ray in the camera
     # (H,) by how much a ray goes forward and up, for a depth of 1
     ahead, rise = rows * down[0] + forward[0], rows * down[2] + forward[2]
-    x = np.arange(0.0, _WALL_M, 0.005)
-    # height of the ground at distances x, m; the wall at the end stops every ray
+    x = np.arange(0.0, _WALL_M, 0.005)  # (X,) horizontal distances from the eye, m
+    # (X,) height of the ground there, m; the wall at the end stops every ray
     ground = _RISER_M * np.clip(np.ceil((x - _STAIR_M) / _TREAD_M), 0, _RISERS)
     ground[-1] = np.inf
-    # (H,) distance at which each ray first is below the ground, m
-    hit = x[np.argmax(_EYE_HEIGHT_M + np.outer(rise / ahead, x) <= ground, axis=1)]
+    ray_height = _EYE_HEIGHT_M + np.outer(rise / ahead, x)  # (H, X) m
+    hit = x[np.argmax(ray_height <= ground, axis=1)]  # (H,) distance at which each ray first meets the ground, m
+    # at depth d a ray has gone the distance d * ahead
     return np.repeat((hit / ahead).astype(np.float32)[:, None], _WIDTH, axis=1)

@@ -7,7 +7,12 @@ from pathlib import Path
 
 
 def catalogue_of(package: str, folder_name: str = "catalogue") -> dict[str, Path]:
-    """The YAML files in a folder of a package, name to file, sorted by name."""
+    """The YAML files in a folder of a package, name to file, sorted by name.
+
+    Args:
+        package: Dotted name of the package.
+        folder_name: The folder inside it.
+    """
     folder = Path(str(resources.files(package))) / folder_name
     return {p.stem: p for p in sorted(folder.glob("*.yaml"))}
 

@@ -25,7 +25,9 @@ from stridetwin.streams.samples import Array, Block, Imu
 IMAGES, BATCH, MOST_SEGMENTS = 45, 3, 12
 """Images of a segment, segments that are read at a time, and most segments of one recording."""
 LARGEST_SHIFT_S = 0.15
+"""Shifts are tried up to this far on both sides of the calibrated one."""
 MOUNT_OFF_DEG = 5.0
+"""Smallest rotation of the mount that counts as an error of the calibration."""
 CLOCK_OFFSET_S = 0.005
 """Offset that the calibration may leave unexplained: a third of a frame at 60 Hz, and the standard deviation that the
 shoes' estimator assumes of it."""
@@ -35,13 +37,13 @@ _MIN_CORRELATION = 0.7  # correlation from which a result counts
 _MAX_HALF_WIDTH_S = 0.01  # half width up to which a result counts
 _MODEL_SD_S = 0.0008  # of exposure, low-pass and features: offsets of twelve catalogue walks (seeds below 1000)
 _BLOCK = 11  # pairs of images of a block
-_MIN_BLOCKS = 6
+_MIN_BLOCKS = 6  # fewest blocks from which a clock is estimated
 _OUTLIER = 5.0  # times the median of the squared differences
 _MEDIAN_OF_SQUARED_NORMAL = 0.455  # of a standard normal variable
 _BETTER = 1.5  # ratio of costs from which another mount counts
 _ROUNDS, _PRIOR_SHARE = 3, 0.001  # of the mount's alignment, and weight of the nominal mount in it
 _NORMAL_975 = 1.959964  # quantile of the standard normal distribution
-_SHOES = ("foot_l", "foot_r")
+_SHOES = ("foot_l", "foot_r")  # bodies
 
 
 class ClockRow(TypedDict):
@@ -108,6 +110,10 @@ def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
 
     Such images show the motion of both shoes, so that the gyro of one does not explain them.
 
+    Args:
+        rig: Calibration with the boards.
+        camera: The camera.
+
     Returns:
         The board; None for a camera that is on no shoe or measures depth, and without a board on the other shoe.
     """
@@ -137,8 +143,10 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     segments = _most_varied_segments(recording.image_times(camera.topic), gyro.t_ns, rate)[:MOST_SEGMENTS]
     clock, visual_rates = None, list[Rates]()
     for start in range(0, len(segments), BATCH):
-        batch = segments[start : start + BATCH]
-        visual_rates += [r for first in batch if (r := rotation_rates(recording, camera, first, IMAGES)) is not None]
+        for first_image in segments[start : start + BATCH]:
+            segment_rates = rotation_rates(recording, camera, first_image, IMAGES)
+            if segment_rates is not None:
+                visual_rates.append(segment_rates)
         clock = _estimate_clock(camera, gyro.t_ns, rate, visual_rates)
         if clock is not None and abs(abs(clock.unexplained_s) - CLOCK_OFFSET_S) > clock.half_s:
             break  # certainly above or below
@@ -146,13 +154,16 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
 
 
 def _most_varied_segments(images: NDArray[np.int64], t: NDArray[np.int64], rate: Array) -> list[int]:
-    """Numbers of the first images of all segments, by how much the camera's rotation rate varies in them, most first.
+    """Numbers of the first images of all segments, sorted by how much the rotation rate varies in them, most first.
+
+    The measure is the sum of the standard deviations of the three axes.
 
     Args:
         images: (N,) stamps of the images, ns.
         t: (M,) stamps of the gyro, ns.
         rate: (M, 3) rates of the gyro in the camera's axes, rad/s.
     """
+    # segments that a further image follows; the rest at the end is left out, unless it is the only one
     starts = range(0, max(1, len(images) - IMAGES), IMAGES)
     spread: list[float] = []
     for start in starts:
@@ -175,7 +186,7 @@ def _estimate_clock(
         camera: Calibration of the camera.
         t_ns: (M,) stamps of the gyro, ns.
         rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
-        rates: Rates from the images, by segment.
+        rates: Rates from the images, one item for each segment.
     """
     # each segment is split into blocks of about `_BLOCK` pairs of images; `block_sizes` is the number of pairs of each
     block_sizes: list[int] = []
@@ -187,11 +198,12 @@ def _estimate_clock(
     block = np.repeat(np.arange(len(block_sizes)), block_sizes)  # (N,) number of the block of each pair
     visual = np.concatenate([r.rate for r in rates])
     shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
-    # (S, N, 3) at S shifts
+    # (S, N, 3) mean rates of the gyro between the images of each of N pairs, at S shifts
     measured = _gyro_rates(np.concatenate([r.t_ns for r in rates]), shifts, t_ns, rate)
-    fit, off_deg = _fit_shift(shifts, measured, visual, block), 0.0
-    # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
-    # (S, 3, 3) best rotation at each shift, and its cost
+    fit = _fit_shift(shifts, measured, visual, block)
+    off_deg = 0.0
+    # with a wrong nominal mount the two rates may agree only after a rotation of one of them:
+    # (S, 3, 3) best rotation at each shift, and (S,) its cost
     rotations, costs = _align_mounts(measured, visual)
     likely_shift = int(np.argmin(costs)) if fit is None else fit.at  # number of the most likely shift
     if _angle_deg(rotations[likely_shift]) > MOUNT_OFF_DEG:
@@ -222,11 +234,12 @@ def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64]
         rate: (M, 3) rates of the gyro, rad/s.
     """
     t = (t_ns - t_ns[0]) * 1e-9  # (M,) s
-    # (M, 3) integral of the rates: a mean rate is its difference over an interval
+    # (M, 3) rad, integral of the rates
     angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
-    at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2)
+    at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2) s, ends of the intervals by the gyro's clock
     # (S, N, 2, 3) integral at the start and the end of each interval
     ends = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
+    # the mean rate over an interval is the change of the integral, divided by the duration
     return np.asarray((ends[:, :, 1] - ends[:, :, 0]) / (at[:, :, 1] - at[:, :, 0])[..., None])
 
 
@@ -235,7 +248,7 @@ class _ShiftFit:
     """The shift that best aligns the rates.
 
     Attributes:
-        shift_s: The shift, between the compared ones.
+        shift_s: The shift, interpolated between the compared ones.
         half_s: Half width of its 95 % interval.
         at: Number of the nearest compared shift.
         cost: Mean squared difference of the rates at the best shift, before the axes are weighted, (rad/s)².
@@ -261,24 +274,24 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
         visual: (N, 3) rates from the images, rad/s.
         block: (N,) number of the block of each pair.
     """
-    # (S, N) squared differences, the number of the best shift, and its mean difference
-    squared, at, cost = _robust_residuals(measured, visual)
-    if at in (0, len(shifts) - 1):
+    # (S, N) weighted squared differences; and, without the weights of the axes, the best shift and its mean difference
+    squared, unweighted_best, cost = _robust_residuals(measured, visual)
+    if unweighted_best in (0, len(shifts) - 1):
         return None  # the minimum may lie beyond the range
     count = int(block[-1]) + 1  # of the blocks
-    # (B, S) cost of each block at each shift
+    # (B, S) cost of each block at each shift: the sum over its pairs
     by_block = np.zeros((count, len(shifts)))
     np.add.at(by_block, block, squared.T)
     total = by_block.sum(axis=0)
-    at = int(np.argmin(total))
+    at = int(np.argmin(total))  # number of the best shift
     correlation = _correlation(measured[at], visual)
     # unique means that every shift far from the best one costs significantly more than that
     is_far = np.abs(shifts - shifts[at]) > _PEAK_S
     if correlation < _MIN_CORRELATION or not _are_significantly_worse(by_block - by_block[:, [at]])[is_far].all():
         return None
-    # jackknife: the minimum without each of the blocks
-    left_out = np.array([_parabola_minimum(shifts, total - block_cost) for block_cost in by_block])
-    sd = math.hypot(math.sqrt((count - 1) * float(np.var(left_out))), _MODEL_SD_S)
+    # jackknife: (B,) best shift without each of the blocks
+    minima = np.array([_parabola_minimum(shifts, total - block_cost) for block_cost in by_block])
+    sd = math.hypot(math.sqrt((count - 1) * float(np.var(minima))), _MODEL_SD_S)
     half = _student_quantile(count - 1) * sd
     if half > _MAX_HALF_WIDTH_S:
         return None
@@ -301,13 +314,13 @@ def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float
     # the median is the gyro's bias, as seen at each shift
     residual = residual - np.median(residual, axis=1, keepdims=True)
     squared = np.sum(residual**2, axis=2)
-    most = _OUTLIER * np.median(squared, axis=1, keepdims=True)  # that one difference counts, at each shift
+    most = _OUTLIER * np.median(squared, axis=1, keepdims=True)  # (S, 1), up to this a squared difference counts
     means = np.mean(np.minimum(squared, most), axis=1)
     at = int(np.argmin(means))
     # (3,) variance of each axis, from the median of its squares, which outliers hardly change
     variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
-    squared = np.sum(residual**2 / variance, axis=2)
-    return np.minimum(squared, _OUTLIER * np.median(squared[at])), at, float(means[at])
+    weighted = np.sum(residual**2 / variance, axis=2)
+    return np.minimum(weighted, _OUTLIER * np.median(weighted[at])), at, float(means[at])
 
 
 def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
@@ -325,7 +338,10 @@ def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
 
 
 def _student_quantile(freedom: int) -> float:
-    """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), to 0.1 % from 5 on."""
+    """The 97.5 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5).
+
+    From 5 degrees of freedom on it is accurate to 0.1 %.
+    """
     z, n = _NORMAL_975, float(freedom)
     return (
         z
@@ -360,9 +376,12 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
     Returns:
         (S, 3, 3) rotations, and (S,) costs: mean squared differences, each limited, (rad/s)².
     """
-    a, b = measured - np.median(measured, axis=1, keepdims=True), visual - np.median(visual, axis=0)
+    # rates without their medians, so that the gyro's bias does not count
+    a = measured - np.median(measured, axis=1, keepdims=True)
+    b = visual - np.median(visual, axis=0)
     weight = np.ones(a.shape[:2])  # (S, N) 0 for a pair that is left out
     for _ in range(_ROUNDS):
+        # (S,) typical size of H, to which the weight of the nominal mount is relative
         size = np.sum(weight * np.linalg.norm(a, axis=2) * np.linalg.norm(b, axis=1), axis=1)
         # (S, 3, 3) sum of the products, with the small weight of the nominal mount on the diagonal
         H = np.einsum("sn,ni,snj->sij", weight, b, a) + (_PRIOR_SHARE * size + 1e-12)[:, None, None] * np.eye(3)
@@ -373,6 +392,7 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
         squared = np.sum((a @ R.transpose(0, 2, 1) - b) ** 2, axis=2)
         most = _OUTLIER * np.median(squared, axis=1, keepdims=True)
         weight = (squared <= most).astype(float)
+    # the rotations of the last round, and their costs
     return R, np.mean(np.minimum(squared, most), axis=1)
 
 

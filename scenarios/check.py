@@ -19,8 +19,9 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Accelerometer, Array, Block, Depth, Image, Imu, Sample
 
-_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180
-# Data sheets: full scales of parts of public recordings that are not in the library, rad/s and m/s².
+_G, _DEG = STANDARD_GRAVITY_MPS2, math.pi / 180  # units of data sheets, in m/s² and rad
+# Full scales of parts of public recordings that are not in the library, from their data sheets: text in the part's
+# name, then field of a sample, to rad/s or m/s².
 _FURTHER_FULL_SCALES = {
     "ADIS16448": {"angular_rate": 1000 * _DEG, "specific_force": 18 * _G},
     "BMI160": {"angular_rate": 2000 * _DEG, "specific_force": 16 * _G},
@@ -31,12 +32,15 @@ _MIN_PLATEAU = 5  # samples that share the largest magnitude of an axis, if the 
 
 
 def range_hits_pct(block: Block[S], rig: Rig | None) -> float | None:
-    """Share of an IMU's samples with an axis at the end of its range, %; None for streams of other sensors.
+    """Share of an IMU's samples with an axis at the end of its range, %.
 
     Args:
         block: The stream.
         rig: Names the part, whose full scale comes from the library of parts. An unknown part counts as saturated where
             at least `_MIN_PLATEAU` samples share the largest magnitude of an axis.
+
+    Returns:
+        None for an empty stream, and for one of another sensor.
     """
     if block.kind is not Imu or not len(block):
         return None
@@ -65,8 +69,9 @@ def _at_limit(magnitude: Array, limit: float | None) -> Array:
     if limit is not None:
         return np.asarray((magnitude >= _SHARE_OF_RANGE * limit).any(axis=1))
     largest = magnitude.max(axis=0)  # (3,)
-    is_largest = magnitude >= largest - 1e-9 * np.maximum(largest, 1.0)
-    return np.asarray((is_largest & (is_largest.sum(axis=0) >= _MIN_PLATEAU) & (largest > 0)).any(axis=1))
+    is_largest = magnitude >= largest - 1e-9 * np.maximum(largest, 1.0)  # (N, 3), with a tolerance for rounding
+    has_plateau = is_largest.sum(axis=0) >= _MIN_PLATEAU  # (3,)
+    return np.asarray((is_largest & has_plateau & (largest > 0)).any(axis=1))
 
 
 GAP_PERIODS = 5.0  # a longer step between two samples is a gap
@@ -74,7 +79,7 @@ CLIPPED_PCT, RANGE_HITS_PCT = 5.0, 20.0
 """Shares of saturated samples from which a warning and an error are due. On 14 real walks whose samples were clipped at
 smaller ranges, the foot's error stays within a factor of 1.2 up to the first (median), doubles by the second, and grows
 more than fivefold above it (`python -m benchmarks.foot_ins_clipping`)."""
-_MIN_SAMPLES = 10
+_MIN_SAMPLES = 10  # fewest samples of a stream whose values are checked
 _SHARE_OF_CLOCKS = 0.5  # part of the progress that the check of the cameras' clocks takes
 
 
@@ -263,7 +268,10 @@ def _remark(row: CheckedTopic) -> str:
 
 
 def _decode_images(recording: Recording) -> None:
-    """Decodes the images so that damaged ones become problems; those of an MCAP file are protected by its CRCs."""
+    """Decodes the images so that damaged ones become problems of the recording.
+
+    An MCAP file is left out, as its checksums show damage without decoding.
+    """
     if not recording.is_mcap:
         image_topics = [topic for topic, info in recording.topics.items() if info.kind in (Image, Depth)]
         for _ in recording.samples(image_topics):  # a damaged image is added to `recording.problems` as it is read
@@ -330,7 +338,8 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
     """
     info, t_ns = recording.topics[topic], recording.times(topic)
     is_image = info.kind in (Image, Depth)
-    timing, (declared_hz, is_calibrated) = _timing(t_ns), _rate_from_rig(recording, topic)
+    timing = _timing(t_ns)
+    declared_hz, is_calibrated = _declared_in_rig(recording, topic)
     row: CheckedTopic = {
         "kind": info.kind.__name__,
         "samples": info.count,
@@ -344,6 +353,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
         "longest_gap_at_s": timing["longest_gap_at_s"],
     }
     findings: list[Finding] = []  # gaps of images are warnings, gaps of other sensors errors
+    # other sensors have no section in Kalibr's format, so that a calibration may lack them
     if row["calibrated"] is False and info.kind in (Imu, Image, Depth):
         findings.append(Finding(topic=topic, what="no calibration"))
     gaps = f"{row['gaps']} gaps, the longest {row['longest_gap_s']:.3f} s at {row['longest_gap_at_s']:.3f} s"
@@ -358,7 +368,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
-        findings += [Finding(topic=topic, what=str(one)) for one in find_implausible_values(block)]
+        findings += [Finding(topic=topic, what=str(implausible)) for implausible in find_implausible_values(block)]
         if topic.startswith("/foot_") and block.kind is Imu and not row["rests"]:
             what = "never rests as a foot does in every stance, so that foot_ins has no path; is it worn on a foot?"
             findings.append(Finding(topic=topic, what=what, is_error=False))
@@ -366,7 +376,7 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
 
 
 def _is_known(recording: Recording, finding: Finding) -> bool:
-    """Whether the problems that were found when the recording was opened already include a finding."""
+    """Whether the recording's own problems already include a finding: one of the same topic that contains its text."""
     return any(problem.topic == finding.topic and finding.what in problem.what for problem in recording.problems)
 
 
@@ -389,7 +399,7 @@ def _timing(t_ns: NDArray[np.int64]) -> Timing:
     }
 
 
-def _rate_from_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
+def _declared_in_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
     """What the calibration of a recording says about a topic.
 
     Returns:

@@ -23,7 +23,7 @@ LINK_SD_M, MOUNT_SD_RAD = 0.002, math.radians(0.3)
 """Accuracy of the segment lengths and of the AHRS mounts after a laboratory calibration of a stationary wearer."""
 _MEASUREMENT = 4  # key of the random numbers of the measurement, beside the walk's seed
 _THIGH, _KNEE, _FOOT = 5, 6, 8  # numbers of frames in the D-H table
-_SENSORS = {"ahrs", "encoder", "insole"}
+_SENSORS = {"ahrs", "encoder", "insole"}  # kinds of sensors without which the estimator does not run
 
 
 def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
@@ -46,38 +46,40 @@ def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
             topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
         )
 
-    # (4, 4) pose of the sole in the D-H frame of the foot; the body's axes are rotated into those of the D-H frame
+    # (4, 4) pose of the sole in the D-H frame of the foot, whose origin is the heel holder: in the body's axes `ankle1`
+    # behind the ankle's axis and as high. The sole's origin is `ankle_x` behind that axis, on the ground.
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
-    legs = {
-        side: geometry.Leg(
-            rows=tuple(
-                geometry.DhRow(
-                    alpha=row.alpha,
-                    a=row.a,
-                    d=row.d,
-                    theta=row.theta,
-                    turns=row.joint is not None,
-                    stops=_stops(side, row.joint),
-                )
-                for row in dh_table(links, side)
-            ),
+    legs = {}  # by side
+    for side in geometry.SIDES:
+        rows = tuple(
+            geometry.DhRow(
+                alpha=row.alpha,
+                a=row.a,
+                d=row.d,
+                theta=row.theta,
+                turns=row.joint is not None,
+                stops=_stops(side, row.joint),
+            )
+            for row in dh_table(links, side)
+        )
+        sole = geometry.Sole(
+            topic=f"/foot_{side}/insole",
+            T_foot_sole=T_foot_sole,
+            cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
+            heel_x=size.shoe.heel_back_x,
+            hinge_x=size.shoe.toe_hinge_x,
+            hinge_z=size.shoe.toe_hinge_z,
+            tip_x=size.shoe.toe_tip_x,
+        )
+        legs[side] = geometry.Leg(
+            rows=rows,
             thigh=mount(f"/exo/thigh_{side}/ahrs", _THIGH),
             knee=geometry.Knee(topic=f"/exo/knee_{side}/encoder", frame=_KNEE, sign=1.0),
             foot=mount(f"/exo/foot_{side}/ahrs", _FOOT),
-            sole=geometry.Sole(
-                topic=f"/foot_{side}/insole",
-                T_foot_sole=T_foot_sole,
-                cells=np.array(rig.others[f"/foot_{side}/insole"].parameters["cells_m"]),
-                heel_x=size.shoe.heel_back_x,
-                hinge_x=size.shoe.toe_hinge_x,
-                hinge_z=size.shoe.toe_hinge_z,
-                tip_x=size.shoe.toe_tip_x,
-            ),
+            sole=sole,
         )
-        for side in geometry.SIDES
-    }
     return geometry.Exoskeleton(
         description="Exoskeleton of Shim et al. 2019, set to its wearer",
         back=mount("/exo/back/ahrs", 0),
@@ -153,18 +155,22 @@ def simulate_measurement(exo: geometry.Exoskeleton, rng: np.random.Generator) ->
     """The exoskeleton as a laboratory measures it.
 
     Errors of segment lengths have the standard deviation `LINK_SD_M`, those of AHRS mounts `MOUNT_SD_RAD`.
+
+    Args:
+        exo: True geometry.
+        rng: Random numbers of the measurement.
     """
 
-    def rotate(attitude: geometry.Attitude) -> geometry.Attitude:
+    def measure_mount(attitude: geometry.Attitude) -> geometry.Attitude:
         """The mount of an AHRS with a small random rotation in the frame that carries it."""
         error = Rotation.from_rotvec(MOUNT_SD_RAD * rng.standard_normal(3)).as_matrix()
         return replace(attitude, R_frame_sensor=error @ attitude.R_frame_sensor)
 
-    def change_lengths(leg: geometry.Leg) -> geometry.Leg:
+    def measure_leg(leg: geometry.Leg) -> geometry.Leg:
         """The leg with measurement errors of its thigh, its shank and both mounts."""
         rows = list(leg.rows)
         for i in (_THIGH, _KNEE):  # row i is that of frame i + 1, at the far end of the segment
             rows[i] = replace(rows[i], a=rows[i].a + LINK_SD_M * rng.standard_normal())
-        return replace(leg, rows=tuple(rows), thigh=rotate(leg.thigh), foot=rotate(leg.foot))
+        return replace(leg, rows=tuple(rows), thigh=measure_mount(leg.thigh), foot=measure_mount(leg.foot))
 
-    return replace(exo, back=rotate(exo.back), legs={side: change_lengths(leg) for side, leg in exo.legs.items()})
+    return replace(exo, back=measure_mount(exo.back), legs={side: measure_leg(leg) for side, leg in exo.legs.items()})

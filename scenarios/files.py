@@ -13,7 +13,7 @@ from pathlib import Path
 from stridetwin.batch.folder import lock_folder
 from stridetwin.streams.errors import StrideTwinError
 
-_PREFIX = ".unfinished-"
+_PREFIX = ".unfinished-"  # of the names of temporary folders
 
 
 @contextmanager

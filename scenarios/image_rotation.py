@@ -36,6 +36,7 @@ _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
 """Most features that are looked for, the number below which new ones replace them, and the number below which no
 rotation is estimated."""
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
+"""Least strength of a corner relative to the strongest one, and least distance of two corners."""
 _LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
 """Median motion of the features below which the camera is at rest; median residual below which a rotation alone
@@ -69,7 +70,9 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     """
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
-    features, spans, rates, before = _Features(camera), [], [], None
+    features = _Features(camera)
+    spans, rates = [], []  # stamps of both images of each pair, ns, and (3,) rotation rate between them, rad/s
+    before = None  # stamp, grey image and depth image of the image before
     try:
         for number, t_ns in enumerate(times, first):
             grey = _to_small_grey(recording.images(camera.topic, [number])[0])
@@ -116,8 +119,8 @@ class _Features:
     def rotation(self, a: Grey, b: Grey, depth: DepthImage | None) -> Array | None:
         """Rotation vector (3,) of the camera from one image to the next, rad, in the camera's own axes.
 
-        Without motion it is 0; with depth it comes from perspective from n points; otherwise from a rotation alone if
-        that explains the features, else from the essential matrix.
+        Without motion it is 0. Otherwise it comes from the first of these that succeeds: with depth, perspective from
+        n points; a rotation alone, if that explains the features; the essential matrix.
 
         Args:
             a: First image, grey.
@@ -177,6 +180,7 @@ def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
         y: (N, 2) in the second image.
         pixel: Size of a pixel in normalised coordinates.
     """
+    # 0.999 is the probability with which RANSAC shall find the right matrix
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
     if E is None or E.shape != (3, 3):  # OpenCV stacks several solutions
         return None

@@ -11,12 +11,19 @@ from stridetwin.sim.faults.sample_faults import Restart
 from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.pose_restart import RESTARTS
 
-_FAULTS = "faults"
+_FAULTS = "faults"  # key in the metadata
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedFault:
-    """One fault on one stream, from start to end; a mount slip is permanent and ends with the walk."""
+    """One fault on one stream, from start to end; a mount slip is permanent and ends with the walk.
+
+    Attributes:
+        kind: Kind of the fault, as the scenario names it.
+        topic: The stream.
+        from_s: When it begins, as a stamp of the recording.
+        until_s: When it ends.
+    """
 
     kind: str
     topic: str
@@ -28,7 +35,7 @@ def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
     """The events of planned faults as metadata, in time order, and the restarts of an odometry, which replays apply.
 
     Args:
-        planned: Each fault of a walk with its events by topic.
+        planned: Each fault of a walk with its events by topic; those of an odometry have the topic `POSES`.
 
     Returns:
         JSON by key: rows with kind, topic, begin and end of each event; and, if there are any, the restarts

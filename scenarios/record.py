@@ -92,6 +92,10 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
 def nominal_sensors(config: TwinConfig, seed: int) -> tuple[Rig, dict[str, str]]:
     """The nominal rig of a walk, and the geometry of its exoskeleton as metadata, before the walk is planned.
 
+    Args:
+        config: Configuration of the walk.
+        seed: Seed of the walk, which determines the errors of the calibration.
+
     Raises:
         StrideTwinError: The simulator is not installed.
     """
@@ -100,6 +104,7 @@ def nominal_sensors(config: TwinConfig, seed: int) -> tuple[Rig, dict[str, str]]
     from stridetwin.sim.wearer.body import fit_wearer
 
     rig = sensor_rig(config).nominal(seed)
+    # an exoskeleton of the user's own has no links of the D-H table
     has_links = config.exo is not None and config.exo.user_exo is None
     return rig, exo_geometry.geometry_metadata(fit_wearer(config.person, has_links), rig, seed)
 

@@ -95,6 +95,7 @@ class _UnevenStairs(Stairs):
 
     def build(self) -> Stairs:
         """The stair, with as many risers as there are heights."""
+        # `vars` has no `risers`, which no file may set here and which has no default
         return Stairs(risers=len(self.riser_m), **vars(self))
 
 
@@ -248,9 +249,9 @@ def _check_times(fault: Fault) -> Fault:
     """
     if not isinstance(fault, TimedFault):
         return fault
-    times = {key: value for key in ("at_s", "rate_per_min") if (value := getattr(fault, key)) is not None}
-    if len(times) != 1:
-        raise field_error(list(times), "either at_s or rate_per_min")
+    keys = [key for key in ("at_s", "rate_per_min") if getattr(fault, key) is not None]  # those that the file has
+    if len(keys) != 1:
+        raise field_error(keys, "either at_s or rate_per_min")
     if fault.rate_per_min is not None and fault.duration_s is None:
         raise field_error(Missing(), "this key, beside rate_per_min", "duration_s")
     return fault
@@ -275,6 +276,7 @@ _OPTIONS = {
 }
 """Attributes of a `SensorConfig` that only some groups have."""
 _COMMON_OPTIONS = ("ideal", "rate_hz", "clock")
+"""Attributes of a `SensorConfig` that all groups have."""
 _HIGHEST_ON_SHOE_M = 0.15
 """Height of the upper of a high shoe above its sole."""
 _ON_SHOE = (
@@ -358,7 +360,7 @@ def _check_direction(options: Any) -> Any:
 def _check_on_shoe(position_m: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
     """Returns the position of a shoe's IMU; refuses one above the shoe, which in reality the shank would carry."""
     if position_m is not None and position_m[2] > _HIGHEST_ON_SHOE_M:
-        raise field_error(round(position_m[2] / MM, 6), _ON_SHOE, 2)
+        raise field_error(round(position_m[2] / MM, 6), _ON_SHOE, 2)  # at item 2 of the list, z
     return position_m
 
 
@@ -367,6 +369,7 @@ def _group_type(group: str) -> Any:
     hints = get_type_hints(SensorConfig, include_extras=True)  # type of each option, some of them narrowed below
     if group not in _CALIBRATED_CLOCKS:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
+    # a board and a sonar have no roll about the direction that they face; other mounts have
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
     hints["mount"] = hints["board"] if group == "sonar" else Seat
     position = hints["position_m"]

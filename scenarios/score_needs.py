@@ -84,7 +84,8 @@ def _topics(estimator_class: EstimatorClass, config: TwinConfig, worn: SensorRig
     from stridetwin.sim.wearer.body import fit_wearer  # imports the simulator, which `score` does without
 
     declaration = estimator_class.declaration
-    # a user's exoskeleton has no D-H table, so that its recording has no geometry
+    # a user's exoskeleton has no D-H table, so that its recording has no geometry; of that of ours only its presence
+    # counts here, whatever the seed
     has_links = config.exo is not None and config.exo.user_exo is None
     metadata = exo_geometry.geometry_metadata(fit_wearer(config.person), worn.rig, seed=0) if has_links else {}
     options = Options(method=declaration.methods[0], metadata=metadata, source=config.name)

@@ -29,8 +29,10 @@ _JPEG_BARE = frozenset([0x01, *range(0xD0, 0xD9)])
 def image_size(data: bytes) -> tuple[int, int]:
     """Width and height in pixels, from the header of a JPEG or PNG, without unpacking it.
 
-    A PNG begins with its size. A JPEG (first bytes ff d8) is a sequence of segments, each of 0xFF, a marker of one byte
-    and mostly its length and contents; the segments are passed over up to the frame header, which has the size.
+    A PNG begins with 8 fixed bytes, and then a length of 4, the name IHDR, and width and height of 4 bytes each: 24 in
+    all. A JPEG (first bytes ff d8) is a sequence of segments, each of 0xFF, a marker of one byte and mostly its length
+    and contents; the segments are passed over up to the frame header. The first 9 bytes of that are 0xFF, the marker,
+    its length (2 bytes), the number of bits of a value (1), and height and width (2 each).
 
     Raises:
         ValueError: The data is neither.

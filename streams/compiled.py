@@ -109,7 +109,8 @@ def entry_kernel(*sources: str | Path, llvm_level: int = 3, **options: object) -
     Returns:
         Decorator of a plain function, or of one that is compiled for others to call.
     """
-    stamp, settings = digest_of_sources(*_ALGEBRA, *sources), dict[str, Any](options)
+    stamp = digest_of_sources(*_ALGEBRA, *sources)
+    settings = dict[str, Any](options)
     if _WITH_INTERNALS:
         settings |= {"no_cfunc_wrapper": True, "pipeline_class": entry_compiler(llvm_level)}
 

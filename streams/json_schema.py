@@ -56,7 +56,7 @@ class _DescribingGenerator(GenerateJsonSchema):
     def _add_descriptions(self, schema: JsonSchemaValue, kind: type, inner: Any) -> JsonSchemaValue:
         """Adds the first paragraph of a class's docstring, and the description of each attribute, to its schema.
 
-        Defaults that are in the attribute's unit, not in the file's, are removed.
+        Defaults that a file could not have, as they are in another unit or no word of the file, are removed.
 
         Args:
             schema: The schema that pydantic has made.
@@ -72,9 +72,12 @@ class _DescribingGenerator(GenerateJsonSchema):
             prop = schema.get("properties", {}).get(key)
             if isinstance(prop, dict):
                 prop.pop("title", None)
-                # a key of another name, such as `riser_mm`, has another unit than the attribute; a default that is none
-                # of the file's words is the value that a word stands for
-                if key != name or prop.get("default") not in prop.get("enum", [prop.get("default")]):
+                # a key of another name, such as `riser_mm`, has another unit than the attribute
+                has_other_unit = key != name
+                # where a file has words, a default that is none of them is the value that a word stands for
+                default = prop.get("default")
+                is_no_word = default not in prop.get("enum", [default])
+                if has_other_unit or is_no_word:
                     prop.pop("default", None)
                 if name in descriptions:
                     prop["description"] = descriptions[name]

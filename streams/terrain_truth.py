@@ -17,7 +17,7 @@ from stridetwin.streams.errors import metadata_error
 from stridetwin.streams.samples import Array
 from stridetwin.streams.way import CurveSegment, Way
 
-_KEY = "terrain"
+_KEY = "terrain"  # in the metadata
 
 
 @dataclass(frozen=True, kw_only=True)

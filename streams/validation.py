@@ -122,7 +122,12 @@ def _to_error(entry: ErrorDetails, root: _Schema, data: object, source: object, 
 def _join_path(path: str, *steps: _Step) -> str:
     """`path` extended by keys (`path.step`) and indices (`path[step]`)."""
     for step in steps:
-        path = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}" if path else step
+        if isinstance(step, int):
+            path = f"{path}[{step}]"
+        elif path:
+            path = f"{path}.{step}"
+        else:
+            path = step
     return path
 
 
@@ -132,8 +137,9 @@ def _walk_data(data: Any, steps: Iterable[_Step]) -> Iterator[tuple[_Step, objec
     Steps that the data do not have are passed over: tags, and keys that a file in a short form leaves out.
     """
     for step in steps:
-        known_steps = data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ()
-        if step in known_steps:
+        is_key = isinstance(data, dict) and step in data
+        is_index = isinstance(data, list) and step in range(len(data))
+        if is_key or is_index:
             data = data[step]
             yield step, data
 
@@ -197,18 +203,20 @@ def _describe_expected(schemas: Sequence[_Schema], root: _Schema, value: object 
         root: Schema of the whole file, which has the definitions.
         value: The present value; a similar word or key is suggested.
     """
-    choices = [word for s in schemas for word in ([s["const"]] if "const" in s else s.get("enum", []))]
+    choices: list[object] = []  # the valid words of all schemas
+    for schema in schemas:
+        choices += [schema["const"]] if "const" in schema else schema.get("enum", [])
     alternatives = [suggest(value, dict.fromkeys(choices))] if choices else []
     alternatives += [description for schema in schemas if (description := _describe_type(schema, root))]
     if keys := _keys(schemas):
         # mappings of one key each (`fields.OneKey`): one of the keys is valid, not all together
-        one = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
-        alternatives.append(f"one of the keys {suggest(value, keys)}" if one else f"keys {', '.join(keys)}")
+        has_one_key = all(len(s["properties"]) == 1 for s in schemas if "properties" in s) and len(keys) > 1
+        alternatives.append(f"one of the keys {suggest(value, keys)}" if has_one_key else f"keys {', '.join(keys)}")
     return ", or ".join(dict.fromkeys(alternatives))
 
 
 def _describe_type(schema: _Schema, root: _Schema) -> str:
-    """Description of a number, a list, a text or a truth value; empty for a schema with words or keys."""
+    """Description of a number, a list, a text or a truth value; "" for a schema with words or keys, and for null."""
     match schema:
         case {"const": _} | {"enum": _} | {"properties": _} | {"type": "null"}:
             return ""
@@ -241,8 +249,8 @@ def _describe_range(schema: _Schema) -> str:
     """Description of a number by its least and largest value."""
     match schema:
         case {"minimum": low, "maximum": high}:
-            low, high = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
-            return f"{low} to {high}" if low.startswith("-") else f"{low}-{high}"  # no hyphen after a minus sign
+            least, most = (str(n) if isinstance(n, int) else f"{n:g}" for n in (low, high))
+            return f"{least} to {most}" if least.startswith("-") else f"{least}-{most}"  # no hyphen after a minus sign
         case {"exclusiveMinimum": low}:
             return f"a number above {low:g}"
         case {"minimum": low}:

@@ -27,7 +27,12 @@ _TERRAIN_COLORS = {"level": PALETTE[2], STAIRS: PALETTE[0], RAMP: PALETTE[5]}
 
 
 def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
-    """The true and the estimated phase of one leg, and the parts of the walk whose strides count."""
+    """The true and the estimated phase of one leg over time; the truth is drawn for the strides that count.
+
+    Args:
+        series: Estimates of the leg.
+        strides: Its true strides.
+    """
     t_s = series.t_ns * 1e-9
     plot = Plot(
         title=f"Gait phase, {FOOT_NAMES[series.foot]} leg",
@@ -56,7 +61,12 @@ def _break_at_wraps(phase_pct: Array) -> Array:
 
 
 def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
-    """Errors of the phase over the true phase, one curve per stride, by terrain."""
+    """Errors of the phase over the true phase, one curve per stride that counts, in the colour of its terrain.
+
+    Args:
+        series: Estimates of the leg.
+        strides: Its true strides.
+    """
     curves: dict[str, list[Array]] = {}  # by terrain, a curve per stride: (N, 2) true phase and error, %
     for stride in strides:
         if stride.is_pause:
@@ -82,6 +92,7 @@ def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
 
 def phase_section(legs: Sequence[EvaluatedPhases]) -> str:
     """Section of a report: phase over time, error over the cycle, and scores of each leg."""
+    # both figures of the first leg, then those of the next one
     figures = [figure(leg.estimates, leg.strides) for leg in legs for figure in (phase_over_time, error_over_cycle)]
     scores = score_table(SCORES, {leg.name: leg.scores for leg in legs})
     lead = (

@@ -24,12 +24,12 @@ TERRAINS = LEVEL, STAIRS, RAMP = ("level", "stairs", "ramp")
 LONGEST_STRIDE_S = 2.5
 """In a longer stride the person stands still or stops."""
 LONGEST_STRIDE_SHARE = 1.6
-"""So they do in one that is longer than this share of the median stride of the foot."""
+"""So they do in one that is longer than the median stride of the foot times this factor."""
 STEADY_CHANGE = 0.1
 """A level stride is steady if its time differs from the previous one by less than this share, and it is neither one of
 the foot's first two nor its last."""
 _TERRAIN_OF_MODE = {"LG": LEVEL, "SA": STAIRS, "SD": STAIRS, "RA": RAMP, "RD": RAMP}
-_INTERVAL_95 = 1.96
+_INTERVAL_95 = 1.96  # standard deviations on each side of the mean that contain 95 % of a normal density
 
 SCORES = (
     Score(name="rmse_pct", heading="phase %", label="Phase, RMS error", unit="% of the cycle"),
@@ -231,8 +231,9 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
     # the samples of all these strides together
     errors = np.concatenate([stride_errors for _, stride_errors, _ in rows])
     sds = np.concatenate([stride_sds for _, _, stride_sds in rows])
-    inside = [slice(*np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))) for stride, _, _ in rows]
-    walking = np.concatenate([series.walking[samples] for samples in inside])
+    # which samples of the series lie in each of these strides
+    ranges = [slice(*np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))) for stride, _, _ in rows]
+    walking = np.concatenate([series.walking[samples] for samples in ranges])
     groups: Mapping[str, list[Array]] = {
         **{terrain: [e for stride, e, _ in rows if stride.terrain == terrain] for terrain in TERRAINS},
         "steady": [e for stride, e, _ in rows if stride.is_steady],
@@ -257,14 +258,15 @@ def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]
         strides: True strides of the foot, one or more, in order.
 
     Returns:
-        `missed`: true touch-downs without a detected one; `extra`: detected ones without a true one, between the first
-        and the last true one; and, with a matched pair, `touch_down_error_ms`, mean size of the time errors, and
-        `touch_down_bias_ms`, their mean, positive if the detections are late.
+        `missed`: true touch-downs without a detected one; `extra`: detected ones without a true one, from 0.25 s before
+        the first true one to 0.25 s after the last; and, with a matched pair, `touch_down_error_ms`, mean size of the
+        time errors, and `touch_down_bias_ms`, their mean, positive if the detections are late.
     """
     true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
     pairs = match_touch_downs(detected_ns, true_ns)
     errors_ms = np.array([(detected_ns[i] - true_ns[j]) * 1e-6 for i, j in pairs])
     margin_ns = 250_000_000  # the tolerance of `match_touch_downs`
+    # detections that a true touch-down could match
     between = (detected_ns > true_ns[0] - margin_ns) & (detected_ns < true_ns[-1] + margin_ns)
     scores = {"missed": float(len(true_ns) - len(pairs)), "extra": float(between.sum() - len(pairs))}
     if not pairs:

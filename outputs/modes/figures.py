@@ -24,7 +24,7 @@ from stridetwin.streams.samples import Array
 # colour of each mode, such as "#46aa5a"
 _HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
 _WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
-_ANGLES = np.linspace(0.0, 2.0 * math.pi, 25)
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 25)  # of the points of an ellipse, rad; the first one comes again at the end
 _LEAD = (
     "From depth camera, visual-inertial odometry and insoles: the mode of each coming step, and the footprints "
     "predicted one step before, with their 95 % ellipses. Drift of the odometry counts as an error of its path only."
@@ -54,6 +54,11 @@ def steps_from_above(estimates: list[ModeEstimate], scores: ModeScores, walk: Al
     """The true terrain and footprints along the straightened route, and each footprint as predicted one step before.
 
     The route is cut into rows, true to scale.
+
+    Args:
+        estimates: In time order.
+        scores: The scored steps, which tell the wrong modes.
+        walk: The walk beside the truth.
     """
     straight = StraightenedRoute(walk)
     predicted = _straighten_predictions(straight, estimates, walk)
@@ -151,7 +156,15 @@ def _draw_crosses(plot: Plot, at: Array) -> None:
 
 
 def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk) -> str:
-    """Figure over time: the true mode of each step, the predicted next mode with its probability, and the errors."""
+    """Figure over time: the true mode of each step, the predicted next mode with its probability, and the errors.
+
+    It is "" without steps or predictions.
+
+    Args:
+        estimates: In time order.
+        scores: The scored steps.
+        walk: The walk beside the truth.
+    """
     steps = scores.steps
     estimates = [e for e in estimates if e.steps]
     if not steps or not estimates:
@@ -247,12 +260,20 @@ def lead_times(scores: ModeScores) -> str:
     changes = np.array([s.is_transition for s in steps])
     if changes.any():
         plot.dots(t[changes], lead[changes], INK, label="changes the mode")
+    # crosses stand just above the axis
     _draw_crosses(plot, np.array([(s.t_s, 0.06 * top) for s in steps if not s.is_correct]).reshape(-1, 2))
     return plot.html()
 
 
 def mode_section(estimates: list[ModeEstimate], modes: ModeScores, walk: AlignedWalk, scores: Scores) -> str:
-    """The steps from above, modes over time, lead times, and the scores of one estimator beside the paper's."""
+    """The steps from above, modes over time, lead times, and the scores of one estimator beside the paper's.
+
+    Args:
+        estimates: Predictions in time order.
+        modes: Every true step and terrain change, with its prediction.
+        walk: The walk beside the truth.
+        scores: Scores of the walk.
+    """
     figures = [steps_from_above(estimates, modes, walk), mode_ribbon(estimates, modes, walk), lead_times(modes)]
     return section("Coming steps", _LEAD, boxes([*figures, _score_table(scores)]), "stack")
 

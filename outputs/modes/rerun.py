@@ -21,15 +21,22 @@ from stridetwin.streams.samples import Array, Footprint
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
-STEPS, MODE = "world/steps", "modes"
+STEPS, MODE = "world/steps", "modes"  # entities in the viewer
 _STEPS_HZ = 5.0  # most predictions drawn per second
-_TRUE = (240, 244, 248)
+_TRUE = (240, 244, 248)  # RGB of the true footprints
 _ABOVE_M = 0.01
 """How far lines lie above the ground, so that they are seen."""
 
 
 def log_modes(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
-    """Logs `world/steps/{true,predicted,ellipses}`, `modes/probability/MODE` and `modes/predicted` over time."""
+    """Logs `world/steps/{true,predicted,ellipses}`, `modes/probability/MODE` and `modes/predicted` over time.
+
+    Args:
+        rerun: The module `rerun`.
+        stream: Its stream.
+        estimates: In time order.
+        walk: The walk beside the truth.
+    """
     _log_footprints(rerun, stream, walk.footprints)
     _log_steps(rerun, stream, estimates, walk)
     _log_probabilities(rerun, stream, [e for e in estimates if e.steps])
@@ -47,7 +54,14 @@ def _log_footprints(rerun: ModuleType, stream: RecordingStream, footprints: list
 
 
 def _log_steps(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate], walk: AlignedWalk) -> None:
-    """Logs the predicted steps and their 95 % ellipses in the true world, at `_STEPS_HZ`."""
+    """Logs the predicted steps and their 95 % ellipses in the true world, at `_STEPS_HZ`.
+
+    Args:
+        rerun: The module `rerun`.
+        stream: Its stream.
+        estimates: In time order.
+        walk: Aligns the odometry's world with the true one.
+    """
     for estimate in _thin_out(estimates):
         alignment = walk.alignment.at(estimate.t_ns)
         predicted = [s for s in estimate.steps if np.isfinite(s.p_foot_in_world[:2]).all()]
@@ -66,7 +80,13 @@ def _log_steps(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeE
 
 
 def _log_probabilities(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEstimate]) -> None:
-    """Logs the probability of each mode of the next step, and the prediction as text where it changes."""
+    """Logs the probability of each mode of the next step, and the prediction as text where it changes.
+
+    Args:
+        rerun: The module `rerun`.
+        stream: Its stream.
+        estimates: In time order, each with at least one predicted step.
+    """
     if not estimates:
         return
     t_ns = np.array([e.t_ns for e in estimates])
@@ -94,7 +114,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
             size = f", riser {1e3 * change.riser:.0f} mm"
         if math.isfinite(change.tread):
             size += f", tread {1e3 * change.tread:.0f} mm"
-        if math.isfinite(change.slope):
+        if math.isfinite(change.slope):  # a ramp, which has no riser and no tread
             size = f", {math.degrees(change.slope):.1f}°"
         lines.append(f"then {CLASS_NAMES[change.mode]} in {change.distance:.1f} m{size}")
     return "\n".join(lines)

@@ -110,10 +110,10 @@ class ScoredMode:
         allowed: Modes that count as right.
         lead_s: How long before touch-down the predicted mode had become right for good, 0 if it was wrong.
         probabilities: Of `MODES`, at the last prediction.
-        forward_m: Predicted minus true footprint along the route, when the previous foot had just landed; NaN if there
-            was no prediction.
-        left_m: Likewise across the route.
-        length_m: Distance of the true footprint from the previous one, forward or sideways.
+        forward_m: Predicted minus true footprint in the direction of the true foot, when the previous foot had just
+            landed; NaN if there was no prediction.
+        left_m: Likewise to the left of the true foot.
+        length_m: Horizontal distance of the true footprint from the previous one, which is the other foot's.
         slope_rad: Estimated minus true slope of the ground under the foot, at the last prediction; NaN on treads and
             across edges.
         slope_sd_rad: Its reported standard deviation.
@@ -224,7 +224,7 @@ def score_modes(
         approaches = score_approaches(landed, places, estimates, alignment, layout)
     steps = []
     before = "LG"
-    for i, print_ in enumerate(landed):
+    for i, print_ in enumerate(landed):  # `print` is a built-in
         allowed = (print_.mode, *alternatives[i])
         # an estimate e predicts this step as e.steps[k]; the lead time counts from the first estimate after the last
         # wrong one
@@ -288,6 +288,7 @@ _SIZES = (
     ("tread_m", "tread_sd_m"),
     ("slope_rad", "slope_sd_rad"),
 )
+"""Attributes of a `ScoredChange`: the error of each size, and its reported standard deviation."""
 _MAX_OBSERVED_SD = {"riser_m": 0.02, "tread_m": 0.04, "slope_rad": math.radians(1.5)}
 """A size with a larger standard deviation is only a prior guess: nothing is visible behind a drop-off."""
 
@@ -300,7 +301,7 @@ class LeadTimes(TypedDict):
 
 
 class FootprintErrors(TypedDict):
-    """RMS errors of predicted footprints along the route and across it, m; None without any."""
+    """RMS errors of predicted footprints in the direction of the true feet and to their left, m; None without any."""
 
     forward: float | None
     left: float | None
@@ -395,7 +396,7 @@ def _lead_times(steps: Sequence[ScoredMode]) -> LeadTimes:
 
 
 def _footprint_rmse(steps: Sequence[ScoredMode]) -> FootprintErrors:
-    """RMS errors of the footprints, forward and sideways, m."""
+    """RMS errors of the footprints in the direction of the true feet and to their left, m; None without any."""
     return {"forward": rms([s.forward_m for s in steps]), "left": rms([s.left_m for s in steps])}
 
 
@@ -430,6 +431,17 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
     # per attribute, the errors of the sizes that were observed, not guessed
     observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
+    # for each size and each way, up or down, the figures of the changes to the one mode that has this size and way
+    figures_by_size: dict[str, dict[str, SizeFigures]] = {}
+    for size, name, factor, size_modes in (
+        ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
+        ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
+        ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
+    ):
+        figures_by_size[size] = {}
+        for way, mode in zip(("up", "down"), size_modes):
+            of_mode = [a for a in approaches if a.mode == mode]
+            figures_by_size[size][way] = _size_figures(name, factor, of_mode)
     return {
         "changes": len(approaches),
         "changes_found_pct": _percent(a.is_detected for a in approaches),
@@ -438,18 +450,10 @@ def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
         "riser_rmse_mm": rms(observed["riser_m"], 1e3),
         "tread_rmse_mm": rms(observed["tread_m"], 1e3),
         "slope_rmse_deg": rms(observed["slope_rad"], 180.0 / math.pi),
-        "sizes": {
-            size: {way: _size_figures(name, factor, [a for a in approaches if a.mode == mode])
-                   for way, mode in zip(("up", "down"), modes)}
-            for size, name, factor, modes in (
-                ("riser_mm", "riser_m", 1e3, ("SA", "SD")),
-                ("tread_mm", "tread_m", 1e3, ("SA", "SD")),
-                ("slope_deg", "slope_rad", 180.0 / math.pi, ("RA", "RD")),
-            )
-        },
+        "sizes": figures_by_size,
         "inside_95_pct": inside_pct([p for name in ("riser_m", "tread_m", "slope_rad") for p in sizes[name]]),
         "distance_inside_95_pct": inside_pct(sizes["distance_m"]),
-    }  # fmt: skip
+    }
 
 
 def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) -> SizeFigures:
@@ -464,11 +468,11 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
         `seen_pct`, share of the changes where the size was observed, not guessed; `rmse` of those; `all_rmse` of all.
     """
     sd = name.replace("_", "_sd_")  # `riser_m` has the standard deviation `riser_sd_m`
-    errors = [(getattr(a, name), getattr(a, sd)) for a in approaches]
+    pairs = [(getattr(a, name), getattr(a, sd)) for a in approaches]  # error and standard deviation of each change
     return {
-        "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in errors),
-        "rmse": rms([e for e, d in errors if d < _MAX_OBSERVED_SD[name]], factor),
-        "all_rmse": rms([e for e, _ in errors], factor),
+        "seen_pct": _percent(math.isfinite(e) and d < _MAX_OBSERVED_SD[name] for e, d in pairs),
+        "rmse": rms([e for e, d in pairs if d < _MAX_OBSERVED_SD[name]], factor),
+        "all_rmse": rms([e for e, _ in pairs], factor),
     }
 
 
@@ -501,7 +505,7 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
         For each tenth with steps: mean probability, share of steps that were right, and their number.
     """
     predicted = [s for s in steps if s.probabilities and not s.is_straddling]
-    p = np.array([max(s.probabilities) for s in predicted])
+    p = np.array([max(s.probabilities) for s in predicted])  # the largest one is that of the predicted mode
     right = np.array([s.is_correct for s in predicted], float)
     bins = np.minimum((p * _BINS).astype(int), _BINS - 1)  # a probability of 1 belongs to the last bin
     rows = []

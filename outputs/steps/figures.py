@@ -18,13 +18,19 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, terrain_layout
 
 _NORMAL_M = 0.16  # length of a drawn normal
-_PLANE, _NORMAL = PALETTE[2], PALETTE[1]
+_PLANE, _NORMAL = PALETTE[2], PALETTE[1]  # colours
 
 
 def steps_from_aside(
     layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
 ) -> Markup:
-    """Side view of one walk: the true ground along the route, and the estimated plane and normal of each footprint."""
+    """Side view of one walk: the true ground along the route, and the estimated plane and normal of each footprint.
+
+    Args:
+        layout: The true terrain; without it, the world's x counts as the place along the route.
+        steps: Steps of the walk; those with an estimate are drawn.
+        title: Title of the figure.
+    """
     true, estimated, slopes = _step_positions(steps)  # (N, 3) m, (N, 3) m and (N,) rad, in the true world
     s = true[:, 0] if layout is None else project_on_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
@@ -32,6 +38,7 @@ def steps_from_aside(
     # (N, 2) estimated places in the figure: along the route, height; shifted by the error along the route
     at = np.column_stack([s + error[:, 0] * np.cos(heading) + error[:, 1] * np.sin(heading), estimated[:, 2]])
     profile = layout.profile if layout else ()
+    # the figure shows 0.8 m before the first step and after the last, 0.1 m below the ground and 0.3 m above the feet
     span_s = data_range(s, at[:, 0], include=(float(s[0]) - 0.8, float(s[-1]) + 0.8), margin=0.0)
     floor = min((strip.z0 for strip in profile), default=float(true[:, 2].min())) - 0.1
     span_z = data_range(true[:, 2], at[:, 1], include=(floor, float(at[:, 1].max()) + 0.3), margin=0.0)
@@ -49,7 +56,13 @@ def steps_from_aside(
 
 
 def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: str = "The path from above") -> Markup:
-    """Plan view: the ground, the true footprints, and the path through the estimated ones."""
+    """Plan view: the ground, the true footprints, and the path through the estimated ones.
+
+    Args:
+        layout: The true terrain; None draws no ground.
+        steps: Steps of the walk; those with an estimate are drawn.
+        title: Title of the figure.
+    """
     true, estimated, _ = _step_positions(steps)
     x = data_range(true[:, 0], estimated[:, 0])
     y = data_range(true[:, 1], estimated[:, 1], margin=0.1)

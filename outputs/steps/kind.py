@@ -87,6 +87,7 @@ class Steps(OutputKind[list[StepEstimate], EvaluatedSteps]):
             steps = score_steps(footprints, output.estimates)
             if not any(step.is_matched for step in steps):
                 raise RecordingError(f"{recording.path}: {output.name} matched none of the {len(steps)} true steps")
+            # there are estimates, as some steps match one
             false_pct = 100.0 * false_steps(footprints, output.estimates) / len(output.estimates)
             scores = {**step_scores(steps), "false_pct": false_pct}
             evaluations.append(Evaluated(name=output.name, estimates=steps, scores=scores))

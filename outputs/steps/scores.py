@@ -269,7 +269,7 @@ def step_scores(steps: Sequence[ScoredStep]) -> Scores:
     places, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])
     end = float(np.linalg.norm((estimated[-1] - estimated[0]) - (places[-1] - places[0])))
     way = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")
+    left_out = ("slope_mean_deg", "elevation_mean_mm", "steps_missed")  # figures that are no scores in `SCORES`
     return {
         **{k: float(v) for k, v in figures.items() if k not in left_out},
         "unknown_pct": percent(s.estimated_mode == UNKNOWN for s in steps),
@@ -284,7 +284,7 @@ def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, floa
 
     Args:
         steps: Steps of one or several walks.
-        places: Errors of `displacement_errors`, m; empty to leave them out.
+        places: Not places, but the errors that `displacement_errors` returns, m; empty to leave them out.
 
     Returns:
         `slope_rmse_deg`, `slope_mean_deg`, `elevation_rmse_mm`, `elevation_mean_mm`, `classification_accuracy_pct`,
@@ -305,7 +305,8 @@ def step_figures(steps: Sequence[ScoredStep], places: Sequence[tuple[float, floa
         "steps_missed": len(steps) - len(matched),
     }
     if len(places):
-        d, h, y = (_rms(1e3 * np.array(axis)) for axis in zip(*places))
+        # RMS error along each of the three axes, mm
+        d, h, y = (_rms(1e3 * np.array(errors_m)) for errors_m in zip(*places))
         figures |= {"d_rmse_mm": d, "h_rmse_mm": h, "y_rmse_mm": y}
     return figures
 

@@ -13,12 +13,12 @@ class TerrainChange:
     """A place on the route where stairs, a ramp or level ground begin.
 
     Attributes:
-        s: m along the route.
-        mode: Mode of the steps beyond it.
-        riser: m, down negative; 0 if no stairs begin.
-        tread: m; 0 if no stairs begin.
-        risers: Their number.
-        slope: rad, down negative; 0 if no ramp begins.
+        s: Its place, m along the route.
+        mode: Mode of the steps beyond it: LG, SA, SD, RA or RD.
+        riser: Height of the risers of stairs that begin, m, down negative; 0 if none begin.
+        tread: Depth of their treads, m; 0 if none begin.
+        risers: Number of their risers; 0 if none begin, or if it is not needed.
+        slope: Slope of a ramp that begins, rad, down negative; 0 if none begins.
     """
 
     s: float
@@ -33,7 +33,7 @@ class TerrainChange:
 class ScoredChange:
     """Errors of an estimated terrain change (estimated minus true) with the reported standard deviations.
 
-    NaN where unknown.
+    Numbers are NaN where unknown. Each error has its standard deviation beside it: `riser_sd_m` is that of `riser_m`.
 
     Attributes:
         mode: True mode of the steps beyond it.

@@ -22,13 +22,14 @@ from stridetwin.pages.html import boxes, data_uri, section
 from stridetwin.pages.plot import INK, PALETTE, Plot, data_range
 from stridetwin.streams.samples import Array
 
-_PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)  # of the mapped ground
+# colours of the mapped ground, RGB: those of the classes, mixed with white
+_PALE = (255 - 0.45 * (255 - np.array(CLASS_COLORS, float))).astype(np.uint8)
 _HEX, _PALE_HEX = (
     {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, colors)} for colors in (CLASS_COLORS, _PALE)
 )
 _LINE_M = 0.2  # half width of the strip whose median height is shown
 _CLEAR_M = 0.06  # nearer to a true edge no error of the height is shown
-_LEAST_CLEAR = 0.3  # of the cells across the route
+_LEAST_CLEAR = 0.3  # share of the cells of that strip, across the route, that must be mapped
 _MAX_EDGE_ERROR_MM = 140.0  # an estimated edge farther than this from every true one matches none
 _LEAD = (
     "From depth camera and visual-inertial odometry: the ground, mapped before the walker reached it. Drift of the "
@@ -40,6 +41,10 @@ def ground_from_above(route: MappedRoute, walk: AlignedWalk) -> Markup:
     """The mapped ground along the straightened route by class, with mapped edges, true footprints and the true path.
 
     The route is cut into rows, true to scale.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
     """
     straight = StraightenedRoute(walk)
     span = (max(float(route.s[0]), straight.span_m[0]), min(float(route.s[-1]), straight.span_m[1]))
@@ -95,11 +100,17 @@ def _encode_class_image(classes: NDArray[np.uint8], known: NDArray[np.bool_]) ->
 
 
 def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Heights along the route: true ground, mapped ground by class, estimated edges."""
+    """Heights along the route: true ground, mapped ground by class, estimated edges.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
+    """
     s, height, classes = _ground_along_middle(route)
     profile, span = walk.layout.profile, StraightenedRoute(walk).span_m
     shown = (s > span[0]) & (s < span[1])
     true = true_heights(profile, s)
+    # the figure shows 12 cm below the lowest ground
     span_z = data_range(true[shown], height[shown], include=(float(true[shown].min()) - 0.12,))
     plot = Plot(
         title="The ground from the side",
@@ -124,7 +135,12 @@ def ground_from_aside(route: MappedRoute, walk: AlignedWalk) -> Markup:
 
 
 def ground_errors(route: MappedRoute, walk: AlignedWalk) -> Markup:
-    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm."""
+    """Figure of the errors along the route: of the mapped heights, mm, and of the positions of mapped edges, mm.
+
+    Args:
+        route: The mapped ground.
+        walk: The walk beside the truth.
+    """
     s, height, _ = _ground_along_middle(route)
     span = StraightenedRoute(walk).span_m
     true_edges = np.array([at for at, _, _ in edges(walk.layout.profile)])  # m along the route

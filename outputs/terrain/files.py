@@ -62,6 +62,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     estimate = terrain_map.estimate
     if estimate is None:
         raise RecordingError("no depth image has a pose, so the map is empty")
+    # made first, so that no file is written if the library is not installed
     mesh_files = _export_meshes(terrain_map, estimate, file) if mesh else {}
     points, plane = terrain_map.surface_points()  # (N, 3) m, and (N,) id of the plane of each point
     kinds = [_terrain_name(estimate.terrain_of(int(p))) for p in plane]
@@ -106,6 +107,10 @@ def _build_ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> tr
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
+
+    Args:
+        terrain_map: The map.
+        estimate: Its planes and terrains, which decide the colours.
     """
     import trimesh
 
@@ -134,7 +139,12 @@ def _terrain_name(terrain: Terrain | None) -> str:
 
 
 def _plane_fields(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
-    """A plane as plain values for the JSON file."""
+    """A plane as plain values for the JSON file.
+
+    Args:
+        plane: The plane.
+        terrain: The terrain that it belongs to; None without one.
+    """
     return {
         "id": plane.id,
         "terrain": _terrain_name(terrain),

@@ -42,18 +42,18 @@ class GroundGrid:
     @classmethod
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
         """The current ground of a map: in each column the height and the plane of its surface point."""
-        p = terrain_map.parameters
+        cell_m = terrain_map.parameters.voxel_size_m
         c, s = math.cos(GRID_ROTATION_RAD), math.sin(GRID_ROTATION_RAD)
         rotation = np.array([[c, -s], [s, c]])
         points, plane = terrain_map.surface_points()
         # (N, 2) numbers of the columns; `points @ rotation` are the coordinates in the rotated grid
-        columns = np.floor(points[:, :2] @ rotation / p.voxel_size_m).astype(np.int64)
+        columns = np.floor(points[:, :2] @ rotation / cell_m).astype(np.int64)
         first = columns.min(axis=0) if len(columns) else np.zeros(2, np.int64)
         shape = columns.max(axis=0) - first + 1 if len(columns) else np.zeros(2, np.int64)
         height, ids = np.full(shape, np.nan), np.full(shape, -1, np.int64)
         i, j = (columns - first).T
         height[i, j], ids[i, j] = points[:, 2], plane
-        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=p.voxel_size_m)
+        return cls(first=first, height=height, plane=ids, rotation=rotation, cell_m=cell_m)
 
     def at(self, xy: Array) -> tuple[Array, NDArray[np.int64]]:
         """Heights (...) m and plane ids (...) at places (..., 2) in the map's world; NaN and -1 where unknown."""

@@ -54,7 +54,7 @@ class RouteMapper:
 
     def __init__(self, layout: Layout, s0: float, s1: float) -> None:
         self._way, self._profile = layout.way, layout.profile
-        # centres of the cells; the arrays are those of `MappedRoute`
+        # centres of the cells; the arrays are those of `MappedRoute`. 1e-9: rounding adds no cell beyond the edge.
         self._s = np.arange(s0, s1, CELL_M) + CELL_M / 2
         self._left = np.arange(-HALF_WIDTH_M, HALF_WIDTH_M - 1e-9, CELL_M) + CELL_M / 2
         self._height = np.full((len(self._s), len(self._left)), np.nan)
@@ -98,12 +98,13 @@ class RouteMapper:
             place_m: Place of the walker along the route, m.
         """
         # samples of the route ahead: m along it; (S, 2) m, points; and (S, 2), unit vectors to its left
-        places = np.arange(place_m, place_m + _MAX_EDGE_AHEAD_M, 0.02)
+        step_m = 0.02  # distance of two samples
+        places = np.arange(place_m, place_m + _MAX_EDGE_AHEAD_M, step_m)
         way, heading = self._way.point(places), self._way.heading(places)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
         distance = np.abs(_distance_from_line(way, a, b))
         k = int(distance.argmin())  # the sample of the route nearest to the edge's line
-        if distance[k] > 0.02:  # the line crosses the route nowhere near
+        if distance[k] > step_m:  # the line crosses the route nowhere near
             return
         # left coordinates of both ends, and cosine of the angle between edge and the direction across the route
         along_edge = (b - a)[:2]
@@ -147,6 +148,6 @@ def edge_lines(flight: Stairs) -> list[Array]:
     lines = []
     for k, s in enumerate(flight.edges):
         if math.isfinite(s):
-            z = flight.base + (k + 1) * flight.riser
+            z = flight.base + (k + 1) * flight.riser  # `base` is the height below the first riser
             lines.append(np.array([[*(s * up + reach * aside), z] for reach in flight.across]))
     return lines

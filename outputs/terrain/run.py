@@ -60,7 +60,7 @@ class MapCollector(Collector[MapRun]):
         self._sampler = None if walk is None else _MapSampler(terrain_map, walk)
 
     def add(self, sample: Sample, estimate: object) -> None:
-        """Samples the map after a depth image."""
+        """Samples the map after a depth image; it reads the map itself, not `estimate`."""
         if self._sampler is not None and isinstance(sample, Depth):
             self._sampler.sample(sample.t_ns)
 

@@ -33,9 +33,9 @@ _STRAIGHT_M = 0.05  # the route is straight up to where it deviates by more from
 _REACH_M = 6.0
 """Edges farther away are not ahead."""
 _FACING = 0.5
-"""Cosine of the angle at which an edge of a winding stair is still met from in front."""
+"""Least cosine of the angle between the line ahead and the route at an edge that is met from in front."""
 _EVERY = 5
-"""Every n-th point is measured."""
+"""Of the map's points, every fifth is compared with the true ground."""
 
 SCORES = (
     Score(
@@ -73,7 +73,7 @@ class MapScores:
     """Scores of one walk's map against the true terrain.
 
     Attributes:
-        changes: In order along the route.
+        changes: The scored terrain changes, in order along the route.
         accuracy_m: RMS distance of the map's ground ahead on the route from the true mesh.
         accuracy_p95_m: 95th percentile of it.
         completeness: Share of the ground between 0.5 and 2.5 m ahead that is known within 3 cm.
@@ -216,12 +216,13 @@ class MapScorer:
     def scores(self) -> MapScores:
         """The scores over all samples so far."""
         points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
-        # (N,) m, distances of all sampled points from the true ground
-        far = distance_to(mesh_of(self._layout.slabs), points)
+        distances = distance_to(
+            mesh_of(self._layout.slabs), points
+        )  # (N,) m, of the sampled points from the true ground
         return MapScores(
             changes=tuple(self._changes),
-            accuracy_m=_rms(far),
-            accuracy_p95_m=float(np.percentile(far, 95)) if len(far) else math.nan,
+            accuracy_m=_rms(distances),
+            accuracy_p95_m=float(np.percentile(distances, 95)) if len(distances) else math.nan,
             completeness=float(np.nanmean(self._complete)) if np.isfinite(self._complete).any() else math.nan,
             edge_errors=np.concatenate(self._edges) if self._edges else np.zeros(0),
         )
@@ -261,7 +262,14 @@ def _rms(values: Array | Sequence[float]) -> float:
 
 
 def _profile_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Profile:
-    """The map's profile straight ahead of a place on the route, corrected for drift."""
+    """The map's profile straight ahead of a place on the route, corrected for drift.
+
+    Args:
+        mapper: The map.
+        place_m: The place along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
     heading = float(layout.way.heading(place_m))
     return mapper.profile(alignment.to_estimated(layout.way.point(place_m)), heading - alignment.yaw)
 
@@ -307,9 +315,8 @@ def _score_change(
             slope_sd_rad=plane.slope_sd,
         )
     for flight in sorted(estimate.stairs, key=lambda f: -f.steps):  # the longest first
-        sign = math.copysign(
-            1.0, change.riser
-        )  # -1 where the walker goes down, against the flight's direction of ascent
+        # -1 where the walker goes down, against the flight's direction of ascent
+        sign = math.copysign(1.0, change.riser)
         if float(flight.up @ forward) * sign < 0.9:  # it rises, or falls, in another direction than the true one
             continue
         # from the true begin to each edge of the flight, m forward; the first one that the walker meets is the begin
@@ -363,6 +370,7 @@ def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
     # in the axes of the route there: forward along it, and to the left
     cos, sin = np.cos(heading[nearest]), np.sin(heading[nearest])
     along, aside = offset[:, 0] * cos + offset[:, 1] * sin, offset[:, 1] * cos - offset[:, 0] * sin
+    # farther along than a cell from the nearest sample are only points before the first one or beyond the last one
     return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
 
 
@@ -381,7 +389,7 @@ def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
     Returns:
         (N,) m along the route, and (N,) m to the left of it; empty at the end of the route.
     """
-    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
+    across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)  # 1e-9 so that both ends are included
     s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(place_m, layout), across))
     return s, aside
 
@@ -415,7 +423,8 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
     starts = np.array([strip.s0 for strip in profile])
     # (strips, 4): begin along the route, height there, rise per m along the route and per m to the left
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
-    at = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)  # the strip under each place
+    # number of the strip under each place; the first and the last one continue beyond the ends of the route
+    at = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)
     s0, z0, slope, cross = strips[at].T
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
@@ -432,7 +441,7 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
         layout: The true terrain.
 
     Returns:
-        Estimated minus true distance; inf where no true edge is near.
+        Estimated minus true distance; all inf if there is no true edge near the place (`_edges_along`).
     """
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
     # mapped edges, m straight ahead
@@ -441,7 +450,8 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
     forward = np.array([math.cos(heading), math.sin(heading)])
     ahead = layout.way.point(place_m) + known[:, None] * forward
     straight = np.linalg.norm(layout.way.point(place_m + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
-    known, true = known[straight], _edges_along(place_m, forward, layout)  # m straight ahead, mapped and true
+    known = known[straight]
+    true = _edges_along(place_m, forward, layout)  # true edges, m straight ahead
     if not len(true):
         return np.full(len(known), math.inf)
     return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])
@@ -461,10 +471,10 @@ def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
     jumps = np.array([s for s, _, _ in edges(layout.profile)])  # places of the true edges, m along the route
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
-    across = np.stack(
-        [np.cos(heading), np.sin(heading)], -1
-    )  # (J, 2) direction of the route, perpendicular to each edge
+    # (J, 2) direction of the route at each edge, perpendicular to the edge
+    across = np.stack([np.cos(heading), np.sin(heading)], -1)
     facing = across @ forward  # cosine of the angle between the line and the route at each edge
     # distance of each edge's line from the place, perpendicular to the edge
     away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)
+    # along the line to the edge it is longer by 1 / cos
     return np.asarray(away[facing > _FACING] / facing[facing > _FACING])

@@ -25,16 +25,16 @@ from stridetwin.streams.validation import suggest, validate
 from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, read_yaml
 
 SAMPLINGS = ("sobol", "latin_hypercube")
-_WHETHER = ("reject", "keep")
+_WHETHER = ("reject", "keep")  # what happens to walks of some kind
 MOST_WALKS = 1_000_000
 _SUFFIXES = (".yaml", ".yml")
-_CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}
+_CAMPAIGNS_ONLY = {"campaign", "scenarios", "walks"}  # keys that no scenario file has
 _MOST_PEOPLE = 10_000
 _NOWHERE = FieldLocation(source="")
-_BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")
+_BODY = ("bmi", "sex", "height_m", "mass_kg", "shoe_mm")  # keys of a drawn body, in the file
 _MASS_KG = (45.0, 110.0)  # valid masses; that of a body mass index is limited to them
 _MM = 1e-3
-_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,30}")  # a valid name of a part
 
 
 def _check_shares(shares: dict[str, float]) -> dict[str, float]:
@@ -165,6 +165,7 @@ class _Drawn(FileModel):
         body = {key: getattr(self, key) for key in _BODY if key in self.model_fields_set}
         if {"bmi", "mass_kg"} <= body.keys():
             raise field_error(body["bmi"].description, "either bmi or mass_kg", "bmi")
+        # the ends of the distribution of `bmi`, if there is one; those of a choice may have any type
         for end in body["bmi"].ends if "bmi" in body else ():
             if isinstance(end, bool) or not isinstance(end, (int, float)) or not 15 <= end <= 45:
                 raise field_error(end, "15-45 (kg/m²)", "bmi")

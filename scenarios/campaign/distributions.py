@@ -40,7 +40,10 @@ class Distribution(FileModel, ABC):
 
     @property
     def ends(self) -> tuple[object, ...]:
-        """Lowest and highest value, or all values where they have no order: those of its own key, the first one."""
+        """Lowest and highest value; of a `Choice`, which has no order, all values.
+
+        They are what the file gives under the first key of the distribution, such as `uniform: [1, 2]`.
+        """
         first_key = next(iter(type(self).model_fields))  # the key that names the distribution, such as `uniform`
         ends: tuple[object, ...] = getattr(self, first_key)
         return ends
@@ -219,7 +222,7 @@ class Choice(Distribution):
 def index_at_quantile(weights: Sequence[float], u: float) -> int:
     """Index of the item at a quantile `u` (0-1), where each item has a probability proportional to its weight."""
     sums = list(itertools.accumulate(weights))
-    # the first item whose sum of weights exceeds u times the whole sum
+    # the first item up to which the weights add up to more than u times the whole sum; u = 1 gives the last item
     return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
 
 
@@ -233,7 +236,7 @@ def _span_text(ends: tuple[float, float]) -> str:
     return f"{ends[0]:g} to {ends[1]:g}"
 
 
-_KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")
+_KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")  # each names a distribution in a file
 
 
 def _distribution_tag(node: object) -> str | None:

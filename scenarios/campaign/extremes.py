@@ -26,7 +26,7 @@ from stridetwin.scenarios.scenario_file import Scenario
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 
 _MIDDLE = 0.5  # probability of the median
-_STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
+_STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}  # a short walk, as plain data
 
 
 @contextmanager
@@ -50,7 +50,12 @@ def base_scenarios(campaign: Campaign) -> list[Scenario]:
 
 
 def valid_scenarios(campaign: Campaign, walks: Iterable[PlannedWalk]) -> list[Scenario]:
-    """The scenarios of some walks, without those that are invalid with the values drawn."""
+    """The scenarios of some walks, without those that are invalid with the values drawn.
+
+    Args:
+        campaign: The campaign, which names the user's files.
+        walks: Walks of its plan.
+    """
     scenarios = []
     with _temporary_folder(campaign) as folder:
         for walk in walks:
@@ -61,6 +66,10 @@ def valid_scenarios(campaign: Campaign, walks: Iterable[PlannedWalk]) -> list[Sc
 
 def check_extremes(campaign: Campaign, extra: Extra) -> None:
     """Tries the ends of every range on each scenario, while the other values are at their median.
+
+    Args:
+        campaign: The campaign.
+        extra: What the command line adds to the campaign.
 
     Raises:
         ConfigError: A scenario or a value is invalid; the message names file, field, value and what is valid.

@@ -14,6 +14,7 @@ from stridetwin.sim.sensors.standard_rig import FOOT_BOARD, FOOT_CAMERA, FOOT_IM
 from stridetwin.streams.errors import FieldLocation
 from stridetwin.streams.fields import DEG, MM
 
+# one step of a path: a key, and the indices of list items after it
 _STEP = re.compile(r"([a-z][a-z0-9_]*)((?:\[\d{1,4}\])*)")
 PlainScenario = dict[str, object]
 """Content of a scenario file: its keys, with texts, numbers, lists and mappings as the file has them."""
@@ -67,7 +68,7 @@ def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: Fi
         _check_place(node, path, depth, where)
         if isinstance(key, str) and key not in node:
             node[key] = _standard_mount(scenario, path.keys[: depth + 1])
-        # depth 0 is the list of groups, depth 1 one group
+        # below `sensors` (depth 0) there may be a list of groups, below the name of a group (depth 1) its short form
         if path.keys[0] == "sensors" and depth < 2:
             node[key] = _expand_short_form(node[key], of_group=depth == 1)
         node = node[key]
@@ -100,6 +101,7 @@ def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any
             sensors: Any = scenario["sensors"]
             pitch_deg = sensors["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
             _, position_m = RGBD_MOUNT[str(scenario.get("camera_mount", "head"))]  # the body, and the place on it
+            # it faces forward (0° aside), and down by the pitch
             return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
         case _:
             return {}
@@ -162,6 +164,7 @@ def _expand_short_form(node: object, *, of_group: bool) -> object:
     if of_group:
         if isinstance(node, str):
             return {"part": node}
+        # a switch becomes an empty mapping, off as well as on: an option in it switches the group on
         return {} if isinstance(node, bool) else node
     if isinstance(node, list):
         # only the groups whose state differs from the default one

@@ -42,7 +42,7 @@ from stridetwin.streams.files import atomic_file, to_json
 _USED = "another process generates walks there: expected another folder"
 _RESUME = "the same command continues"
 _ANOTHER = "expected the same request to resume, or another folder"
-_LABELS = {"off": "sensors switched off:"}
+_LABELS = {"off": "sensors switched off:"}  # how a message names a key of a request, if not by the key
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +75,13 @@ class CampaignResult:
     @property
     def empty_parts(self) -> list[str]:
         """Parts of the splits without an accepted walk, such as `test (by person)`."""
+        # the parts of each accepted walk, by `person` and `terrain`
         accepted = [walk["split"] for walk in self.manifest["walks"] if walk["status"] == ACCEPTED]
-        return [
-            f"{part} (by {by})"
-            for by in self.manifest["splits"]
-            for part in self.manifest["shares"]
-            if not any(split[by] == part for split in accepted)
-        ]
+        empty: list[str] = []
+        for by in self.manifest["splits"]:
+            filled_parts = {split[by] for split in accepted}
+            empty += [f"{part} (by {by})" for part in self.manifest["shares"] if part not in filled_parts]
+        return empty
 
     @property
     def reasons(self) -> Counter[str]:
@@ -124,7 +124,8 @@ def generate(
         )
         for walk in plan_walks(campaign, options.extra)
     ]
-    # one process at a time; `unfinished` is a folder for files that are not complete yet
+    # one process at a time; `unfinished` is a folder for files that are not complete yet. The function says whether the
+    # folder has the row of a walk: a new folder without any is removed again if the run is refused.
     with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)
@@ -252,7 +253,7 @@ def _differences(request: Mapping[str, object], previous: Mapping[str, object]) 
 
 
 def _text(value: object) -> str:
-    """A setting as text for a message."""
+    """A setting of a request as text for a message; None leaves what the scenario has."""
     if isinstance(value, (list, tuple)):
         return ", ".join(value) or "none"
     return "as in the scenario" if value is None else str(value)

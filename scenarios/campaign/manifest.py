@@ -18,10 +18,10 @@ import numpy as np
 from stridetwin.scenarios.campaign.campaign_file import Campaign, Splits
 from stridetwin.scenarios.campaign.walk import ACCEPTED, WalkRow
 
-_GOLDEN = (5**0.5 - 1) / 2
+_GOLDEN = (5**0.5 - 1) / 2  # step of the fractions by which names are assigned to parts
 _KEYS = {"person": 2, "terrain": 3}  # keys of the random numbers of each split
-_BARS = "▁▂▃▄▅▆▇█"
-_BINS = 16
+_BARS = "▁▂▃▄▅▆▇█"  # of a histogram, the lowest first
+_BINS = 16  # of a histogram
 _FILES = {
     "manifest.json": "every walk: seed, drawn values, person, terrain, checksum, verdict, splits",
     "recordings/": "the accepted walks",
@@ -71,7 +71,7 @@ class Manifest(TypedDict):
         versions: Versions of the code that generated the walks.
         files: Digests of the user's files by name.
         people: Body measures by person.
-        splits: Part by name, of each person (`person`) and terrain (`terrain`).
+        splits: Under `person` and `terrain`: the part of each person or terrain, by its name.
         walks: Rows of all walks.
     """
 
@@ -95,8 +95,13 @@ class Manifest(TypedDict):
 def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[str, dict[str, str]]:
     """Assigns each person and each terrain of all walks to a part of its split.
 
+    Args:
+        rows: Rows of all walks, in order.
+        splits: The parts with their shares.
+        seed: Seed of the campaign.
+
     Returns:
-        By `person` and `terrain`: name to part.
+        Under `person` and `terrain`: the part of each person or terrain, by its name.
     """
     parts = {}
     for by in _KEYS:
@@ -167,6 +172,7 @@ def manifest(
         if "person" in row:
             bodies[row["person"]] = row["body"]
         if row["status"] == ACCEPTED:
+            # an accepted walk has both a person and a terrain, so that `group_of` is not None
             entry["split"] = {by: parts[by][str(group_of(row, by, campaign.splits))] for by in parts}
         walks.append(entry)
     return {
@@ -193,7 +199,11 @@ def manifest(
 
 
 def varying_values(campaign: Campaign) -> dict[str, str]:
-    """Each varying value, with its distribution as text; values of one scenario begin with its name."""
+    """Values and their distributions as text: those that vary, and all body measures of the people.
+
+    The value of one scenario alone begins with its name, a body measure with `people[i]`, where i is the number of the
+    group; a group of predefined people has their names.
+    """
     texts = {v.name: v.distribution.description for v in campaign.variables if v.varies}
     for base in campaign.bases:
         texts |= {f"{base.name}: {v.name}": v.distribution.description for v in base.variables if v.varies}
@@ -247,7 +257,7 @@ def _file_lines(manifest: Manifest) -> Iterator[str]:
     """Yields the lines of the card's table of files."""
     yield "| | |\n|---|---|"
     for name, what in _FILES.items():
-        if name != "files/" or manifest["files"]:
+        if name != "files/" or manifest["files"]:  # the folder `files` exists only where the scenarios name files
             yield f"| `{name}` | {what} |"
 
 
@@ -262,12 +272,11 @@ def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
         # `NAME` is set in all scenarios, `BASE: NAME` in one, where it replaces the value of all
         first, colon, second = name.partition(": ")
         base, value_name = (first, second) if colon else ("", name)
-        values = [
-            w["values"][value_name]
-            for w in accepted
-            if value_name in w["values"]
-            and (w["scenario"] == base if base else f"{w['scenario']}: {name}" not in manifest["ranges"])
-        ]
+        values: list[object] = []  # of the walks in which this line sets the value
+        for walk in accepted:
+            is_of_line = walk["scenario"] == base if base else f"{walk['scenario']}: {name}" not in manifest["ranges"]
+            if is_of_line and value_name in walk["values"]:
+                values.append(walk["values"][value_name])
         yield _row(name, text, values)
     # the measures that the people actually have, instead of drawn quantities such as `bmi`
     bodies = [manifest["people"][w["person"]] for w in accepted]

@@ -25,10 +25,10 @@ from stridetwin.streams.yaml_file import LARGEST_FILE_VALUES, Dumper, read_yaml
 
 FILES, SCENARIOS = "files", "scenarios"
 """Folders of the output: copies of the user's files, and the scenario file of each walk."""
-_PARSED = "parsed.yaml"
+_PARSED = "parsed.yaml"  # file through which a scenario is tried
 _SUFFIXES = (".yaml", ".yml")
 _MODELS = (".xml", ".urdf")
-_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")
+_OWN = (*_SUFFIXES, *_MODELS, ".stl", ".obj", ".ply")  # endings of the user's files: YAML, models and meshes
 _NAMING = ("sensors", "exo", "terrain")
 """Keys of a scenario that may name files."""
 
@@ -167,7 +167,7 @@ class NamedFiles:
         return Base(
             name=self._make_unique(path.stem),
             scenario=scenario,
-            weight=getattr(item, "weight", 1.0),
+            weight=getattr(item, "weight", 1.0),  # only the scenarios of a campaign have one
             variables=self.variables(item.set, where.key("set")),
             at=at,
             file=path,
@@ -189,7 +189,7 @@ class NamedFiles:
             where: Position of the block.
 
         Raises:
-            ConfigError: An invalid path, a field set twice, or a file outside of the folder.
+            ConfigError: An invalid path, the same paths given twice, or a file outside of the folder.
         """
         variables: list[Variable] = []
         for name, value in values.items():
@@ -252,6 +252,11 @@ class NamedFiles:
 
     def _find_file(self, home: Path, name: str, where: FieldLocation) -> Path:
         """Path of a file that must exist in the naming file's folder or below it.
+
+        Args:
+            home: Folder that the name is relative to.
+            name: The file, as written.
+            where: Position of the name, for errors.
 
         Raises:
             ConfigError: The file does not exist there.
@@ -318,14 +323,15 @@ def errors_in_user_files(
     if scenario is not None and scenario not in catalogue().values():
         files[f"/{SCENARIOS}/{_PARSED}"] = scenario
     located: list[StrideTwinError] = []
-    for one in error.errors if isinstance(error, ConfigFileError) else (error,):
-        if not isinstance(one, ConfigError):
+    # a `ConfigFileError` holds several errors
+    for single_error in error.errors if isinstance(error, ConfigFileError) else (error,):
+        if not isinstance(single_error, ConfigError):
             continue
-        file = next((path for end, path in files.items() if one.source.endswith(end)), None)
+        file = next((path for end, path in files.items() if single_error.source.endswith(end)), None)
         if file is not None:  # else the error is in a file of ours, such as the scenario of one walk
             working_folder = Path.cwd()
             shown_path = file.relative_to(working_folder) if file.is_relative_to(working_folder) else file
-            located.append(ConfigError(shown_path, one.field, one.value, one.valid))
+            located.append(ConfigError(shown_path, single_error.field, single_error.value, single_error.valid))
     if not located:
         return None
     return located[0] if len(located) == 1 else ConfigFileError(located)

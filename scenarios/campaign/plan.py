@@ -45,7 +45,7 @@ def quasi_random_points(sampling: str, count: int, dimensions: int, seed: int, k
         points = qmc.Sobol(dimensions, rng=rng).random_base2(math.ceil(math.log2(count)))[:count]
     else:
         points = qmc.LatinHypercube(dimensions, rng=rng).random(count)
-    return np.minimum(points, np.nextafter(1.0, 0.0))
+    return np.minimum(points, np.nextafter(1.0, 0.0))  # below 1, whatever the rounding
 
 
 _SEEDS = 1_000_000  # of one campaign: walk i of seed s has the seed s * _SEEDS + i
@@ -116,6 +116,10 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     The scenario of each walk is drawn first. Each scenario then has a unit cube of its own, with one dimension for the
     person and one per varying value; its walks take the points in order. So the values of a scenario fill their ranges
     jointly, independent of the other scenarios.
+
+    Args:
+        campaign: The campaign.
+        extra: Overrides for every walk.
     """
     members, sampling = draw_people(campaign), campaign.sampling
     # number of the scenario of each walk
@@ -160,6 +164,7 @@ def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Va
     """
     variables: list[Variable] = []
     later = list(extra.places)  # fields that are set later on, as keys; a field inside one of them is replaced, too
+    # from the last variable to the first, so that `later` has the fields of all that follow
     for variable in reversed((*campaign.variables, *base.variables)):
         # for each of its fields, whether one of the later fields is that field or contains it
         is_replaced = [any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths]

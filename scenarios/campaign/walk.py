@@ -29,8 +29,10 @@ from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2
 from stridetwin.streams.recording.reader import Recording
 
 RECORDINGS, REJECTED, ROWS = "recordings", "rejected", "rows"
+"""Folders of the campaign: accepted recordings, rejected ones, and rows of the manifest."""
 ACCEPTED, REJECTS, FAILED = "accepted", "rejected", "failed"
-_RESIDUAL = "/truth/root_residual"
+"""Statuses of a walk."""
+_RESIDUAL = "/truth/root_residual"  # topic of the external force at the root besides the ground's
 
 
 class QualityFigures(TypedDict):
@@ -79,7 +81,7 @@ class WalkRow(TypedDict):
             following keys.
         bytes: Size of the recording.
         sha256: Digest of the recording.
-        duration_s: See `QualityFigures`, as for the other figures.
+        duration_s: This key and the following ones up to `expected_findings`: see `QualityFigures`.
         split: Parts of the splits of an accepted walk, by `person` and `terrain`.
     """
 
@@ -148,6 +150,10 @@ def row_of_failure(task: WalkTask, reason: str) -> WalkRow:
     """The row of a walk with an unexpected error; it is not stored, so that the next run tries the walk again.
 
     It holds person and terrain like any other row, so that the splits do not depend on which walks failed.
+
+    Args:
+        task: The walk.
+        reason: The error as text.
     """
     try:
         scenario = scenario_of(task.walk.scenario, task.path(SCENARIOS, ".yaml"))
@@ -274,6 +280,11 @@ def _short_digest(text: str) -> str:
 
 def quality_figures(recording: Recording, person: Person, fell_at_s: float | None) -> QualityFigures:
     """Figures of the quality check, as in the manifest; the force at the root is given in % of the body weight.
+
+    Args:
+        recording: The recorded walk, opened leniently.
+        person: The walker.
+        fell_at_s: When the walker fell; None without a fall.
 
     Returns:
         `duration_s`, `fell_at_s`, `help_mean_pct`, and the errors that `check` finds: `findings`, and

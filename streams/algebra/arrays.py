@@ -15,6 +15,7 @@ def hat(v: Array) -> Array:
     """(..., 3, 3) skew-symmetric matrices [v]× of vectors v (..., 3): [v]× w = v × w."""
     M = np.zeros((*v.shape, 3))
     M[..., 2, 1], M[..., 0, 2], M[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    # the other three entries are the negative transpose of these
     return np.asarray(M - np.swapaxes(M, -1, -2))
 
 
@@ -145,7 +146,9 @@ def to_quaternion(R: Array) -> Array:
     rows[..., 1, 2] = rows[..., 2, 1] = xy + yx
     rows[..., 1, 3] = rows[..., 3, 1] = xz + zx
     rows[..., 2, 3] = rows[..., 3, 2] = yz + zy
-    largest = np.argmax(np.stack([trace, xx, yy, zz], axis=-1), axis=-1)  # (...) number of the longest row
+    # (...) number of the longest row, that of the largest |q_i|: for example, 4 w² = 1 + trace is more than
+    # 4 x² = 1 + 2 xx - trace where trace > xx
+    largest = np.argmax(np.stack([trace, xx, yy, zz], axis=-1), axis=-1)
     q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]  # (..., 4) that row
     square = q * q
     size = np.sqrt(square[..., 0] + square[..., 1] + square[..., 2] + square[..., 3])

@@ -50,7 +50,7 @@ def clear(v: Array) -> None:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def clear_matrix(M: Array) -> None:
-    """Sets a matrix (N, M) to 0."""
+    """Sets a matrix (n, m) to 0."""
     for i in range(M.shape[0]):
         for j in range(M.shape[1]):
             M[i, j] = 0.0
@@ -58,7 +58,7 @@ def clear_matrix(M: Array) -> None:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def clear_block(M: Array, n: int) -> None:
-    """Sets the first n rows and columns of a matrix to 0."""
+    """Sets the (n, n) block at the upper left of a matrix to 0; the other entries stay."""
     for i in range(n):
         for j in range(n):
             M[i, j] = 0.0
@@ -73,7 +73,7 @@ def copy(v: Array, out: Array) -> None:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def copy_matrix(M: Array, out: Array) -> None:
-    """Copies a matrix (N, M) into `out`."""
+    """Copies a matrix (n, m) into `out`."""
     for i in range(M.shape[0]):
         for j in range(M.shape[1]):
             out[i, j] = M[i, j]
@@ -240,7 +240,7 @@ def right_jacobian(v: Array) -> Array:
     """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     t = math.sqrt(t2)  # θ
-    if t < 1e-4:
+    if t < 1e-4:  # the quotients lose digits, as their terms cancel
         return _sum_powers_of_hat(v, 1.0, -0.5 + t2 / 24.0, 1.0 / 6.0 - t2 / 120.0)
     return _sum_powers_of_hat(v, 1.0, -(1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t))
 
@@ -253,7 +253,7 @@ def right_jacobian_inverse(v: Array) -> Array:
     """
     t2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
     t = math.sqrt(t2)  # θ
-    if t < 1e-4:
+    if t < 1e-4:  # the factor loses digits, as its terms cancel
         return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / 12.0 + t2 / 720.0)
     return _sum_powers_of_hat(v, 1.0, 0.5, 1.0 / t2 - (1.0 + math.cos(t)) / (2.0 * t * math.sin(t)))
 
@@ -276,13 +276,13 @@ def _sum_powers_of_hat(v: Array, a: float, b: float, c: float) -> Array:
 
 @njit(**INNER_KERNEL)
 def factorise(A: Array, variance: float, L: Array, size: int) -> None:
-    """Writes the lower triangle L with L Lᵀ = A + variance · I, for the leading `size` rows (Cholesky).
+    """Writes the lower triangle L with L Lᵀ = A + variance · I, of the (size, size) block at the upper left (Cholesky).
 
     Args:
         A: (n, n) symmetric, of which the lower triangle is read; A + variance · I is positive definite.
         variance: Added to the diagonal.
-        L: (n, n) output; may be A itself.
-        size: Number of rows.
+        L: (n, n) output, of which the lower triangle is written; may be A itself.
+        size: Number of leading rows and columns that are used.
     """
     for i in range(size):
         for j in range(i + 1):
@@ -402,10 +402,10 @@ def solve_damped(A: Array, b: Array, size: int, damping: float, L: Array, x: Arr
     """Solves (A + damping diag(A)) x = b for the first `size` unknowns, by a Cholesky factorisation.
 
     Args:
-        A: (N, N) matrix, of which the lower triangle is read.
+        A: (N, N) symmetric, of which the lower triangle is read.
         b: (N,) right-hand side.
         size: Number of unknowns.
-        damping: Share of the diagonal that is added to it.
+        damping: Factor on the diagonal of A, which is added to A.
         L: (N, N) written: Cholesky factor, lower triangle.
         x: (N,) written: the solution.
 

@@ -38,7 +38,10 @@ MOST_PIXELS = 1920 * 1200
 
 
 def rank_of(kind: type[Sample]) -> int:
-    """Rank of a kind of sample at one instant: 0 for IMUs, which close an interval, 2 for images, 1 for others."""
+    """Rank of a kind of sample among those of one instant: 0 for IMUs, 2 for images, 1 for others.
+
+    So an estimator has the motion up to an image before it gets the image.
+    """
     return 0 if kind is Imu else 2 if kind in (Image, Depth) else 1
 
 
@@ -170,7 +173,8 @@ class MessageDecoder:
         try:
             decoded = deserialise(typestore(), message.payload, self.typename)
             if self.typename == ros_images.COMPRESSED:
-                is_depth = "compressedDepth" in decoded.format  # then 12 bytes of parameters come before the PNG
+                # before the PNG of a depth image come 12 bytes of parameters: an integer and two floats of 4 bytes
+                is_depth = "compressedDepth" in decoded.format
                 width, height = image_size(bytes(decoded.data[12:] if is_depth else decoded.data))
             else:
                 width, height = decoded.width, decoded.height
@@ -241,6 +245,7 @@ class LiveRecorder:
             message: As received.
             t_ns: Stamp of its sample.
         """
+        # images are collected in chunks of the file apart from other messages
         lane = IMAGE_LANE if message.typename in ros_images.IMAGES else 0
         if (camera := self._infos.find_due_camera(message.topic, t_ns)) is not None:
             info = ros_images.encode_camera_info(camera, message.topic, t_ns)

@@ -110,7 +110,7 @@ class Hello(BaseModel):
             WireError: It is invalid.
         """
         try:
-            check_yaml(self.rig, "hello: rig", most_aliases=0)
+            check_yaml(self.rig, "hello: rig", most_aliases=0)  # by aliases, a short text unpacks to a large one
             rig = rig_from_yaml(self.rig, "hello: rig") if self.rig.strip() else Rig()
             for camera in rig.cameras.values():  # an estimator allocates memory by these values
                 check_pixels(camera.width, camera.height)
@@ -141,6 +141,7 @@ def parse_json(adapter: TypeAdapter[T], body: bytes, what: str) -> T:
         first = error.errors(include_url=False)[0]
         # cut off, as an untrusted sender determines their length
         place, value = ".".join(map(str, first["loc"]))[:60], repr(first["input"])[:40]
+        # without a place, as when the whole body is invalid, two blanks would follow each other
         raise WireError(f"{what}: invalid {place} {value}: {first['msg']}".replace("  ", " ")) from error
 
 

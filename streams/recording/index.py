@@ -157,7 +157,10 @@ class ChunkInfo:
 
 
 def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[Problem]:
-    """Yields a problem for each topic whose mean rate differs by more than 20 % from the one that the rig declares."""
+    """Yields a problem for each topic whose mean rate differs by more than 20 % from the one that the rig declares.
+
+    Topics of fewer than `_RATE_SAMPLES` samples are not checked.
+    """
     if rig is None:
         return
     # rate in Hz by topic; 0 if it is not declared
@@ -177,18 +180,22 @@ def rate_problems(rig: Rig | None, topics: Mapping[str, TopicInfo]) -> Iterator[
 class RecordingIndex:
     """The contents of one MCAP file.
 
+    Args:
+        path: The file.
+        lenient: Whether a problem is noted instead of raised.
+
     Attributes:
         notes: Collects problems.
         topics: Summary of each topic that is read.
-        metadata: Texts stored in the file.
+        metadata: Texts stored in the file, by name.
         problems: Problems that would corrupt an estimate.
-        warnings: None: assumptions are those of imports.
+        warnings: Always empty, as only imports make assumptions.
         unread: Message type of every topic that is not read.
         schema_version: Schema version of the file.
         rig: The calibration, if the file has one.
-        channels: Topic of every channel.
-        readers: Decoder of every topic.
-        chunks: Positions of the samples.
+        channels: Topic of every channel, by the channel's id.
+        readers: Decoder of every topic that is read.
+        chunks: Every chunk with valid samples, in the file's order.
 
     Raises:
         RecordingError: The file cannot be read, or (unless `lenient`) would corrupt an estimate.
@@ -236,7 +243,7 @@ class RecordingIndex:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror}") from error
         except CutOffError as error:
             self.notes.add_problem(Problem("", None, f"{error}; {self._readable_range_text()}"))
-        except DamagedError as error:
+        except DamagedError as error:  # a wrong CRC of the whole data or summary, which is raised after the last record
             self.notes.add_problem(Problem("", None, str(error)))
 
     def _readable_range_text(self) -> str:
@@ -302,7 +309,9 @@ class RecordingIndex:
                     self.notes.add_problem(Problem(record.topic, None, str(error)))
 
     def _index_chunk(self, offset: int, by_channel: dict[int, Messages]) -> None:
-        """Indexes the messages of a chunk, of one channel per topic; notes the chunk if it has valid samples.
+        """Indexes the messages of a chunk, and notes the chunk if it has valid samples.
+
+        Of a topic with several channels (publishers) only the first in the chunk is read.
 
         Args:
             offset: Place of the chunk in the file, bytes.

@@ -158,7 +158,7 @@ class McapContents(RecordingIndex):
                 yield topic, iter(self._decode_valid_block(reader, messages, chunk.parts[topic]))
 
     def _chunk_messages(self, chunk: ChunkInfo, topics: list[str]) -> Iterator[tuple[str, Iterator[Message]]]:
-        """Yields each topic of a chunk with its messages as stored."""
+        """Yields each topic of a chunk with its messages as stored, without those whose stamps do not increase."""
         for topic, messages in self._read_messages(chunk, topics).items():
             yield topic, self._iterate_messages(self.readers[topic], messages, chunk.parts[topic])
 

@@ -38,10 +38,12 @@ _MESSAGE = struct.Struct("<BQH")
 LARGEST_CHUNK = 64 << 20
 """Bytes of a chunk, unpacked; writers close theirs at a few MB, after the image that exceeds them."""
 _LARGEST_RECORD = LARGEST_CHUNK + (1 << 16)
+"""Bytes of a record: a chunk that compression does not shrink, and 64 KiB for what a record has beside the data."""
 _MOST_CHANNELS = 2000
 """Most schemas and channels of a file together."""
-# A file may unpack to so many bytes and hold so many messages, plus so many for each byte of the file, or one for so
-# many bytes. Sensors unpack to 4-20 times the bytes, a camera that sees nothing to 90 times; messages take 50 bytes.
+# A file of S bytes may unpack to _FREE_BYTES + S * _BYTES_PER_BYTE bytes, and hold _FREE_MESSAGES +
+# S / _BYTES_PER_MESSAGE messages. Real ones are far below: sensors unpack to 4-20 times the bytes, a camera that sees
+# nothing to 90 times, and a message takes 50 bytes.
 _FREE_BYTES, _BYTES_PER_BYTE = 256 << 20, 500
 _FREE_MESSAGES, _BYTES_PER_MESSAGE = 20_000, 4
 _LARGEST_WINDOW = 128 << 20  # of zstd, above that of its highest level
@@ -173,9 +175,10 @@ def top_records(path: Path) -> Iterator[tuple[Opcode | int, int, bytes]]:
             if opcode == Opcode.DATA_END:
                 (stored,) = struct.unpack("<I", body)  # CRC of the data section; 0 means that there is none
                 problem = "CRC mismatch of the data section" if stored not in (0, crc) else ""
-                crc = 0  # of the summary, which begins here
+                crc = 0  # of the summary, which begins after this record
             elif opcode == Opcode.FOOTER:
-                # CRC of the summary, in the last 4 of the footer's 20 bytes; 0 means none; -1 is never correct
+                # a footer has 20 bytes: two offsets of 8 bytes, and the CRC of the summary; a CRC of 0 means none, and
+                # -1, for a footer of another size, is never correct
                 stored = struct.unpack("<I", body[-4:])[0] if len(body) == 20 else -1
                 if stored not in (0, zlib.crc32(head + body[:-4], crc)):
                     problem = problem or "CRC mismatch of the summary"
@@ -300,7 +303,8 @@ def messages_at(data: bytes, offsets: NDArray[np.int64]) -> Messages:
         data: The chunk, unpacked.
         offsets: (N,) where the records start in it.
     """
-    # of the bytes before the payload, the length of the record's body (after the opcode) and the log time
+    # of the bytes before the payload: the length of the record's body, at byte 1 after the opcode, and the log time, at
+    # byte 15 after opcode 1, length 8, channel 2 and sequence 4
     head = np.dtype(
         {"names": ["length", "log"], "formats": ["<u8", "<u8"], "offsets": [1, 15], "itemsize": MESSAGE_HEAD}
     )

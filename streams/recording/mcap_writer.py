@@ -78,10 +78,10 @@ class _OpenChunk:
     """A chunk that still accepts messages.
 
     Attributes:
-        parts: Records, in order.
-        size: Bytes of all records.
+        parts: Bytes of the records, in order; each call of `add` adds one item.
+        size: Number of bytes of all records.
         entries: By channel, arrays (N, 2) with the log time in ns and the offset in the chunk of each message.
-        times: Log time of the earliest and of the latest message, ns.
+        times: Log time of the earliest and of the latest message, ns; both 0 without messages.
     """
 
     def __init__(self) -> None:
@@ -192,7 +192,7 @@ class McapWriter:
             if chunk.entries and int(times[start]) - chunk.times[0] >= CHUNK_NS:
                 self._finish_chunk(lane)
                 chunk = self._lanes[lane] = _OpenChunk()
-            # as many messages as fit into the chunk by size and by duration, but at least one
+            # as many messages as fit into the chunk by size and come within `CHUNK_NS` of the next one, at least one
             count = max(1, (CHUNK_BYTES - chunk.size) // size)
             count = min(count, len(rows) - start, int(np.searchsorted(times, times[start] + CHUNK_NS)) - start)
             chunk.add(channel, times[start : start + count], data[start * size : (start + count) * size])

@@ -41,8 +41,8 @@ class Recording:
         contents: Contents, if `path` is not an MCAP file.
 
     Attributes:
-        topics: Contents by topic.
-        metadata: Texts stored with it.
+        topics: Summary of each topic: kind, number and first and last stamp of its samples.
+        metadata: Texts stored with it, by name.
         problems: Problems that would corrupt an estimate; empty unless `lenient`.
         warnings: Assumptions of an import; empty for our own recordings.
         unread: Type of the messages of every topic that is not read.

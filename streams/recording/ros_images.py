@@ -13,6 +13,7 @@ from stridetwin.streams.recording.ros_types import RosMessage, deserialise, seri
 from stridetwin.streams.rig import CameraCalibration, Rig
 from stridetwin.streams.samples import Depth, Image
 
+# message types
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 RAW = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -230,8 +231,8 @@ def _mm_to_metres(mm: NDArray[np.generic]) -> NDArray[np.float32]:
 def _decode_compressed_depth(message: RosMessage) -> NDArray[np.float32]:
     """Decodes depth (H, W), m, 0 for none, from the format of ROS' compressed_depth_image_transport.
 
-    Its data are 12 bytes of parameters and a PNG of 16 bits. For `16UC1` the PNG contains mm. For `32FC1` it contains
-    an inverse depth, a / z + b, where a and b are the last 8 bytes of the parameters, as float32.
+    Its data are 12 bytes of parameters and a PNG of 16 bits. The parameters are a number of 4 bytes, which is not used,
+    and a and b as float32. For `16UC1` the PNG contains mm; for `32FC1` it contains an inverse depth, a / z + b.
 
     Raises:
         ValueError: The PNG is damaged, or has other than 16 bits or one channel.

@@ -47,6 +47,7 @@ TopicValues = Callable[[str, Rig, Constants], dict[str, object]]
 FEET = ("l", "r")
 TERRAINS = ("level", "stair", "ramp")
 MODES = ("LG", "SA", "SD", "RA", "RD")
+"""Locomotion modes: level ground, stair ascent and descent, ramp ascent and descent."""
 
 _ABSENT = np.array([-1.0, 0, 0, 0, 0, 0, 0, 0, 0])
 """Covariance (3, 3), row by row, by which an Imu message says that it lacks a quantity: the first entry is -1."""
@@ -59,12 +60,13 @@ class SampleMapping:
     Attributes:
         kind: The sample's type.
         typename: The message's type.
-        write: Columns to message fields, by dotted path.
-        read: Message rows to columns.
+        write: Gives the fields of N messages, by dotted path, from a block's columns.
+        read: Gives the columns of a block from the records of N messages.
         fixed: Values that are equal in all messages of the type, by dotted path.
-        of_topic: (topic, rig, constants) to further values that are equal in all messages of the topic.
+        of_topic: Gives further values that are equal in all messages of a topic, by dotted path, from the topic, the
+            rig and the block's constants.
         frame: Frame id in the header; "" for the sensor's own.
-        constants: Strings of a message to the block's constants.
+        constants: Gives the block's constants from a message's layout, which has its texts.
     """
 
     kind: type[Sample]
@@ -385,8 +387,9 @@ _BY_TYPE = {small.typename: small for small in SAMPLE_MAPPINGS.values()}
 def find_mapping(typename: str, first: Rows) -> SampleMapping:
     """Finds the type of sample that a topic's messages are, from the first one by any writer.
 
-    An Imu message without acceleration is an attitude reference, one without angular rate an accelerometer; a joint
-    state of one joint and nothing but its position is an encoder.
+    An Imu message with an acceleration and no angular rate is an accelerometer, one with an orientation and no
+    acceleration an attitude reference, any other one an IMU. A joint state of one joint and nothing but its position is
+    an encoder.
 
     Args:
         typename: ROS 2 type of the messages.

@@ -110,18 +110,18 @@ def _count_fields(name: str, types: Typesdict, counts: dict[str, int], around: t
     for field, description in types[name][1]:
         if not _NAME.fullmatch(field):
             raise ValueError(f"invalid field {field[:80]!r}: expected letters, digits and _")
-        node = description[0]
+        kind = description[0]
         if description[0] == Nodetype.NAME or description[0] == Nodetype.BASE:  # a message, or a number or text
             inner, size = description, 1
         else:
             inner, size = description[1]
         each = _count_fields(inner[1], types, counts, (*around, name)) if inner[0] == Nodetype.NAME else 1
-        if node == Nodetype.SEQUENCE and each == 0:  # any number of items would fit into no bytes
+        if kind == Nodetype.SEQUENCE and each == 0:  # any number of items would fit into no bytes
             raise ValueError(f"{name[:80]}.{field}: a sequence of a type without fields")
         is_number = inner[0] == Nodetype.BASE and inner[1][0] != "string"
-        count += each * (size if node == Nodetype.ARRAY and not is_number else 1)
+        count += each * (size if kind == Nodetype.ARRAY and not is_number else 1)
         # an array of numbers counts as one item, so that its length needs a limit of its own
-        if count > MOST_ELEMENTS or (node == Nodetype.ARRAY and size > 1 << 20):
+        if count > MOST_ELEMENTS or (kind == Nodetype.ARRAY and size > 1 << 20):
             raise ValueError(f"{name[:80]}.{field}: more fields than any message has ({MOST_ELEMENTS})")
     counts[name] = count
     return count
@@ -132,6 +132,7 @@ _MOST_STORES = 256
 OWN_PACKAGE = "stridetwin_msgs"
 """ROS package of our own message types."""
 OWN_TYPES = ("Insole", "Interaction", "Actuator", "Footprint")
+"""Names of our own message types."""
 
 
 @cache

@@ -118,7 +118,9 @@ class TopicReader:
         Raises:
             ValueError: A row has an invalid value, such as an unknown terrain.
         """
-        mapping = self._mapping = self._mapping or find_mapping(self.typename, rows[:1])  # by the topic's first message
+        if self._mapping is None:
+            self._mapping = find_mapping(self.typename, rows[:1])  # by the topic's first message
+        mapping = self._mapping
         self.kind = mapping.kind
         try:
             columns = mapping.read(rows)

@@ -113,8 +113,8 @@ class RecordingWriter:
                 default samples arrive at their stamps.
 
         Raises:
-            RecordingError: A stamp (or arrival) of the topic is not after the previous one, or the topic changes its
-                kind.
+            RecordingError: A stamp of the topic is not after the previous one, an arrival is before it, one of them is
+                out of range, or the topic changes its kind.
         """
         if isinstance(item, (Image, Depth)):
             stamps = np.array([item.t_ns], np.int64)
@@ -145,15 +145,18 @@ class RecordingWriter:
             log_ns: Arrival time of each, (N,) ns; None: the stamps.
 
         Raises:
-            RecordingError: A stamp or arrival is not after the previous one, or the topic changes its kind.
+            RecordingError: A stamp is not after the previous one, an arrival is before it, one of them is out of range,
+                or the topic changes its kind.
         """
         known = self._kinds.setdefault(topic, kind)
         if known is not kind:
             raise RecordingError(f"{self.path}: {topic}: invalid {kind.__name__}: expected {known.__name__}, as before")
         t_ns = stamps if log_ns is None else np.broadcast_to(np.asarray(log_ns, np.int64), stamps.shape)
         before = np.concatenate(([self._last.get(topic, -1)], t_ns[:-1]))  # (N,) the one before each; -1 before all
+        # stamps must increase; arrivals may be equal, but none may be before 0
         early = t_ns <= before if log_ns is None else t_ns < np.maximum(before, 0)
-        is_out_of_range = np.maximum(t_ns, abs(stamps)) >= LATEST_NS  # beyond what a ROS message can hold
+        # beyond what a ROS message can hold; the stamps of faulty sensors may also be negative
+        is_out_of_range = np.maximum(t_ns, abs(stamps)) >= LATEST_NS
         bad = np.flatnonzero(early | is_out_of_range)
         if bad.size:
             i = int(bad[0])
