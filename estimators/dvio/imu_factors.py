@@ -261,6 +261,20 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
+def write_imu_residual(window: state.WindowState, k: int, factors: state.FactorParameters, r: Array, J: Array) -> None:
+    """`imu_residual` as Python calls it: compiled around the function that `add_imu_factor` calls, not a second time.
+
+    Args:
+        window: Frames and preintegrated measurements.
+        k: Slot of the earlier frame.
+        factors: Gravity, random walks, and whether first estimates are used.
+        r: (9,) residual, written.
+        J: (9, 30) its Jacobian by the states of both frames, written.
+    """
+    imu_residual(window, k, factors, r, J)
+
+
+@njit(error_model="numpy", **INNER_KERNEL)
 def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 

@@ -15,7 +15,7 @@ inverse, solve, apply_step = (
     _entry_kernel(matrices.solve_damped),
     _entry_kernel(solver.apply_step),
 )
-integrate, imu_residual = _entry_kernel(imu_factors.integrate), _entry_kernel(imu_factors.imu_residual)
+integrate, imu_residual = _entry_kernel(imu_factors.integrate), _entry_kernel(imu_factors.write_imu_residual)
 add_increment, is_plausible = _entry_kernel(nav_state.add_increment), _entry_kernel(nav_state.is_plausible)
 pose_covariance = _entry_kernel(nav_state.pose_covariance)
 update_views, add_imu_factors = _entry_kernel(projection.update_views), _entry_kernel(imu_factors.add_imu_factors)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stridetwin.streams.algebra.matrices import copy, copy_matrix
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
@@ -241,7 +242,7 @@ def read_planes(
             continue
         name += 1
         group[r, c] = name
-        total[:] = cells[r, c]
+        copy(cells[r, c], total)
         n = _grow_region(cells, group, name, sd * sd, total, plane)
         if n < _MIN_CELLS or not _fit_plane(total, inverse, plane):
             continue
@@ -253,12 +254,15 @@ def read_planes(
             continue
         count = min(count + 1, len(planes))
         for k in range(count - 1, at, -1):
-            size[k], planes[k], weights[k] = size[k - 1], planes[k - 1], weights[k - 1]
+            size[k] = size[k - 1]
+            copy(planes[k - 1], planes[k])
+            copy_matrix(weights[k - 1], weights[k])
         # variance by the error of `PLANE_ERROR` of direction and distance, in each component
         error_variance = (PLANE_ERROR * PLANE_ERROR) * (plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
-        size[at], planes[at] = n, plane
+        size[at] = n
+        copy(plane, planes[at])
         covariance = sd * sd * inverse
         for k in range(3):
             covariance[k, k] += error_variance
-        weights[at] = np.linalg.inv(covariance)
+        copy_matrix(np.linalg.inv(covariance), weights[at])
     return count

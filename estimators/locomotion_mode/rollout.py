@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.locomotion_mode.habits import Habit, step_weights
 from stridetwin.estimators.locomotion_mode.parameters import Settings
 from stridetwin.estimators.locomotion_mode.segments import Segment, foothold_weights, mode_table, path_scale
-from stridetwin.streams.algebra.matrices import multiply
+from stridetwin.streams.algebra.matrices import copy, multiply
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
@@ -359,7 +359,7 @@ def _sum_chains(
     _, H, S, B = near.shape
     K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, 2, P, S))
-    alpha[0] = first
+    copy(first.ravel(), alpha[0].ravel())
     # (K, H, P, S) sums over all steps that arrive at a cell from a segment, on even ground and over edges
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
     evidence = 1.0
