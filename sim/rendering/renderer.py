@@ -33,7 +33,7 @@ SEEN_M = 50.0  # largest depth
 _MAX_GEOMS = 2000  # largest number of shapes in a scene
 _GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
 _FILM_GROUND_M = 2001 * PERIOD_M  # likewise in a film, which has no haze: its edge is at the horizon
-_FILM_SCALE = 1.5  # rendered pixels per pixel of a film, along each axis, for smooth edges
+_FILM_SCALE = 1.25  # rendered pixels per pixel of a film, along each axis, for smooth edges
 _HIDDEN_GROUP = 5  # of geoms; not rendered by default
 _OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])  # (4, 4) between optical axes and those of a camera in MuJoCo
 
