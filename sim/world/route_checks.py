@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import assert_never
 
 from stridetwin.sim.config import (
     LIGHT_RANGE,
@@ -107,6 +108,8 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                             radius = part.edge_radius_m
                             _require(f"{at}.lanes[{k}][{m}].edge_radius_m", radius, radius == 0, "0 m")
                             _require(f"{at}.lanes[{k}][{m}].turn_rad", part.turn_rad, part.turn_rad == 0, "0 rad")
+            case _:
+                assert_never(segment)  # so that types show a new kind of segment without a check
 
 
 def _check_stairs(stairs: Stairs, at: str) -> None:

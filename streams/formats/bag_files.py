@@ -261,7 +261,7 @@ class BoundedReader(rosbag1.Reader):
         """
         assert self.bio is not None  # the file of the open bag
         here = self.bio.tell()
-        # the last 4 of these 55 bytes are the length of the index
+        # the header of an index record has 51 bytes; the 4 after them are the length of its entries
         self._entries -= int.from_bytes(self.bio.read(55)[51:], "little") // _BYTES_PER_ENTRY
         if self._entries < 0:
             raise ValueError("an index longer than the bag")
