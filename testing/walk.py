@@ -290,11 +290,12 @@ def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Wa
     from stridetwin.run.warm_up import synthetic_rig, write_synthetic_recording
 
     rig = synthetic_rig()
-    with _explain_missing_twin():
+    with _explain_missing_twin():  # an estimator that lacks a sensor here might have it on the twin
         streams = estimator_class.streams(rig, options)
     takes = {s.topic: s.kind for s in streams if s.topic != POSES and s.live}  # type of the samples by topic
     # a file of its own for each estimator, as they take other topics
     path = _session_folder() / f"synthetic_{len(list(_session_folder().iterdir()))}.mcap"
+    # true poses of every IMU: they stand in for the odometry's where the estimator takes poses
     poses = chain.from_iterable(_poses_at_rest(_truth_topic(topic.removeprefix("/"))) for topic in rig.imus)
     recording = write_synthetic_recording(path, takes, more=poses)
     with _explain_missing_twin():

@@ -139,7 +139,9 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """M <- T M in place: adds δθ × dp to the rows of the position δp, and δθ × dv to those of the velocity δv.
 
-    δθ are the rows of the attitude, so T moves the errors of position and velocity along when the state is corrected.
+    δθ are the rows of the attitude. The filter is the invariant one of Barrau & Bonnabel: the errors of position and
+    velocity are those after a turn by the attitude error about the origin. So a correction of position and velocity
+    changes them by δθ times the correction.
 
     Args:
         M: (n, m) matrix with a row per error state.

@@ -138,7 +138,9 @@ class StrideFilter:
             self._times[self._stored], self._rates[self._stored] = since_s, pitch_rate
             self._stored += 1
         # part of an independent observation that this sample is: neighbouring samples deviate alike from the template
+        # weight of this sample: which fraction it is of one independent observation
         share = min(interval_s, p.max_gap_s) / p.rate_correlation_s
+        # changes the belief in place; the noise is of pitch rate times stride time, rad, as the template is
         self.phase, variance, self.rate, stand = weigh_hypotheses(
             self._belief, self._template, since_s, share, pitch_rate, p.rate_noise_rad**2
         )
@@ -154,14 +156,15 @@ class StrideFilter:
         """
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
         column = self._belief.walk[:, cell]  # (N_STRIDE_KINDS,) log-weight of each kind, given the stride time
-        kind = np.exp(column - column.max())  # (N_STRIDE_KINDS,) probability of each kind, once it sums to 1
-        # where all hypotheses of this stride time were as good as impossible, the prior counts too
-        kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
-        kind = kind / kind.sum()
-        ratio_variance = float((kind * self._ratios.variance).sum())
+        probability = np.exp(column - column.max())  # (N_STRIDE_KINDS,) of each kind, once it sums to 1
+        # IMPOSSIBLE is a log-weight far below 0: less than a tenth of it means that every kind was as good as
+        # impossible at this stride time, and the prior counts, too
+        probability *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
+        probability = probability / probability.sum()
+        ratio_variance = float((probability * self._ratios.variance).sum())
         # docs/gait_phase.md (8): Kalman update of the stride time, and of the ratios of the kinds of stride, all by the
         # difference of the logarithm of the stride time from its mean over the kinds
-        innovation = math.log(stride_s) - float((kind * self._ratios.log_mean).sum()) - self._log_stride
+        innovation = math.log(stride_s) - float((probability * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
         if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
             noise *= _OUTLIER
@@ -169,14 +172,15 @@ class StrideFilter:
         self._log_stride += self._variance / innovation_variance * innovation
         self._variance *= 1.0 - self._variance / innovation_variance
         self._variance += _STRIDE_DRIFT**2
-        gains = kind * self._ratios.variance / innovation_variance  # (N_STRIDE_KINDS,)
+        # (N_STRIDE_KINDS,) gain of each kind's ratio, weighted by how likely the stride was of that kind
+        gains = probability * self._ratios.variance / innovation_variance
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
         # docs/gait_phase.md (7): probability of each kind of landing, a sum over the kinds of stride that end with it
         # and at least `_WRONG_SHARE`
-        self._landing = np.bincount(AFTER, kind, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
-        likely = int(kind.argmax())
-        if kind[likely] >= _CERTAIN and self._stored > 1:
+        self._landing = np.bincount(AFTER, probability, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
+        likely = int(probability.argmax())
+        if probability[likely] >= _CERTAIN and self._stored > 1:
             self._learn_template(likely, stride_s)
 
     def _learn_template(self, kind: int, stride_s: float) -> None:

@@ -293,13 +293,19 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     ]
 
 
-def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
+def _assume_steps(fall: float, last_stairs: Stairs | None, p: Settings) -> tuple[float, float, float, float]:
     """Riser and tread of occluded stairs, m, and the relative standard deviation of each.
 
-    They equal those of `usual` if a whole number of its risers makes up the drop `fall`, m; otherwise usual ones.
+    Args:
+        fall: By how much the ground drops behind the edge, m.
+        last_stairs: The stairs that the map saw last, which the occluded ones resemble if a whole number of their
+            risers makes up the fall; None before the first ones.
+        p: Settings, with the riser and tread of common stairs, which are assumed otherwise.
     """
-    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_FALL_M:  # whole risers
-        return usual.riser, usual.tread, _ALIKE_RISER_SD, _ALIKE_TREAD_SD
+    if last_stairs is not None:
+        whole_risers = round(fall / last_stairs.riser)
+        if abs(fall - whole_risers * last_stairs.riser) < _ALIKE_FALL_M:
+            return last_stairs.riser, last_stairs.tread, _ALIKE_RISER_SD, _ALIKE_TREAD_SD
     return p.mode.usual_riser_m, p.mode.usual_tread_m, _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD
 
 

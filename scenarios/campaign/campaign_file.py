@@ -279,6 +279,8 @@ def read_campaign(path: Path) -> Campaign:
     file = validate(CampaignFile, data, path)
     assert isinstance(data, dict)  # as it is valid
     files = NamedFiles(path, "the campaign's folder")
+    # the plain data is given, too: it has the order of the keys and the short form of an entry, which errors and draws
+    # follow
     campaign = Campaign(
         path=path,
         description=file.campaign,

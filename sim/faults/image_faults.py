@@ -207,9 +207,10 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # dense up to half a radius; fades until one and a half
     places = np.flatnonzero(clear < 1)
     clear = clear.reshape(-1)[places]  # of the dirty pixels alone
-    # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
+    # a dirty pixel becomes clear × itself + _DIM (1 − clear) × the blurred image, which `_blur_coarse` has on a coarser
+    # grid with a border of one pixel; here the place of each dirty pixel on it, for bilinear interpolation
     rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))  # of that grid, rounded up
-    # pixel n has its middle at n + 0.5; on the grid, half a pixel is subtracted again, and the border adds 1
+    # pixel n has its middle at n + 0.5; on the grid, half a pixel is subtracted again and the border adds 1: + 0.5
     y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
     down, across = y % 1, x % 1  # from the upper left one of the four pixels around that place
     shares = np.stack([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across], axis=1)

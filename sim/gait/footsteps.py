@@ -292,10 +292,11 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
-        # number of the next footprint of the same foot; the toe-off before it stands two rows earlier in `off`
+        # number of the next footprint of the same foot; `off[k]` is the toe-off before row k + 2, after the first two
         following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
-        # the feet alternate, except that rows 1 and 2 are the right foot's: both feet start at one place
+        # the feet alternate, except that rows 1 and 2 are both the right foot's: it starts beside the left one, and
+        # always takes the first step (`leading_foot` concerns stairs alone)
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
         ahead = rows[min(i + 1, len(rows) - 1)]

@@ -160,7 +160,8 @@ def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
 
     Returns:
         (6, 3) m, origin of each body of `EXO_LEG_BODIES` in its parent's frame, the pelvis being the first parent; and
-        (6, 3) axis of its joint.
+        (6, 3) axis of its joint, about which a positive angle is that of `dh_table`. The pelvis' origin is midway
+        between the hip centres, and `hip6`, from there back to the panel, is no part of the leg.
     """
     s = outward(side)
     # one row per body: hip abduction, hip rotation, thigh, shank, ankle, foot

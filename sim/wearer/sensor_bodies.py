@@ -39,14 +39,14 @@ def visible_items(rig: Rig) -> Iterator[tuple[str, str, str, Mount]]:
     IMUs inside another housing, of an RGB-D camera or an AHRS, are left out.
 
     Yields:
-        Name of the body, leaf file, topic (empty for a board) and mount.
+        Name of the body, name of its part's MJCF file in `assets`, topic (empty for a board) and mount.
     """
     shown: list[tuple[str, str, Mount]] = []
     for topic, camera in rig.cameras.items():
         shown.append(("rgbd_camera" if camera.depth_topic else "shoe_camera", topic, camera.mount))
     shown += [("checkerboard", "", board.mount) for board in rig.boards.values()]
     inside = {camera.imu_topic for camera in rig.cameras.values() if camera.depth_topic}
-    inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # of an AHRS
+    inside |= {topic for topic, imu in rig.imus.items() if imu.mount.body.startswith("exo_")}  # part of an AHRS
     shown += [("imu_pod", topic, imu.mount) for topic, imu in rig.imus.items() if topic not in inside]
     shown += [("sonar_pod", topic, s.mount) for topic, s in rig.others.items() if s.kind == "range"]
     for i, (part, topic, mount) in enumerate(shown):
