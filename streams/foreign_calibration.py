@@ -266,7 +266,8 @@ def _take_camodocal(keys: Keys) -> Section:
 def _is_basalt(document: dict[str, object]) -> bool:
     """Whether it is Basalt's JSON file, with or without its outer key `value0`."""
     inner = document.get("value0", document)
-    return isinstance(inner, dict) and isinstance(inner.get("intrinsics"), list) and "resolution" in inner
+    lenses = inner.get("intrinsics") if isinstance(inner, dict) else None
+    return isinstance(lenses, list) and any(isinstance(lens, dict) for lens in lenses)
 
 
 _BASALT_LENSES: dict[str, tuple[str, tuple[str, ...], str, tuple[str, ...]]] = {

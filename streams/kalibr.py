@@ -50,7 +50,7 @@ _OURS = "stridetwin"
 _WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
 _LARGEST = 1e300
 """Largest magnitude of a sensor's parameter: greater ones are mistakes, or too large for a float."""
-_WORST_FIT_PX = 2.0
+_WORST_FIT_PX = 3.0
 """Largest error of a lens that is approximated, px."""
 _Squares = Annotated[StrictInt, Field(ge=2, le=2**31 - 1)]
 _BEYOND_NOISE = (
@@ -445,6 +445,8 @@ def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_c
         for name in cams:
             camera = getattr(calibration, name)
             previous = _chain_T_cam_imu(name, camera, previous, source)
+            if previous is None and imus and extras is None and warn is not None:
+                warn(f"{source}: {name}: no transform to the IMU, such as T_cam_imu: a known mount is kept, else none")
             lens = _to_lens(name, camera, source, warn)
             cameras.append(_to_camera(name, camera, lens, getattr(extras, name, None), previous, imus, source))
             if is_checked:

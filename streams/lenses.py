@@ -114,9 +114,11 @@ COEFFICIENTS: Mapping[str, tuple[int, ...]] = MappingProxyType(
     {"radtan": (4, 5, 8, 12, 14), "equidistant": (4,), "fov": (1,), "none": (0, 1, 4, 5, 8)}
 )
 """How many coefficients a distortion model may have; those of radtan after the fourth are those of OpenCV."""
+_CLOSE_FIT_PX = 0.05
+"""A fit that leaves focal lengths and centre as they are is taken if its error is below this."""
 _WIDEST = 1.5
 """Largest angle in rad between the optical axis and a ray at which lenses are compared."""
-_ANGLES, _AROUND = 61, 24
+_ANGLES, _AROUND = 91, 96
 """Rays of the comparison: angles from the axis, and directions around it."""
 _NEGLIGIBLE = 1e-9
 """Coefficients and parameters below this count as 0."""
@@ -156,38 +158,41 @@ def to_rig_lens(
         size: (width, height) in pixels.
 
     Returns:
-        The lens. Its error is infinite if neither model comes near, as with rays beyond the field of a pinhole.
+        The lens: as it is if the rig has the model, else the better fit of the two, whose focal lengths and centre may
+        differ. The error is infinite if it cannot be fitted.
     """
-    terms = intrinsics[:-4]
     fu, fv, pu, pv = intrinsics[-4:]
     pinhole = (fu, fv, pu, pv)
-    if camera_model == "pinhole" and distortion_model != "fov":
-        return _keep_pinhole(pinhole, distortion_model, coefficients, size)
-    if camera_model == "pinhole" and coefficients[0] < _NEGLIGIBLE:
-        return Lens(pinhole, "radtan", (0.0, 0.0, 0.0, 0.0))
-    rays = _spread_rays()
-    plane, magnification = _project(camera_model, terms, rays, coefficients)
-    if distortion_model == "radtan":
-        radial, tangential = _rational_distortion(plane, _pad(coefficients))
-        plane = plane * radial + tangential
-    elif distortion_model == "equidistant":
-        return Lens(pinhole, "radtan", (0.0, 0.0, 0.0, 0.0), float("inf"))
-    return _fit_equidistant((fu * magnification, fv * magnification, pu, pv), rays, plane * (fu, fv) + (pu, pv), size)
-
-
-def _keep_pinhole(intrinsics: Intrinsics, model: str, coefficients: tuple[float, ...], size: tuple[int, int]) -> Lens:
-    """A pinhole with `radtan`, `equidistant` or no distortion; `fit_radtan` replaces more than four terms."""
     d = _pad(coefficients)
-    k1, k2, k3, k4 = (float(value) for value in d[:4])
-    if model == "none":
-        return Lens(intrinsics, "radtan", (0.0, 0.0, 0.0, 0.0))
-    if not np.any(np.abs(d[4:]) > _NEGLIGIBLE):
-        return Lens(intrinsics, model, (k1, k2, k3, k4))
-    if np.any(np.abs(coefficients[MOST_TERMS:]) > _NEGLIGIBLE):  # OpenCV's thin prism and tilted sensor
-        return Lens(intrinsics, model, (k1, k2, k3, k4), float("inf"))
-    fitted, error = fit_radtan(intrinsics, d, size)
-    k1, k2, p1, p2 = (float(value) for value in fitted)
-    return Lens(intrinsics, model, (k1, k2, p1, p2), error)
+    has_beyond = bool(np.any(np.abs(np.array(coefficients[MOST_TERMS:])) > _NEGLIGIBLE))  # OpenCV's thin prism and tilt
+    if has_beyond or (camera_model != "pinhole" and distortion_model == "equidistant"):
+        return Lens(pinhole, "radtan", (0.0, 0.0, 0.0, 0.0), float("inf"))
+    has_more_terms = distortion_model == "radtan" and bool(np.any(np.abs(d[4:]) > _NEGLIGIBLE))
+    if distortion_model == "none" or (distortion_model == "fov" and coefficients[0] < _NEGLIGIBLE):
+        d, distortion_model = np.zeros(MOST_TERMS), "radtan"
+    if camera_model == "pinhole" and distortion_model != "fov" and not has_more_terms:
+        k1, k2, k3, k4 = (float(value) for value in d[:4])
+        return Lens(pinhole, distortion_model, (k1, k2, k3, k4))
+    candidates: list[Lens] = []
+    if camera_model == "pinhole" and has_more_terms:
+        fitted, error = fit_radtan(pinhole, d, size)
+        k1, k2, p1, p2 = (float(value) for value in fitted)
+        candidates.append(Lens(pinhole, "radtan", (k1, k2, p1, p2), error))
+        if error < _CLOSE_FIT_PX:  # the intrinsics stay as they are
+            return candidates[0]
+    rays = _spread_rays()
+    with np.errstate(all="ignore"):  # rays that the model does not see
+        plane = _project(camera_model, intrinsics[:-4], rays, coefficients[0] if distortion_model == "fov" else None)
+        if distortion_model == "radtan":
+            radial, tangential = _rational_distortion(plane, d)
+            plane = plane * radial + tangential
+        pixels = plane * (fu, fv) + (pu, pv)
+        is_seen = _is_before_fold(plane)
+    inside = is_seen & np.all((pixels >= 0) & (pixels <= np.array(size) - 1), axis=1)
+    if inside.sum() < 2 * _AROUND:
+        return Lens(pinhole, "radtan", (0.0, 0.0, 0.0, 0.0), float("inf"))
+    candidates += [_fit_model(model, rays[inside], pixels[inside], fv / fu) for model in ("radtan", "equidistant")]
+    return min(candidates, key=lambda lens: lens.error_px)
 
 
 def _pad(coefficients: tuple[float, ...]) -> Array:
@@ -206,48 +211,73 @@ def _spread_rays() -> Array:
     return np.column_stack((np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)))
 
 
-def _project(model: str, terms: tuple[float, ...], rays: Array, coefficients: tuple[float, ...]) -> tuple[Array, float]:
-    """Projects unit rays (N, 3) to the plane of a lens's focal lengths, before another distortion than `fov`.
+def _project(model: str, terms: tuple[float, ...], rays: Array, fov: float | None) -> Array:
+    """Projects unit rays (N, 3) to the plane of a lens's focal lengths, (N, 2), before `radtan` distorts them.
 
-    Returns:
-        (N, 2) x and y, and the magnification at the centre, by which the focal lengths are multiplied.
+    Args:
+        model: A key of `EXTRA_TERMS`.
+        terms: Its parameters.
+        rays: (N, 3).
+        fov: The angle of a pinhole with the distortion `fov`; None for other distortions.
     """
     x_y, z = rays[:, :2], rays[:, 2:]
     if model == "omni":
         (xi,) = terms
-        return x_y / (z + xi), 1 / (1 + xi)
+        return x_y / (z + xi)
     if model == "eucm":
         alpha, beta = terms
         d = np.sqrt(beta * np.sum(x_y**2, axis=1, keepdims=True) + z**2)
-        return x_y / (alpha * d + (1 - alpha) * z), 1.0
+        return x_y / (alpha * d + (1 - alpha) * z)
     if model == "ds":
         xi, alpha = terms
         shifted = xi + z  # rays have unit length
         d = np.sqrt(np.sum(x_y**2, axis=1, keepdims=True) + shifted**2)
-        return x_y / (alpha * d + (1 - alpha) * shifted), 1 / (1 + xi)
-    (w,) = coefficients
-    width = 2 * np.tan(w / 2)
+        return x_y / (alpha * d + (1 - alpha) * shifted)
+    if fov is None:
+        return x_y / z
     r = np.linalg.norm(x_y, axis=1, keepdims=True) / z
-    return x_y / z * np.arctan(r * width) / (w * r), width / w
+    return x_y / z * np.arctan(2 * r * np.tan(fov / 2)) / (fov * r)
 
 
-def _fit_equidistant(intrinsics: Intrinsics, rays: Array, pixels: Array, size: tuple[int, int]) -> Lens:
-    """Fits the coefficients of `equidistant` to the pixels (N, 2) of unit rays (N, 3), by least squares.
+def _is_before_fold(plane: Array) -> Array:
+    """(N,) whether the points (N, 2) of `_spread_rays` are farther out than all rays that are nearer to the axis.
 
-    Pixels outside of the image do not count; without enough others the error is infinite.
+    Beyond, a polynomial turns back and would show a ray where another one already is.
     """
-    fu, fv, pu, pv = intrinsics
-    inside = np.all((pixels >= 0) & (pixels <= np.array(size) - 1), axis=1) & np.isfinite(pixels).all(axis=1)
-    if inside.sum() < 2 * _AROUND:
-        return Lens(intrinsics, "equidistant", (0.0, 0.0, 0.0, 0.0), float("inf"))
-    rays, pixels = rays[inside], pixels[inside]
-    angle = np.arccos(np.clip(rays[:, 2], -1, 1))
-    direction = rays[:, :2] / np.linalg.norm(rays[:, :2], axis=1, keepdims=True) * (fu, fv)  # px per rad
-    powers = angle[:, None] ** np.array([3, 5, 7, 9])
-    # rows for u, then for v, and a column for each of the coefficients, in pixels
-    terms = np.concatenate([direction[:, [axis]] * powers for axis in (0, 1)])
-    offset = (pixels - (pu, pv) - direction * angle[:, None]).T.ravel()
-    fitted = np.linalg.lstsq(terms, offset, rcond=None)[0]
-    residual = (terms @ fitted - offset).reshape(2, -1)
-    k1, k2, k3, k4 = (float(value) for value in fitted)
-    return Lens(intrinsics, "equidistant", (k1, k2, k3, k4), float(np.linalg.norm(residual, axis=0).max()))
+    r = np.linalg.norm(plane, axis=1).reshape(_AROUND, -1)  # a row for each direction, from the axis outwards
+    steps = np.diff(r, axis=1, prepend=0.0)
+    return np.asarray(np.logical_and.accumulate(np.isfinite(r) & (steps > 0), axis=1).ravel())
+
+
+def _fit_model(model: str, rays: Array, pixels: Array, aspect: float) -> Lens:
+    """Fits focal length, centre and coefficients of a rig's model to the pixels of rays, by linear least squares.
+
+    Args:
+        model: `radtan` or `equidistant`.
+        rays: (N, 3) unit vectors.
+        pixels: (N, 2).
+        aspect: fv / fu, which is kept.
+    """
+    if model == "radtan":
+        x, y = (rays[:, :2] / rays[:, 2:]).T
+        r2 = x * x + y * y
+        u = np.column_stack((x, x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x))
+        v = np.column_stack((y, y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y))
+    else:
+        angle = np.arccos(np.clip(rays[:, 2], -1, 1))[:, None]
+        direction = rays[:, :2] / np.linalg.norm(rays[:, :2], axis=1, keepdims=True)
+        powers = angle ** np.array([1, 3, 5, 7, 9])
+        u, v = direction[:, :1] * powers, direction[:, 1:] * powers
+    ones, zeros = np.ones((len(rays), 1)), np.zeros((len(rays), 1))
+    # rows for u, then for v; unknown are fu, its products with the coefficients, and the centre
+    terms = np.concatenate((np.hstack((u, ones, zeros)), np.hstack((aspect * v, zeros, ones))))
+    target = pixels.T.ravel()
+    scale = np.abs(terms).max(axis=0)  # powers of large numbers would hide the others
+    solution = np.linalg.lstsq(terms / scale, target, rcond=None)[0] / scale
+    residual = (terms @ solution - target).reshape(2, -1)
+    fu, *products, pu, pv = (float(value) for value in solution)
+    if not fu > 0:
+        return Lens((1.0, 1.0, 0.0, 0.0), model, (0.0, 0.0, 0.0, 0.0), float("inf"))
+    k1, k2, k3, k4 = (product / fu for product in products)
+    error = float(np.linalg.norm(residual, axis=0).max())
+    return Lens((fu, fu * aspect, pu, pv), model, (k1, k2, k3, k4), error)

@@ -158,8 +158,8 @@ def _choose_lens(lenses: list[_Intrinsic], source: str, sizes: Collection[tuple[
         )
     if len(resolutions) > 1:
         seen = ", ".join("{} x {}".format(*lens.section["resolution"]) for lens in fitting)  # type: ignore[misc]
-        images = ", ".join(f"{w} x {h}" for w, h in sizes) or "images of unknown size"
-        raise ConfigError(source, f"intrinsics of {stream}", seen, f"those of {images}; delete the other resolutions")
+        images = f", that of the images ({', '.join(f'{w} x {h}' for w, h in sizes)})" if sizes else ""
+        raise ConfigError(source, f"intrinsics of {stream}", seen, f"one resolution{images}; delete the others")
     return fitting[0]
 
 
