@@ -39,7 +39,8 @@ def rows(T):
 def kalibr_camera(name="cam0", *, lens="pinhole", intrinsics=(*FOCAL, *CENTRE), model="radtan", coefficients=RADTAN):
     return (
         f"{name}:\n  camera_model: {lens}\n  intrinsics: {list(intrinsics)}\n  distortion_model: {model}\n"
-        f"  distortion_coeffs: {list(coefficients)}\n  resolution: [{SIZE[0]}, {SIZE[1]}]\n  rostopic: /{name}/image_raw\n"
+        f"  distortion_coeffs: {list(coefficients)}\n  resolution: [{SIZE[0]}, {SIZE[1]}]\n"
+        f"  rostopic: /{name}/image_raw\n"
     )
 
 
@@ -71,7 +72,12 @@ def write_openvins(folder):
     models = "".join(f"  {key}:\n{rows(np.eye(3))}" for key in ("Tw", "R_IMUtoGYRO", "Ta", "R_IMUtoACC"))
     models += f"  Tg:\n{rows(np.zeros((3, 3)))}"
     (folder / "kalibr_imu_chain.yaml").write_text(
-        "%YAML:1.0\n\n" + kalibr_imu() + "  T_i_b:\n" + rows(np.eye(4)) + '  time_offset: 0.0\n  model: "kalibr"\n' + models
+        "%YAML:1.0\n\n"
+        + kalibr_imu()
+        + "  T_i_b:\n"
+        + rows(np.eye(4))
+        + '  time_offset: 0.0\n  model: "kalibr"\n'
+        + models
     )
     poses = {"cam0": T_IMU_CAM, "cam1": T_IMU_CAM @ T_C1_C2}
     sections = [
@@ -100,7 +106,8 @@ def write_vins_fusion(folder):
     (folder / "cam1_pinhole.yaml").write_text(camodocal())
     (folder / "euroc_stereo_imu_config.yaml").write_text(
         "%YAML:1.0\n\n#common parameters\nimu: 1         \nnum_of_cam: 2  \n\n"
-        'imu_topic: "/imu0"\nimage0_topic: "/cam0/image_raw"\nimage1_topic: "/cam1/image_raw"\noutput_path: "~/output/"\n'
+        'imu_topic: "/imu0"\nimage0_topic: "/cam0/image_raw"\nimage1_topic: "/cam1/image_raw"\n'
+        'output_path: "~/output/"\n'
         'cam0_calib: "cam0_pinhole.yaml"\ncam1_calib: "cam1_pinhole.yaml"\n'
         f"image_width: {SIZE[0]}\nimage_height: {SIZE[1]}\n\nestimate_extrinsic: 0\n"
         f"body_T_cam0: {opencv_matrix(T_IMU_CAM, '   ')}\nbody_T_cam1: {opencv_matrix(T_IMU_CAM @ T_C1_C2, '   ')}\n"
@@ -158,7 +165,9 @@ def write_basalt(folder):
         return dict(zip(keys, [*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_quat()], strict=True))
 
     lens = dict(zip(("fx", "fy", "cx", "cy"), (*FOCAL, *CENTRE), strict=True))
-    lens |= dict(zip(("k1", "k2", "p1", "p2"), RADTAN, strict=True)) | dict.fromkeys(("k3", "k4", "k5", "k6", "rpmax"), 0.0)
+    lens |= dict(zip(("k1", "k2", "p1", "p2"), RADTAN, strict=True)) | dict.fromkeys(
+        ("k3", "k4", "k5", "k6", "rpmax"), 0.0
+    )
     value = {
         "T_imu_cam": [pose(T_IMU_CAM), pose(T_IMU_CAM @ T_C1_C2)],
         "intrinsics": [{"camera_type": "pinhole-radtan8", "intrinsics": lens}] * 2,
@@ -180,7 +189,8 @@ def write_basalt(folder):
 def rs_paragraph(stream, size, focal, model="Brown Conrady", coefficients=(0, 0, 0, 0, 0)):
     return (
         f' Intrinsic of "{stream}" / {size[0]}x{size[1]} / {{YUYV/RGB8/BGR8/RGBA8/BGRA8/Y8}}\n'
-        f"  Width:      \t{size[0]}\n  Height:     \t{size[1]}\n  PPX:        \t{CENTRE[0]}\n  PPY:        \t{CENTRE[1]}\n"
+        f"  Width:      \t{size[0]}\n  Height:     \t{size[1]}\n"
+        f"  PPX:        \t{CENTRE[0]}\n  PPY:        \t{CENTRE[1]}\n"
         f"  Fx:         \t{focal[0]}\n  Fy:         \t{focal[1]}\n  Distortion: \t{model}\n"
         "  Coeffs:     \t" + "  \t".join(map(str, coefficients)) + "  \n  FOV (deg):  \t69.54 x 42.75\n\n"
     )
@@ -189,7 +199,8 @@ def rs_paragraph(stream, size, focal, model="Brown Conrady", coefficients=(0, 0,
 def rs_extrinsic(start, end, T):
     lines = "".join("   " + "".join(f"{value:<17.9g}" for value in row) + "\n" for row in T[:3, :3])
     position = "  ".join(f"{value:.15g}" for value in T[:3, 3])
-    return f'Extrinsic from "{start}"\t  To\t  "{end}" :\n Rotation Matrix:\n{lines}\n Translation Vector: {position}  \n\n'
+    names = f'Extrinsic from "{start}"\t  To\t  "{end}" :\n'
+    return f"{names} Rotation Matrix:\n{lines}\n Translation Vector: {position}  \n\n"
 
 
 def write_realsense_text(folder):
@@ -201,7 +212,8 @@ def write_realsense_text(folder):
         + rs_paragraph("Depth", (640, 480), (382.0, 382.0))
         + rs_paragraph("Color", (640, 480), (610.0, 610.0))
         + rs_paragraph("Color", SIZE, FOCAL, "Inverse Brown Conrady", (*RADTAN, 0))
-        + 'Motion Intrinsic Parameters:\n\n Motion Intrinsic of "Gyro"\t  MOTION_XYZ32F\n  Bias Variances:  \t0  \t0  \t0  \n\n'
+        + 'Motion Intrinsic Parameters:\n\n Motion Intrinsic of "Gyro"\t  MOTION_XYZ32F\n'
+        + "  Bias Variances:  \t0  \t0  \t0  \n\n"
         + "Extrinsic Parameters:\n\n"
         + rs_extrinsic("Color", "Depth", T_depth_color)
         + rs_extrinsic("Depth", "Gyro", T_gyro_depth)
