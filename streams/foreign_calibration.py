@@ -121,6 +121,9 @@ def _convert_orb_slam(keys: Keys, read: ReadNeighbour | None) -> Converted:
     del read
     result = Converted()
     keys.drop("File.version")
+    if "LEFT.K" in keys:
+        valid = "settings of the images as they are: Camera.fx is that of rectified images; convert them to version 1.0"
+        raise keys.place.key("LEFT.K").error(keys.take("LEFT.K"), valid)
     kind = keys.take_text("Camera.type", "PinHole")
     first = "Camera1" if "Camera1.fx" in keys else "Camera"
     prefixes = {"cam0": first} if f"{first}.fx" in keys else {}

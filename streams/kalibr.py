@@ -188,7 +188,7 @@ def read_rig(
 
 
 def _warn_user(text: str) -> None:
-    """Issues a Python warning at the line that called `read_rig`."""
+    """Issues a Python warning about a calibration file."""
     warnings.warn(text, UserWarning, stacklevel=3)
 
 
@@ -524,6 +524,9 @@ def _to_lens(name: str, camera: _Camera, source: str, warn: Warn | None) -> Lens
     counts, model = COEFFICIENTS[camera.distortion_model], camera.distortion_model
     if len(camera.distortion_coeffs) not in counts:
         wanted = f"{' or '.join(map(str, counts))} coefficients of {model}"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
+    if model == "none" and any(camera.distortion_coeffs):
+        wanted = "no coefficients, or the distortion_model that they are of"
         raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
     given = f"{camera.camera_model} with distortion {model}"
     lens = to_rig_lens(

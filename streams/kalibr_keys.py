@@ -57,7 +57,7 @@ def rename_keys(converted: Converted, source: str, *, is_plain: bool) -> Convert
         if not isinstance(node, dict):
             if name == "stridetwin" or re.fullmatch(r"(?:cam|imu)\d{1,3}", name):
                 result.sections[name] = node
-            else:
+            elif not has_no_effect(node):
                 result.unused.append(name)
         elif name == "stridetwin":
             result.sections[name] = node

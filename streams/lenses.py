@@ -104,7 +104,7 @@ DISTORTIONS: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("brown conrady", "modified brown conrady", "inverse brown conrady"), "radtan"),
         **dict.fromkeys(("equidistant", "equi", "fisheye", "kb4", "kannala_brandt", "kannala brandt4"), "equidistant"),
         "fov": "fov",
-        "none": "none",
+        **dict.fromkeys(("none", ""), "none"),
     }
 )
 """Kalibr's name of a distortion model, by the names of other tools in lower case."""
@@ -204,10 +204,10 @@ def _pad(coefficients: tuple[float, ...]) -> Array:
 
 def _spread_rays() -> Array:
     """(N, 3) unit vectors around the optical axis z, up to `_WIDEST` from it."""
-    angle, around = np.meshgrid(
+    angles, directions = np.meshgrid(
         np.linspace(0.0, _WIDEST, _ANGLES)[1:], np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False)
     )
-    angle, around = angle.ravel(), around.ravel()
+    angle, around = angles.ravel(), directions.ravel()
     return np.column_stack((np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around), np.cos(angle)))
 
 

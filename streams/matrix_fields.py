@@ -24,9 +24,10 @@ def _to_rigid_transform(rows: Any) -> Array:
     A rotation whose numbers were rounded is replaced by the nearest one.
     """
     T = np.array(rows, float)
-    if _is_rotation(T[:3, :3]) and np.array_equal(T[3], (0, 0, 0, 1)):
-        return T
-    cause = _explain_no_transform(T)
+    with np.errstate(all="ignore"):  # numbers of any size
+        if _is_rotation(T[:3, :3]) and np.array_equal(T[3], (0, 0, 0, 1)):
+            return T
+        cause = _explain_no_transform(T)
     if cause:
         valid = "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1"
         raise field_error(T.tolist(), f"{valid}; {cause}")

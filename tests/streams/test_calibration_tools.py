@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from calibration_files import CENTRE, FOCAL, NOISE, RADTAN, SHIFT_S, SIZE, T_C1_C2, T_IMU_CAM, rigid
 
-from benchmarks.foreign_files import FORMATS, HEIGHT, WIDTH, Walk
+from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, WIDTH, Walk
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.opening import ImportOptions, open_any
 from stridetwin.streams.kalibr import read_rig
@@ -299,6 +299,7 @@ def test_lenses_that_cannot_be_represented(tmp_path):
     path = tmp_path / "rig.yaml"
     for lens, model, coefficients, says in (
         ("pinhole", "radtan", (0.1, 0.2), r"distortion_coeffs: .*4 or 5 or 8 .*coefficients of radtan"),
+        ("pinhole", "none", (0.1, 0.2, 0, 0), r"distortion_coeffs: .*expected no coefficients"),
         (
             "pinhole",
             "radtan",
@@ -334,6 +335,7 @@ def test_fisheyes_of_camodocal_and_orb_slam(tmp_path):
         (files.write_orb_slam3, "Camera1.fx: 458.654", "Camera1.fx: wide", r"Camera1\.fx: invalid 'wide': .*a number"),
         (files.write_orb_slam3, "Camera1.cy: 248.375", "", r"Camera1\.cy: missing: expected a number"),
         (files.write_orb_slam3, "rows: 4", "rows: 4\n  unit: mm", ""),
+        (files.write_orb_slam3, "Camera.fps: 20", "LEFT.K: [1.0]", r"LEFT\.K: .*rectified"),
         (files.write_vins_fusion, "cam0_pinhole.yaml", "../other.yaml", r"cam0_calib: .*a file in the same folder"),
         (files.write_vins_fusion, "cam0_pinhole.yaml", "none.yaml", r"none\.yaml: cannot be read"),
         (files.write_openvins, "kalibr_imu_chain.yaml", "none.yaml", r"none\.yaml: cannot be read"),
@@ -358,7 +360,8 @@ def write_small_rig(path, key, T):
     camera = files.kalibr_camera(intrinsics=(27.25, 27.25, 15.0, 11.0), coefficients=(0.0,) * 4)
     size = f"resolution: [{WIDTH}, {HEIGHT}]"
     camera = camera.replace(f"resolution: [{SIZE[0]}, {SIZE[1]}]", size)
-    path.write_text(f"%YAML:1.0\n\n{camera}  {key}: {T.tolist()}\n{files.kalibr_imu()}")
+    imu = files.kalibr_imu().replace("200.0", str(float(IMU_HZ)))
+    path.write_text(f"%YAML:1.0\n\n{camera}  {key}: {T.tolist()}\n{imu}")
     return ImportOptions(rig=path)
 
 
