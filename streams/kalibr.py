@@ -14,7 +14,7 @@ import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,7 +23,7 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, create_model
 
-from stridetwin.streams.bounded import LARGEST_SETTING, read_text
+from stridetwin.streams.bounded import LARGEST_SETTING, read_bytes
 from stridetwin.streams.calibration_limits import check_camera, check_imu, check_mount
 from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
 from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error
@@ -47,7 +47,10 @@ PLAIN_BODY = "imu0"
 """Body of all sensors of a plain Kalibr calibration: the frame of its IMU."""
 _OURS = "stridetwin"
 """Key of the section with what Kalibr has no keys for."""
-_WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
+_WANTED = (
+    f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}, "
+    "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC or ROS"
+)
 _LARGEST = 1e300
 """Largest magnitude of a sensor's parameter: greater ones are mistakes, or too large for a float."""
 _WORST_FIT_PX = 3.0
@@ -134,6 +137,11 @@ def write_rig(rig: Rig, path: str | Path) -> None:
         temporary.write_text(rig_to_yaml(rig), encoding="utf-8")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnplacedMount(Mount):
+    """Mount of a camera whose file does not say where it is; the pose is the identity."""
+
+
 Warn = Callable[[str], None]
 """Receives a warning about a calibration file, one line."""
 
@@ -202,19 +210,33 @@ def _read_sections(file: Path, sizes: Collection[tuple[int, int]]) -> Converted:
     Raises:
         StrideTwinError: It cannot be read, or is no calibration.
     """
-    text = clear_opencv_marks(read_text(file, LARGEST_SETTING))
+    text = _read_calibration_text(file)
     if is_realsense_text(text):
         return convert_realsense_text(text, str(file), sizes)
 
     def read_neighbour(name: str) -> dict[str, object]:
         """The plain data of another file of the same folder; a flat IMU is moved under `imu0`."""
         beside = file.parent / name
-        document = _wrap_flat_imu(parse_yaml(clear_opencv_marks(read_text(beside, LARGEST_SETTING)), str(beside)))
+        document = _wrap_flat_imu(parse_yaml(_read_calibration_text(beside), str(beside)))
         if not isinstance(document, dict):
             raise ConfigError(beside, "", document, "a part of a calibration")
         return document
 
     return _sort_keys(parse_yaml(text, str(file)), str(file), read_neighbour, sizes)
+
+
+def _read_calibration_text(file: Path) -> str:
+    """The text of a calibration file without OpenCV's marks.
+
+    Characters that are not UTF-8, as in comments, become U+FFFD.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is too large.
+    """
+    data = read_bytes(file, LARGEST_SETTING)
+    is_utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    text = data.decode("utf-16" if is_utf_16 else "utf-8", errors="replace")
+    return clear_opencv_marks(text.replace("\r\n", "\n").replace("\r", "\n"))
 
 
 def _sort_keys(
@@ -612,7 +634,9 @@ def _to_camera(
     """
     more: dict[str, Any]
     if extras is None:
-        mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
+        mount = UnplacedMount(body=PLAIN_BODY)
+        if T_cam_imu is not None:
+            mount = Mount(body=PLAIN_BODY, T_body_sensor=_inverse(T_cam_imu))
         readout_s = camera.readout_s or camera.line_delay * (camera.resolution[1] - 1)
         more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), ""), "readout_s": readout_s}
     else:

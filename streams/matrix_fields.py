@@ -27,6 +27,8 @@ def _to_rigid_transform(rows: Any) -> Array:
     with np.errstate(all="ignore"):  # numbers of any size
         if _is_rotation(T[:3, :3]) and np.array_equal(T[3], (0, 0, 0, 1)):
             return T
+        if np.allclose(T[3], (0, 0, 0, 1), rtol=0, atol=1e-6):
+            T[3] = 0, 0, 0, 1
         cause = _explain_no_transform(T)
     if cause:
         valid = "a rigid transform: a rotation matrix, a translation, and a last row 0 0 0 1"

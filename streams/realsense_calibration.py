@@ -29,7 +29,10 @@ _EXTRINSIC = re.compile(
     rf"((?:{_NUMBER}\s+){{9}})\s*Translation Vector:\s*({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})"
 )
 _OTHER = re.compile(r'^\s*Motion Intrinsic of "([^"]+)"', re.MULTILINE)
-_LENS_KEYS = ("width", "height", "ppx", "ppy", "fx", "fy", "model", "distortion", "coeffs", "coefficients")
+_LENS_KEYS = ("width", "height", "ppx", "ppy", "cx", "cy", "fx", "fy", "model", "distortion", "coeffs", "coefficients")
+_LENS_NAMES = {"cx": "ppx", "cy": "ppy"}
+_CENTRES = ({"ppx", "ppy", "fx", "fy"}, {"cx", "cy", "fx", "fy"})
+"""Fields that intrinsics have, with either name of the centre."""
 _MODELS = {"brown_conrady", "modified_brown_conrady", "inverse_brown_conrady"}
 
 
@@ -81,8 +84,8 @@ def convert_realsense_text(text: str, source: str, sizes: Collection[tuple[int, 
 
 
 def is_realsense_json(document: Mapping[str, object]) -> bool:
-    """Whether plain data have intrinsics with librealsense's fields `ppx`, `ppy`, `fx`, `fy`."""
-    return any(True for _ in _find_mappings(document, "", {"ppx", "ppy", "fx", "fy"}))
+    """Whether plain data have intrinsics with librealsense's fields `ppx`, `ppy`, `fx`, `fy`, or `cx`, `cy`."""
+    return any(_find_mappings(document, "", keys) for keys in _CENTRES)
 
 
 def convert_realsense_json(
@@ -104,8 +107,8 @@ def convert_realsense_json(
     """
     device = _Device()
     taken: set[str] = set()
-    for path, node in _find_mappings(document, "", {"ppx", "ppy", "fx", "fy"}):
-        fields = {str(key).lower(): value for key, value in node.items()}
+    for path, node in [item for keys in _CENTRES for item in _find_mappings(document, "", keys)]:
+        fields = {_LENS_NAMES.get(key.lower(), key.lower()): value for key, value in node.items()}
         device.lenses.append(_read_json_lens(path, fields, source))
         taken |= {f"{path}.{key}".removeprefix(".") for key in node if key.lower() in _LENS_KEYS}
     for path, node in _find_mappings(document, "", {"rotation", "translation"}):

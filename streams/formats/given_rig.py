@@ -17,7 +17,7 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.assumed_calibration import body_of
 from stridetwin.streams.formats.euroc import NAMES
-from stridetwin.streams.kalibr import PLAIN_BODY
+from stridetwin.streams.kalibr import PLAIN_BODY, UnplacedMount
 from stridetwin.streams.recording.imported import Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -255,7 +255,7 @@ def _mount_camera(
     shift = camera.timeshift_cam_imu_s
     if known is None:
         return replace(camera, imu_topic=imu, mount=mount)
-    if np.array_equal(T_imu_cam, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
+    if isinstance(camera.mount, UnplacedMount):  # a file without T_cam_imu: intrinsics alone
         mount, shift = known.mount, shift or known.timeshift_cam_imu_s
     return replace(
         camera,

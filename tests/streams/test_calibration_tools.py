@@ -1,6 +1,9 @@
 """Calibration files of other tools: every key is used or named, and absurd values are refused."""
 
 import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import calibration_files as files
 import cv2
@@ -10,9 +13,12 @@ from calibration_files import CENTRE, FOCAL, NOISE, RADTAN, SHIFT_S, SIZE, T_C1_
 
 from benchmarks.foreign_files import FORMATS, HEIGHT, IMU_HZ, WIDTH, Walk
 from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.assumed_calibration import _check_distance
 from stridetwin.streams.formats.opening import ImportOptions, open_any
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.lenses import to_rig_lens
+from stridetwin.streams.recording.index import Notes
+from stridetwin.streams.rig import Mount
 
 WRITERS = {
     "kalibr": (files.write_kalibr, 2, True, SHIFT_S, ""),
@@ -384,6 +390,35 @@ def test_an_import_names_unused_keys_and_refuses_millimetres(sources, tmp_path):
     T[:3, 3] *= 1000
     with pytest.raises(StrideTwinError, match=r"rig\.yaml: cam0\.T_imu_cam: .*is it in mm\?"):
         open_any(sources["euroc"], options=write_small_rig(tmp_path / "rig.yaml", "T_imu_cam", T))
+
+
+def test_an_identity_in_the_file_replaces_the_mount_of_the_source(sources, tmp_path):
+    folder = tmp_path / "euroc"
+    shutil.copytree(sources["euroc"], folder)
+    (sensor,) = folder.rglob("cam0/sensor.yaml")
+    sensor.write_text(sensor.read_text().replace("data: [1.0, 0, 0, 0,", "data: [1.0, 0, 0, 0.05,") + "gain: 3\n")
+    for key, x in (("T_cam_imu", 0.0), ("comment", 0.05)):
+        options = write_small_rig(tmp_path / "rig.yaml", key, np.eye(4))
+        recording = open_any(folder, options=options)
+        assert recording.rig.cameras["/head/color"].mount.T_body_sensor[0, 3] == pytest.approx(x)
+    assert "cam0/sensor.yaml: keys that are not used: gain" in recording.warnings
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
+def test_encodings_of_calibration_files(tmp_path, encoding):
+    path = files.write_kalibr(tmp_path)
+    path.write_bytes(("%YAML:1.0\r\n# 10°\r\n" + path.read_text().replace("\n", "\r\n")).encode(encoding))
+    check_first_camera(read(path)[0])
+
+
+def test_a_bag_that_says_that_its_camera_is_far_away_is_warned_of():
+    imu = SimpleNamespace(topic="/imu", mount=Mount(body="head"))
+    T = np.eye(4)
+    T[0, 3] = 35.0
+    camera = SimpleNamespace(topic="/camera", imu_topic="/imu", mount=Mount(body="head", T_body_sensor=T))
+    notes = Notes(Path("bag"), lenient=False)
+    _check_distance(camera, {"/imu": imu}, notes)
+    assert notes.warnings == ["/camera: 35 m from /imu: expected up to 1 m; is it in mm?"]
 
 
 @pytest.mark.parametrize("name", ["euroc", "rosbag1"])
