@@ -30,7 +30,7 @@ _NOISE = {
 """Least and largest plausible noise besides 0, its unit, and a common other unit with its factor."""
 
 
-def distance_hint(distance_m: float) -> str:
+def suggest_unit(distance_m: float) -> str:
     """The unit in which a distance that is too large would be plausible, as a question."""
     return "is it in mm?" if distance_m > 10 * FARTHEST_M else "is it in cm or mm?"
 
@@ -115,5 +115,5 @@ def _check_distance(
     distance = float(np.linalg.norm(T[:3, 3]))
     if distance > farthest_m:
         shown = [float(f"{value:.6g}") for value in T[:3, 3]]
-        valid = f"{what} up to {farthest_m:g} m from {whence}, not {distance:.3g} m; {distance_hint(distance)}"
+        valid = f"{what} up to {farthest_m:g} m from {whence}, not {distance:.3g} m; {suggest_unit(distance)}"
         yield ConfigError(source, path, shown, valid)

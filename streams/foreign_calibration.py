@@ -256,14 +256,14 @@ def _take_camodocal(keys: Keys) -> Section:
     if kind == "KANNALA_BRANDT":
         coefficients = projection.take_numbers(("k2", "k3", "k4", "k5"))
         pinhole = projection.take_numbers(("mu", "mv", "u0", "v0"))
-        return section | _lens("pinhole", pinhole, "equidistant", coefficients)
+        return section | _make_lens("pinhole", pinhole, "equidistant", coefficients)
     names = ("k1", "k2", "p1", "p2") if kind != "PINHOLE_FULL" else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
     distortion = keys.take_keys("distortion_parameters").take_numbers(names)
     if kind == "MEI":
         xi = keys.take_keys("mirror_parameters").take_number("xi")
         intrinsics = projection.take_numbers(("gamma1", "gamma2", "u0", "v0"))
-        return section | _lens("omni", [xi, *intrinsics], "radtan", distortion)
-    return section | _lens("pinhole", projection.take_numbers(("fx", "fy", "cx", "cy")), "radtan", distortion)
+        return section | _make_lens("omni", [xi, *intrinsics], "radtan", distortion)
+    return section | _make_lens("pinhole", projection.take_numbers(("fx", "fy", "cx", "cy")), "radtan", distortion)
 
 
 def _is_basalt(document: dict[str, object]) -> bool:
@@ -335,7 +335,7 @@ def _take_basalt_lens(camera: Keys) -> Section:
     model, parameters, distortion, coefficients = _BASALT_LENSES[kind]
     values = camera.take_keys("intrinsics")
     terms = values.take_numbers(parameters) + ([1.0] if kind == "ucm" else [])  # ucm is eucm with beta 1
-    lens = _lens(
+    lens = _make_lens(
         model, [*terms, *values.take_numbers(("fx", "fy", "cx", "cy"))], distortion, values.take_numbers(coefficients)
     )
     values.drop("rpmax")  # how far from the centre the model holds
@@ -356,12 +356,12 @@ def _convert_sensor_file(keys: Keys, read: ReadNeighbour | None) -> Converted:
         imu: Section = dict(zip(NOISE, keys.take_numbers(NOISE), strict=True))
         result.add("imu0", imu | {"update_rate": keys.take_number("rate_hz")}, {"update_rate": "rate_hz"})
         pose = keys.take("T_BS")
-        if not has_no_effect(_rows_of(pose)):
+        if not has_no_effect(_read_rows(pose)):
             result.unused.append("T_BS")
         return result
     coefficients = keys.take_list("distortion_coefficients") if "distortion_coefficients" in keys else []
     model = keys.take_text("distortion_model", "radtan" if coefficients else "none")
-    lens = _lens(keys.take_text("camera_model", "pinhole"), keys.take_list("intrinsics"), model, coefficients)
+    lens = _make_lens(keys.take_text("camera_model", "pinhole"), keys.take_list("intrinsics"), model, coefficients)
     result.add("cam0", lens | {"resolution": [_to_whole(value) for value in keys.take_list("resolution")]})
     if (pose := keys.take_transform("T_BS")) is not None:
         _extend(result, "cam0", "T_imu_cam", pose, "T_BS")
@@ -369,7 +369,7 @@ def _convert_sensor_file(keys: Keys, read: ReadNeighbour | None) -> Converted:
     return result
 
 
-def _rows_of(pose: object) -> object:
+def _read_rows(pose: object) -> object:
     """The rows of a matrix, also of OpenCV's, for `has_no_effect`."""
     keys = Keys({"pose": pose}, FieldLocation(source=""))
     return keys.take_transform("pose")
@@ -392,13 +392,13 @@ def _convert_camera_info(keys: Keys, read: ReadNeighbour | None) -> Converted:
     key = names.get("distortion_coefficients", "distortion_coefficients")
     coefficients = keys.take_list(key) if key in keys else []
     model = keys.take_text("distortion_model", "radtan" if coefficients else "none")
-    camera = _lens("pinhole", [K[0], K[4], K[2], K[5]], model, coefficients)
+    camera = _make_lens("pinhole", [K[0], K[4], K[2], K[5]], model, coefficients)
     result.add("cam0", camera | {"resolution": [_to_whole(value) for value in size]}, {"intrinsics": "camera_matrix"})
     keys.drop("camera_name")
     return result
 
 
-def _lens(model: str, intrinsics: list[float], distortion: str, coefficients: list[float]) -> Section:
+def _make_lens(model: str, intrinsics: list[float], distortion: str, coefficients: list[float]) -> Section:
     """The keys of a lens in a camera's section."""
     return {
         "camera_model": model,

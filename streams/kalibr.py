@@ -15,23 +15,30 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StrictInt, create_model
+from pydantic import BaseModel
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_bytes
 from stridetwin.streams.calibration_limits import check_camera, check_imu, check_mount
 from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
-from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error
 from stridetwin.streams.files import atomic_file
 from stridetwin.streams.foreign_calibration import Converted, convert_calibration
 from stridetwin.streams.kalibr_keys import rename_keys
-from stridetwin.streams.lenses import COEFFICIENTS, DISTORTIONS, Lens, to_rig_lens
-from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
+from stridetwin.streams.kalibr_sections import (
+    BEYOND_NOISE,
+    OURS,
+    TRANSFORMS,
+    CameraExtras,
+    CameraSection,
+    ImuNoise,
+    ImuSection,
+    make_document_model,
+)
+from stridetwin.streams.lenses import COEFFICIENTS, Lens, to_rig_lens
 from stridetwin.streams.realsense_calibration import (
     convert_realsense_json,
     convert_realsense_text,
@@ -45,27 +52,12 @@ from stridetwin.streams.yaml_file import FastDumper, clear_opencv_marks, parse_y
 
 PLAIN_BODY = "imu0"
 """Body of all sensors of a plain Kalibr calibration: the frame of its IMU."""
-_OURS = "stridetwin"
-"""Key of the section with what Kalibr has no keys for."""
 _WANTED = (
-    f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}, "
+    f"a Kalibr calibration with cam0, ..., imu0, ... or {OURS}, "
     "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC or ROS"
 )
-_LARGEST = 1e300
-"""Largest magnitude of a sensor's parameter: greater ones are mistakes, or too large for a float."""
 _WORST_FIT_PX = 3.0
 """Largest error of a lens that is approximated, px."""
-_Squares = Annotated[StrictInt, Field(ge=2, le=2**31 - 1)]
-_BEYOND_NOISE = (
-    "gyroscope_bias_sd",
-    "accelerometer_bias_sd",
-    "gyroscope_range",
-    "accelerometer_range",
-    "gyroscope_scale_sd",
-    "gyroscope_misalignment_sd",
-    "accelerometer_scale_sd",
-)
-"""Attributes of an IMU's calibration that Kalibr has no keys for: biases, ranges and errors of scale and axes."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -108,7 +100,7 @@ def rig_to_yaml(rig: Rig) -> str:
         ours[f"imu{i}"] = {
             "part": imu.part,
             "mount": _to_plain_data(imu.mount),
-            **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
+            **{name: float(getattr(imu, name)) for name in BEYOND_NOISE},
         }
     ours["boards"] = {}
     for name, board in rig.boards.items():
@@ -118,7 +110,7 @@ def rig_to_yaml(rig: Rig) -> str:
             "square_m": float(board.square_m),
         }
     ours["sensors"] = [_to_plain_data(sensor) for sensor in rig.others.values()]
-    document[_OURS] = ours
+    document[OURS] = ours
     return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
 
 
@@ -261,177 +253,17 @@ def _sort_keys(
             raise ConfigError(source, "", document, _WANTED)
     else:
         converted = Converted(sections=document)
-    return rename_keys(converted, source, is_plain=_OURS not in document)
+    return rename_keys(converted, source, is_plain=OURS not in document)
 
 
 def _is_kalibr(document: Mapping[str, object]) -> bool:
     """Whether it has a section of Kalibr's or of ours."""
-    return bool(_OURS in document or _find_numbered_keys(document, "cam") or _find_numbered_keys(document, "imu"))
+    return bool(OURS in document or _find_numbered_keys(document, "cam") or _find_numbered_keys(document, "imu"))
 
 
 def _wrap_flat_imu(document: object) -> object:
     """The document; if it is Kalibr's flat imu.yaml, which has the IMU's keys at the top, it is moved under `imu0`."""
     return {"imu0": document} if isinstance(document, dict) and "update_rate" in document else document
-
-
-class _Kalibr(BaseModel):
-    """A section of Kalibr's; other keys have been named before."""
-
-    model_config = ConfigDict(frozen=True)
-
-
-_Transform = Annotated[RigidTransform, BeforeValidator(to_matrix_rows)]
-"""A transform in any of the forms of other tools."""
-_Distortion = Annotated[
-    Literal["radtan", "equidistant", "fov", "none"],
-    BeforeValidator(lambda node: DISTORTIONS.get(node.lower(), node) if isinstance(node, str) else node or "none"),
-]
-"""Kalibr's name of a distortion model; those of other tools are translated, and null is none."""
-
-
-class _Camera(_Kalibr):
-    """A camera section of Kalibr's camera chain."""
-
-    camera_model: Literal["pinhole", "omni", "eucm", "ds"]
-    intrinsics: tuple[Positive, Positive, Number, Number]
-    distortion_model: _Distortion
-    distortion_coeffs: list[Number] = Field(default_factory=list)
-    resolution: tuple[Count, Count]
-    rostopic: str | None = None
-    timeshift_cam_imu: Number = 0.0
-    readout_s: NotNegative = 0.0
-    line_delay: NotNegative = 0.0
-    T_cam_imu: _Transform | None = None
-    T_imu_cam: _Transform | None = None
-    T_cn_cnm1: _Transform | None = None
-    T_cnm1_cn: _Transform | None = None
-
-
-class _OmniCamera(_Camera):
-    """A camera of the model `omni`: xi, then the focal lengths and the centre."""
-
-    intrinsics: tuple[NotNegative, Positive, Positive, Number, Number]  # type: ignore[assignment]
-
-
-_Share = Annotated[Number, Field(ge=0, le=1)]
-
-
-class _EucmCamera(_Camera):
-    """A camera of the model `eucm`: alpha, beta, then the focal lengths and the centre."""
-
-    intrinsics: tuple[_Share, Positive, Positive, Positive, Number, Number]  # type: ignore[assignment]
-
-
-class _DsCamera(_Camera):
-    """A camera of the model `ds`: xi, alpha, then the focal lengths and the centre."""
-
-    intrinsics: tuple[  # type: ignore[assignment]
-        Annotated[Number, Field(gt=-1, lt=10)], _Share, Positive, Positive, Number, Number
-    ]
-
-
-_TRANSFORMS = ("T_cam_imu", "T_imu_cam", "T_cn_cnm1", "T_cnm1_cn")
-"""Keys of a camera's section that are transforms."""
-_CAMERAS = {"omni": _OmniCamera, "eucm": _EucmCamera, "ds": _DsCamera}
-"""The model of a camera's section by `camera_model`; all others are `_Camera`."""
-
-
-class ImuNoise(_Kalibr):
-    """Noise densities of an IMU, the keys of Kalibr and of EuRoC."""
-
-    gyroscope_noise_density: NotNegative
-    gyroscope_random_walk: NotNegative
-    accelerometer_noise_density: NotNegative
-    accelerometer_random_walk: NotNegative
-
-
-class _Imu(ImuNoise):
-    """An IMU section of Kalibr's file."""
-
-    rostopic: str | None = None
-    update_rate: Positive | None = None
-    T_i_b: _Transform | None = None
-
-
-class _CameraMount(FileModel):
-    """The body that carries a camera, and the camera's pose on it, unless Kalibr's `T_cam_imu` gives it."""
-
-    body: str
-    T_body_sensor: RigidTransform | None = None
-
-
-class _Mount(_CameraMount):
-    """The body that carries a sensor or board, and the pose on it."""
-
-    T_body_sensor: RigidTransform
-
-
-class _CameraExtras(FileModel):
-    """What a rig knows of a camera beyond Kalibr's section."""
-
-    part: str = ""
-    rate_hz: NotNegative
-    mount: _CameraMount
-    depth_topic: str = ""
-    imu_topic: str = ""
-    readout_s: NotNegative = 0.0
-
-
-_bounds_and_scales: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
-_ImuExtras = create_model("_ImuExtras", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_bounds_and_scales)
-
-
-class _Board(FileModel):
-    """A board of a rig."""
-
-    mount: _Mount
-    squares: tuple[_Squares, _Squares]
-    square_m: Positive
-
-
-def _to_parameter(node: Any) -> Any:
-    """A parameter of a sensor as floats: a number, or lists of numbers.
-
-    Raises:
-        PydanticCustomError: Anything else, or a number that is too large.
-    """
-    if isinstance(node, list):
-        return [_to_parameter(item) for item in node]
-    if isinstance(node, bool) or not isinstance(node, (int, float)) or not abs(node) < _LARGEST:
-        raise field_error(node, "a number, or lists of numbers")
-    return float(node)
-
-
-class _Sensor(FileModel):
-    """A sensor of a rig that has no section in Kalibr's format."""
-
-    topic: str
-    kind: Literal["range", "insole", "ahrs", "encoder", "interaction", "actuator"]
-    part: str = ""
-    rate_hz: Positive
-    mount: _Mount
-    parameters: dict[str, Annotated[Any, AfterValidator(_to_parameter)]] = Field(default_factory=dict)
-
-
-@lru_cache(maxsize=16)
-def _document_model(cameras: tuple[tuple[str, str], ...], imus: tuple[str, ...], has_extras: bool) -> type[BaseModel]:
-    """The pydantic model of a file with these sections, each a field of its name.
-
-    Args:
-        cameras: Names of the sections of cameras, `cam0`, ..., each with its `camera_model`.
-        imus: Names of the sections of IMUs, `imu0`, ...
-        has_extras: Whether the file has our own section, which then must have a part for each of these.
-    """
-    # pydantic takes a pair for each field: its type and its default, where `...` means required
-    sections: dict[str, Any] = {name: (_CAMERAS.get(kind, _Camera), ...) for name, kind in cameras}
-    sections |= {name: (_Imu, ...) for name in imus}
-    if has_extras:
-        extras: dict[str, Any] = {name: (_CameraExtras, ...) for name, _ in cameras} | {
-            name: (_ImuExtras, ...) for name in imus
-        }
-        extras |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
-        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **extras), ...)
-    return create_model("Calibration", __base__=_Kalibr, **sections)
 
 
 def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_checked: bool = False) -> Rig:
@@ -448,10 +280,12 @@ def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_c
     """
     document = converted.sections
     cams, imu_names = _find_numbered_keys(document, "cam"), _find_numbered_keys(document, "imu")
-    model = _document_model(tuple((name, _camera_model(document[name])) for name in cams), imu_names, _OURS in document)
-    with _original_places(converted, source):
+    model = make_document_model(
+        tuple((name, _read_camera_model(document[name])) for name in cams), imu_names, OURS in document
+    )
+    with _name_original_places(converted, source):
         calibration: Any = validate(model, document, source)
-        extras = getattr(calibration, _OURS, None)  # our own section; None in a plain Kalibr file
+        extras = getattr(calibration, OURS, None)  # our own section; None in a plain Kalibr file
         if (
             extras is None
             and not is_checked
@@ -472,7 +306,7 @@ def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_c
             lens = _to_lens(name, camera, source, warn)
             cameras.append(_to_camera(name, camera, lens, getattr(extras, name, None), previous, imus, source))
             if is_checked:
-                transforms = {key: T for key in _TRANSFORMS if (T := getattr(camera, key)) is not None}
+                transforms = {key: T for key in TRANSFORMS if (T := getattr(camera, key)) is not None}
                 errors += check_camera(source, name, cameras[-1], transforms)
         if is_checked:
             errors += [
@@ -501,21 +335,21 @@ def _check_mounts(
     """The errors of the mounts of our own section: sensors that are far from the body that carries them."""
     mounts = {name: camera.mount for name, camera in zip(cams, cameras, strict=True)}
     mounts |= {name: imu.mount for name, imu in zip(imu_names, imus.values(), strict=True)}
-    return [e for name, mount in mounts.items() for e in check_mount(source, f"{_OURS}.{name}", mount)]
+    return [e for name, mount in mounts.items() for e in check_mount(source, f"{OURS}.{name}", mount)]
 
 
 @contextmanager
-def _original_places(converted: Converted, source: str) -> Iterator[None]:
+def _name_original_places(converted: Converted, source: str) -> Iterator[None]:
     """Context manager: errors about values of another tool's file name their places in that file."""
     try:
         yield
     except ConfigFileError as error:
-        raise combine_errors([_with_original_place(e, converted, source) for e in error.errors]) from None
+        raise combine_errors([_restore_place(e, converted, source) for e in error.errors]) from None
     except ConfigError as error:
-        raise _with_original_place(error, converted, source) from None
+        raise _restore_place(error, converted, source) from None
 
 
-def _with_original_place(error: StrideTwinError, converted: Converted, source: str) -> StrideTwinError:
+def _restore_place(error: StrideTwinError, converted: Converted, source: str) -> StrideTwinError:
     """The error with the path of its value in the file, if it was read from another key."""
     if not isinstance(error, ConfigError):
         return error
@@ -525,13 +359,13 @@ def _with_original_place(error: StrideTwinError, converted: Converted, source: s
     return error
 
 
-def _camera_model(section: object) -> str:
+def _read_camera_model(section: object) -> str:
     """The `camera_model` of a camera's section; "" if it has none."""
     kind = section.get("camera_model") if isinstance(section, dict) else ""
     return kind if isinstance(kind, str) else ""
 
 
-def _to_lens(name: str, camera: _Camera, source: str, warn: Warn | None) -> Lens:
+def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -> Lens:
     """The lens of a camera section, in a model of the rig.
 
     Args:
@@ -590,7 +424,7 @@ def _to_rig_fields(model: BaseModel) -> dict[str, Any]:
     return values | {"mount": Mount(**dict(values["mount"]))}
 
 
-def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
+def _to_imu(name: str, imu: ImuSection, extras: BaseModel | None) -> ImuCalibration:
     """The calibration of an IMU section.
 
     Args:
@@ -611,9 +445,9 @@ def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
 
 def _to_camera(
     name: str,
-    camera: _Camera,
+    camera: CameraSection,
     lens: Lens,
-    extras: _CameraExtras | None,
+    extras: CameraExtras | None,
     T_cam_imu: Array | None,
     imus: Mapping[str, ImuCalibration],
     source: str,
@@ -642,7 +476,7 @@ def _to_camera(
     else:
         if extras.imu_topic and extras.imu_topic not in imus:
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
-            raise ConfigError(source, f"{_OURS}.{name}.imu_topic", extras.imu_topic, wanted)
+            raise ConfigError(source, f"{OURS}.{name}.imu_topic", extras.imu_topic, wanted)
         mount = _to_camera_mount(name, camera, extras, T_cam_imu, imus.get(extras.imu_topic), source)
         more = {key: value for key, value in dict(extras).items() if key != "mount"}
     return CameraCalibration(
@@ -659,7 +493,12 @@ def _to_camera(
 
 
 def _to_camera_mount(
-    name: str, camera: _Camera, extras: _CameraExtras, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
+    name: str,
+    camera: CameraSection,
+    extras: CameraExtras,
+    T_cam_imu: Array | None,
+    imu: ImuCalibration | None,
+    source: str,
 ) -> Mount:
     """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or one of them must be omitted.
 
@@ -674,7 +513,7 @@ def _to_camera_mount(
     Raises:
         ConfigError: The two contradict each other, or both are missing.
     """
-    mount, place = extras.mount, f"{_OURS}.{name}.mount.T_body_sensor"
+    mount, place = extras.mount, f"{OURS}.{name}.mount.T_body_sensor"
     if T_cam_imu is None or imu is None:
         if mount.T_body_sensor is None:
             raise ConfigError(source, place, Missing(), "4 rows of 4 numbers")
@@ -688,16 +527,16 @@ def _to_camera_mount(
     return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
 
 
-def _chain_T_cam_imu(name: str, camera: _Camera, previous: Array | None, source: str) -> Array | None:
+def _chain_T_cam_imu(name: str, camera: CameraSection, previous: Array | None, source: str) -> Array | None:
     """T_cam_imu (4, 4) of a camera: its own, or T_cn_cnm1 times that of the `previous` camera; None if unknown.
 
     Raises:
         ConfigError: The file gives both directions of a transform, and they contradict each other.
     """
-    own = _choose_direction(f"{name}.T_imu_cam", camera.T_cam_imu, camera.T_imu_cam, source)
+    direct = _choose_direction(f"{name}.T_imu_cam", camera.T_cam_imu, camera.T_imu_cam, source)
     from_previous = _choose_direction(f"{name}.T_cnm1_cn", camera.T_cn_cnm1, camera.T_cnm1_cn, source)
-    if own is not None:
-        return own
+    if direct is not None:
+        return direct
     if from_previous is not None and previous is not None:
         return np.asarray(from_previous @ previous)
     return None

@@ -108,17 +108,17 @@ def _to_kalibr_key(key: str, number: int, is_camera: bool) -> str | None:
     other = _OTHER_NAMES.get(key, "")
     if other in (_CAMERA_KEYS if is_camera else _IMU_KEYS):
         return other
-    return (_transform_between(key, number) or _transform_to_imu(key)) if is_camera else None
+    return (_find_transform_between(key, number) or _find_transform_to_imu(key)) if is_camera else None
 
 
-def _transform_to_imu(key: str) -> Literal["T_cam_imu", "T_imu_cam"] | None:
+def _find_transform_to_imu(key: str) -> Literal["T_cam_imu", "T_imu_cam"] | None:
     """Which transform between camera and IMU a key of a camera's section means; None for another key."""
     if _TO_CAMERA.fullmatch(key):
         return "T_cam_imu"
     return "T_imu_cam" if _TO_IMU.fullmatch(key) else None
 
 
-def _transform_between(key: str, number: int) -> Literal["T_cn_cnm1", "T_cnm1_cn"] | None:
+def _find_transform_between(key: str, number: int) -> Literal["T_cn_cnm1", "T_cnm1_cn"] | None:
     """Which transform between camera `number` and the one before it a key means; None for another key."""
     match = _BETWEEN.fullmatch(key)
     ends = (int(match[1]), int(match[2])) if match else None

@@ -78,7 +78,7 @@ def convert_realsense_text(text: str, source: str, sizes: Collection[tuple[int, 
         device.lenses.append(_read_text_lens(name, fields, source))
     for start, end, rotation, *translation in _EXTRINSIC.findall(text):
         R = np.array(rotation.split(), float).reshape(3, 3)
-        device.transforms[_normal(start), _normal(end)] = _to_transform(R, np.array(translation, float))
+        device.transforms[_normalise_name(start), _normalise_name(end)] = _to_transform(R, np.array(translation, float))
     device.unused = [f'Motion Intrinsic of "{name}"' for name in _OTHER.findall(text)]
     return _to_sections(device, source, sizes)
 
@@ -112,7 +112,7 @@ def convert_realsense_json(
         device.lenses.append(_read_json_lens(path, fields, source))
         taken |= {f"{path}.{key}".removeprefix(".") for key in node if key.lower() in _LENS_KEYS}
     for path, node in _find_mappings(document, "", {"rotation", "translation"}):
-        start, end = _ends_of(path, node)
+        start, end = _read_ends(path, node)
         if not start:
             continue
         R, p = (
@@ -175,12 +175,16 @@ def _read_text_lens(name: str, fields: Mapping[str, str], source: str) -> _Intri
         if not re.fullmatch(_NUMBER, text):
             raise ConfigError(source, f"{path}: {key}", text, "a number")
         numbers[key] = float(text)
-    words = fields.get("coeffs", "").split()
-    if not all(re.fullmatch(_NUMBER, word) for word in words):
+    texts = fields.get("coeffs", "").split()
+    if not all(re.fullmatch(_NUMBER, text) for text in texts):
         raise ConfigError(source, f"{path}: coeffs", fields.get("coeffs", ""), "numbers")
     model = fields.get("distortion", "none").lower()
     return _make_lens(
-        _normal(name), f"{path} / {fields['width']}x{fields['height']}", numbers, model, [float(w) for w in words]
+        _normalise_name(name),
+        f"{path} / {fields['width']}x{fields['height']}",
+        numbers,
+        model,
+        [float(text) for text in texts],
     )
 
 
@@ -193,7 +197,9 @@ def _read_json_lens(path: str, fields: Mapping[str, object], source: str) -> _In
     coefficients = fields.get("coeffs", fields.get("coefficients", []))
     values = _read_numbers(f"{path}.coeffs", coefficients, None, source).tolist()
     model = str(fields.get("model", fields.get("distortion", "none"))).lower().removeprefix("distortion.")
-    stream = _normal(next((word for word in reversed(path.split(".")) if _normal(word) in _CHOICE), path or "color"))
+    stream = _normalise_name(
+        next((word for word in reversed(path.split(".")) if _normalise_name(word) in _CHOICE), path or "color")
+    )
     return _make_lens(stream, path, numbers, model, values)
 
 
@@ -216,20 +222,20 @@ def _make_lens(
     return _Intrinsic(stream, section, path)
 
 
-def _normal(name: str) -> str:
+def _normalise_name(name: str) -> str:
     """The name of a stream without case and blanks: `infrared1` of `Infrared 1` and `infra1`."""
     word = re.sub(r"[^a-z0-9]", "", name.lower().replace("intrinsics", "").replace("intrinsic", ""))
     return _NAMES.get(word, word)
 
 
-def _ends_of(path: str, node: Mapping[str, object]) -> tuple[str, str]:
+def _read_ends(path: str, node: Mapping[str, object]) -> tuple[str, str]:
     """The streams that an extrinsic leads from and to; "" twice if neither its key nor `from` and `to` say so."""
     if isinstance(node.get("from"), str) and isinstance(node.get("to"), str):
-        return _normal(str(node["from"])), _normal(str(node["to"]))
+        return _normalise_name(str(node["from"])), _normalise_name(str(node["to"]))
     match = re.fullmatch(
         r"(?:T_|extrinsics?_)?(.+?)_?(?:to|2)_?([^_].*?)(?:_extrinsics?)?", path.split(".")[-1], re.IGNORECASE
     )
-    return (_normal(match[1]), _normal(match[2])) if match else ("", "")
+    return (_normalise_name(match[1]), _normalise_name(match[2])) if match else ("", "")
 
 
 def _read_rotation(path: str, node: object, source: str) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stridetwin.streams.calibration_limits import FARTHEST_M, distance_hint
+from stridetwin.streams.calibration_limits import FARTHEST_M, suggest_unit
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
@@ -57,7 +57,7 @@ def with_assumed_calibration(
         ConfigError: The images of a camera have another size than its calibration, unless lenient.
     """
     imus = {
-        topic: _with_rate(rig.imus[topic], block.t_ns) if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
+        topic: _add_rate(rig.imus[topic], block.t_ns) if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
         for topic, block in blocks.items()
         if block.kind is Imu
     }
@@ -93,7 +93,7 @@ def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
     return shape[1], shape[0]
 
 
-def _with_rate(imu: ImuCalibration, t_ns: Stamps) -> ImuCalibration:
+def _add_rate(imu: ImuCalibration, t_ns: Stamps) -> ImuCalibration:
     """The calibration, with the mean rate of the stamps (N,) ns if it has none; the rate of one sample is not valid."""
     return imu if imu.rate_hz else replace(imu, rate_hz=mean_rate(t_ns) or 1.0)
 
@@ -188,7 +188,7 @@ def _check_distance(camera: CameraCalibration, imus: Mapping[str, ImuCalibration
     if distance > FARTHEST_M:
         notes.warn(
             f"{camera.topic}: {distance:.3g} m from {camera.imu_topic}: expected up to {FARTHEST_M:g} m; "
-            f"{distance_hint(distance)}"
+            f"{suggest_unit(distance)}"
         )
 
 

@@ -37,7 +37,8 @@ from stridetwin.streams.formats.text_rows import (
     read_text_rows,
     write_text_rows,
 )
-from stridetwin.streams.kalibr import ImuNoise, write_rig
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.kalibr_sections import ImuNoise
 from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
