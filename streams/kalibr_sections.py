@@ -100,11 +100,17 @@ class ImuNoise(KalibrSection):
 
 
 class ImuSection(ImuNoise):
-    """An IMU section of Kalibr's file."""
+    """An IMU section of Kalibr's file; other tools do not give the rate."""
 
     rostopic: str | None = None
     update_rate: Positive | None = None
     T_i_b: _Transform | None = None
+
+
+class _RatedImuSection(ImuSection):
+    """An IMU section of a file with our own section, which has the rate."""
+
+    update_rate: Positive
 
 
 class _CameraMount(FileModel):
@@ -180,7 +186,7 @@ def make_document_model(
     """
     # pydantic takes a pair for each field: its type and its default, where `...` means required
     sections: dict[str, Any] = {name: (_CAMERAS.get(kind, CameraSection), ...) for name, kind in cameras}
-    sections |= {name: (ImuSection, ...) for name in imus}
+    sections |= {name: (_RatedImuSection if has_extras else ImuSection, ...) for name in imus}
     if has_extras:
         extras: dict[str, Any] = {name: (CameraExtras, ...) for name, _ in cameras} | {
             name: (_ImuExtras, ...) for name in imus
