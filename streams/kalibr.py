@@ -58,6 +58,8 @@ _WANTED = (
 )
 _WORST_FIT_PX = 3.0
 """Largest error of a lens that is approximated, px."""
+_EXACT_FIT_PX = 0.01
+"""An error up to this is not worth a warning."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -393,7 +395,7 @@ def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -
         raise ConfigError(
             source, f"{name}.distortion_coeffs", camera.distortion_coeffs, f"{valid}, which {given} is not"
         )
-    if lens.error_px and warn is not None:
+    if lens.error_px > _EXACT_FIT_PX and warn is not None:
         warn(f"{source}: {name}: {given} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
     return lens
 
