@@ -470,7 +470,7 @@ def _to_camera(
     """
     more: dict[str, Any]
     if extras is None:
-        mount = UnplacedMount(body=PLAIN_BODY)
+        mount: Mount = UnplacedMount(body=PLAIN_BODY)
         if T_cam_imu is not None:
             mount = Mount(body=PLAIN_BODY, T_body_sensor=_inverse(T_cam_imu))
         readout_s = camera.readout_s or camera.line_delay * (camera.resolution[1] - 1)
