@@ -214,7 +214,9 @@ class LiveOptions(Options):
     )
     rig: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Calibration (Kalibr YAML) in place of what the senders provide."),
+        typer.Option(
+            metavar="FILE", help="Calibration (Kalibr's or another tool's) in place of what the senders provide."
+        ),
     ] = None
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Recording of all samples (.mcap).")] = None
     foot: Annotated[Literal["l", "r"] | None, typer.Option(help="foot_ins: which foot (default l).")] = None

@@ -243,7 +243,9 @@ class ImportableOptions(SourceOptions):
     ] = None
     rate: Annotated[float | None, option("Rate of a table without stamps.", "HZ", positive)] = None
     map: Annotated[list[str], option("Topic for a stream of the source.", "FROM=TO")] = field(default_factory=list)
-    rig: Annotated[Path | None, option("Calibration (Kalibr YAML) in place of the source's.", "FILE")] = None
+    rig: Annotated[
+        Path | None, option("Calibration (Kalibr's or another tool's) in place of the source's.", "FILE")
+    ] = None
     depth_scale: Annotated[
         float | None,
         option("Depth units per metre in a folder's depth images (TUM 5000, 7-Scenes 1000).", "N", positive),

@@ -115,7 +115,7 @@ class _Live:
         window_s = default_window_s if request.window_s is None else request.window_s
         self._latency = Latency(default_budget_s if request.budget_s is None else request.budget_s)
         self._window_s, self._reorder = window_s, Reorder(window_s)
-        self._given = Rig() if request.rig is None else read_rig(request.rig)
+        self._given = Rig() if request.rig is None else read_rig(request.rig, warn=lambda text: say(f"warning: {text}"))
         self._rig, self._metadata = self._given, dict[str, str]()  # merged with those of the senders so far
         self._chain: Chain | None = None  # None until the rig is sufficient
         self._compiled = False  # whether the warm-up is done

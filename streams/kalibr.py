@@ -4,49 +4,62 @@
 (https://github.com/ethz-asl/kalibr/wiki/yaml-formats), so that its tools and everything built on them can read
 the file. Values without a Kalibr key (mounts, parts, boards, other sensors) are under the key `stridetwin`. A plain
 Kalibr calibration can be read, too: its body is then `imu0`, the IMU's own frame, and its camera rates are 0,
-undeclared.
+undeclared. So are calibrations of other tools (`foreign_calibration`, `realsense_calibration`). Keys of a file that are
+not used are named, and values beyond those of a sensor that a person wears are refused (`calibration_limits`).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass
-from functools import lru_cache
+import warnings
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictInt, create_model
+from pydantic import BaseModel
 
-from stridetwin.streams.errors import ConfigError, Missing
-from stridetwin.streams.fields import Count, FileModel, NotNegative, Number, Positive, field_error
+from stridetwin.streams.bounded import LARGEST_SETTING, read_bytes
+from stridetwin.streams.calibration_limits import check_camera, check_imu, check_mount
+from stridetwin.streams.errors import ConfigError, ConfigFileError, Missing, StrideTwinError
 from stridetwin.streams.files import atomic_file
-from stridetwin.streams.matrix_fields import RigidTransform
+from stridetwin.streams.foreign_calibration import Converted, convert_calibration
+from stridetwin.streams.kalibr_keys import rename_keys
+from stridetwin.streams.kalibr_sections import (
+    BEYOND_NOISE,
+    OURS,
+    TRANSFORMS,
+    CameraExtras,
+    CameraSection,
+    ImuNoise,
+    ImuSection,
+    make_document_model,
+)
+from stridetwin.streams.lenses import COEFFICIENTS, Lens, to_rig_lens
+from stridetwin.streams.realsense_calibration import (
+    convert_realsense_json,
+    convert_realsense_text,
+    is_realsense_json,
+    is_realsense_text,
+)
 from stridetwin.streams.rig import Board, CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
 from stridetwin.streams.samples import Array
-from stridetwin.streams.validation import validate
-from stridetwin.streams.yaml_file import FastDumper, parse_yaml, read_yaml
+from stridetwin.streams.validation import combine_errors, validate
+from stridetwin.streams.yaml_file import FastDumper, clear_opencv_marks, parse_yaml
 
 PLAIN_BODY = "imu0"
 """Body of all sensors of a plain Kalibr calibration: the frame of its IMU."""
-_OURS = "stridetwin"
-"""Key of the section with what Kalibr has no keys for."""
-_WANTED = f"a Kalibr calibration with cam0, ..., imu0, ... or {_OURS}"
-_LARGEST = 1e300
-"""Largest magnitude of a sensor's parameter: greater ones are mistakes, or too large for a float."""
-_Squares = Annotated[StrictInt, Field(ge=2, le=2**31 - 1)]
-_BEYOND_NOISE = (
-    "gyroscope_bias_sd",
-    "accelerometer_bias_sd",
-    "gyroscope_range",
-    "accelerometer_range",
-    "gyroscope_scale_sd",
-    "gyroscope_misalignment_sd",
-    "accelerometer_scale_sd",
+_WANTED = (
+    f"a Kalibr calibration with cam0, ..., imu0, ... or {OURS}, "
+    "or one of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC or ROS"
 )
-"""Attributes of an IMU's calibration that Kalibr has no keys for: biases, ranges and errors of scale and axes."""
+_WORST_FIT_PX = 3.0
+"""Largest error of a lens that is approximated, px."""
+_EXACT_FIT_PX = 0.01
+"""An error up to this is not worth a warning."""
 
 
 def rig_to_yaml(rig: Rig) -> str:
@@ -89,7 +102,7 @@ def rig_to_yaml(rig: Rig) -> str:
         ours[f"imu{i}"] = {
             "part": imu.part,
             "mount": _to_plain_data(imu.mount),
-            **{name: float(getattr(imu, name)) for name in _BEYOND_NOISE},
+            **{name: float(getattr(imu, name)) for name in BEYOND_NOISE},
         }
     ours["boards"] = {}
     for name, board in rig.boards.items():
@@ -99,7 +112,7 @@ def rig_to_yaml(rig: Rig) -> str:
             "square_m": float(board.square_m),
         }
     ours["sensors"] = [_to_plain_data(sensor) for sensor in rig.others.values()]
-    document[_OURS] = ours
+    document[OURS] = ours
     return str(yaml.dump(document, Dumper=FastDumper, sort_keys=False, default_flow_style=None, width=120))
 
 
@@ -118,181 +131,273 @@ def write_rig(rig: Rig, path: str | Path) -> None:
         temporary.write_text(rig_to_yaml(rig), encoding="utf-8")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnplacedMount(Mount):
+    """Mount of a camera whose file does not say where it is; the pose is the identity."""
+
+
+Warn = Callable[[str], None]
+"""Receives a warning about a calibration file, one line."""
+
+
 def rig_from_yaml(text: str, source: str) -> Rig:
-    """A rig from YAML text.
+    """A rig from YAML text that StrideTwin has written, without the checks of a user's file.
 
     Raises:
         StrideTwinError: The text is not YAML, or a value in it is invalid; names the key path and what is valid.
     """
-    return _to_rig(_wrap_flat_imu(parse_yaml(text, source)), source)
+    document = parse_yaml(text, source)
+    return _to_rig(_sort_keys(document, source, None, ()), source)
 
 
-def read_rig(path: str | Path, *more: str | Path) -> Rig:
-    """A rig from a YAML file, or from Kalibr's two: camera chain and IMU.
+def read_rig(
+    path: str | Path,
+    *more: str | Path,
+    warn: Warn | None = None,
+    sizes: Collection[tuple[int, int]] = (),
+    needs_rates: bool = True,
+) -> Rig:
+    """A rig from a calibration file, or from Kalibr's two: camera chain and IMU.
+
+    Besides our own and Kalibr's, these are files of OpenVINS, VINS-Fusion, ORB-SLAM3, Basalt, RealSense, EuRoC and ROS.
 
     Args:
         path: The file.
         more: Further files, whose sections are added; of two sections with one name the last counts.
+        warn: Receives what is not used, and what is approximated; by default it becomes a `UserWarning`.
+        sizes: (width, height) of the images, for a file with intrinsics at several resolutions; empty if unknown.
+        needs_rates: Whether an IMU without a rate, as in VINS-Fusion's files, is refused; else its rate is 0.
 
     Raises:
-        StrideTwinError: A file cannot be read, or a value in it is invalid; names file, key path and what is valid.
+        StrideTwinError: A file cannot be read, or a value in it is invalid or beyond what a person can wear; names
+            file, key path and what is valid.
     """
+    warn = warn or _warn_user
     paths = (path, *more)
-    sections = [_wrap_flat_imu(read_yaml(p)) for p in paths]
     source = " + ".join(map(str, paths))
-    if any(not isinstance(section, dict) for section in sections):
-        raise ConfigError(source, "", sections[0], _WANTED)
-    return _to_rig({key: value for section in sections for key, value in section.items()}, source)
+    merged = Converted()
+    for file in map(Path, paths):
+        merged.merge(_read_sections(file, sizes))
+    if merged.unused:
+        warn(f"{source}: keys that are not used: {', '.join(merged.unused)}")
+    for note in merged.notes:
+        warn(f"{source}: {note}")
+    rig = _to_rig(merged, source, warn=warn, is_checked=True)
+    missing = next((f"imu{i}.update_rate" for i, imu in enumerate(rig.imus.values()) if not imu.rate_hz), None)
+    if needs_rates and missing is not None:
+        raise ConfigError(source, missing, Missing(), "the rate of the IMU in Hz")
+    return rig
 
 
-def _wrap_flat_imu(document: Any) -> Any:
+def _warn_user(text: str) -> None:
+    """Issues a Python warning about a calibration file."""
+    warnings.warn(text, UserWarning, stacklevel=3)
+
+
+def _read_sections(file: Path, sizes: Collection[tuple[int, int]]) -> Converted:
+    """The sections of a calibration file of any tool.
+
+    Args:
+        file: The file.
+        sizes: (width, height) of the images; empty if unknown.
+
+    Raises:
+        StrideTwinError: It cannot be read, or is no calibration.
+    """
+    text = _read_calibration_text(file)
+    if is_realsense_text(text):
+        return convert_realsense_text(text, str(file), sizes)
+
+    def read_neighbour(name: str) -> dict[str, object]:
+        """The plain data of another file of the same folder; a flat IMU is moved under `imu0`."""
+        beside = file.parent / name
+        document = _wrap_flat_imu(parse_yaml(_read_calibration_text(beside), str(beside)))
+        if not isinstance(document, dict):
+            raise ConfigError(beside, "", document, "a part of a calibration")
+        return document
+
+    return _sort_keys(parse_yaml(text, str(file)), str(file), read_neighbour, sizes)
+
+
+def _read_calibration_text(file: Path) -> str:
+    """The text of a calibration file without OpenCV's marks.
+
+    Characters that are not UTF-8, as in comments, become U+FFFD.
+
+    Raises:
+        StrideTwinError: The file cannot be read, or is too large.
+    """
+    data = read_bytes(file, LARGEST_SETTING)
+    is_utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+    text = data.decode("utf-16" if is_utf_16 else "utf-8", errors="replace")
+    return clear_opencv_marks(text.replace("\r\n", "\n").replace("\r", "\n"))
+
+
+def _sort_keys(
+    document: object,
+    source: str,
+    read_neighbour: Callable[[str], dict[str, object]] | None,
+    sizes: Collection[tuple[int, int]],
+) -> Converted:
+    """The sections of a calibration's plain data, with keys in Kalibr's spelling, and the keys that are not used.
+
+    Raises:
+        ConfigError: The data are no calibration, or a value of another tool's file is missing or invalid.
+    """
+    document = _wrap_flat_imu(document)
+    if not isinstance(document, dict):
+        raise ConfigError(source, "", document, _WANTED)
+    if not _is_kalibr(document):
+        converted = convert_calibration(document, source, read_neighbour)
+        if converted is None and is_realsense_json(document):
+            converted = convert_realsense_json(document, source, sizes)
+        if converted is None or not converted.sections:
+            raise ConfigError(source, "", document, _WANTED)
+    else:
+        converted = Converted(sections=document)
+    return rename_keys(converted, source, is_plain=OURS not in document)
+
+
+def _is_kalibr(document: Mapping[str, object]) -> bool:
+    """Whether it has a section of Kalibr's or of ours."""
+    return bool(OURS in document or _find_numbered_keys(document, "cam") or _find_numbered_keys(document, "imu"))
+
+
+def _wrap_flat_imu(document: object) -> object:
     """The document; if it is Kalibr's flat imu.yaml, which has the IMU's keys at the top, it is moved under `imu0`."""
     return {"imu0": document} if isinstance(document, dict) and "update_rate" in document else document
 
 
-class _Kalibr(BaseModel):
-    """A section of Kalibr's; keys that are not read are left alone."""
-
-    model_config = ConfigDict(frozen=True)
-
-
-class _Camera(_Kalibr):
-    """A camera section of Kalibr's camera chain."""
-
-    camera_model: Literal["pinhole"]
-    intrinsics: tuple[Positive, Positive, Number, Number]
-    distortion_model: Literal["radtan", "equidistant"]
-    distortion_coeffs: tuple[Number, Number, Number, Number]
-    resolution: tuple[Count, Count]
-    rostopic: str
-    timeshift_cam_imu: Number = 0.0
-    T_cam_imu: RigidTransform | None = None
-    T_cn_cnm1: RigidTransform | None = None
-
-
-class ImuNoise(_Kalibr):
-    """Noise densities of an IMU, the keys of Kalibr and of EuRoC."""
-
-    gyroscope_noise_density: NotNegative
-    gyroscope_random_walk: NotNegative
-    accelerometer_noise_density: NotNegative
-    accelerometer_random_walk: NotNegative
-
-
-class _Imu(ImuNoise):
-    """An IMU section of Kalibr's file."""
-
-    rostopic: str | None = None
-    update_rate: Positive
-
-
-class _CameraMount(FileModel):
-    """The body that carries a camera, and the camera's pose on it, unless Kalibr's `T_cam_imu` gives it."""
-
-    body: str
-    T_body_sensor: RigidTransform | None = None
-
-
-class _Mount(_CameraMount):
-    """The body that carries a sensor or board, and the pose on it."""
-
-    T_body_sensor: RigidTransform
-
-
-class _CameraExtras(FileModel):
-    """What a rig knows of a camera beyond Kalibr's section."""
-
-    part: str = ""
-    rate_hz: NotNegative
-    mount: _CameraMount
-    depth_topic: str = ""
-    imu_topic: str = ""
-    readout_s: NotNegative = 0.0
-
-
-_bounds_and_scales: dict[str, Any] = {name: (NotNegative, 0.0) for name in _BEYOND_NOISE}
-_ImuExtras = create_model("_ImuExtras", __base__=FileModel, part=(str, ""), mount=(_Mount, ...), **_bounds_and_scales)
-
-
-class _Board(FileModel):
-    """A board of a rig."""
-
-    mount: _Mount
-    squares: tuple[_Squares, _Squares]
-    square_m: Positive
-
-
-def _to_parameter(node: Any) -> Any:
-    """A parameter of a sensor as floats: a number, or lists of numbers.
-
-    Raises:
-        PydanticCustomError: Anything else, or a number that is too large.
-    """
-    if isinstance(node, list):
-        return [_to_parameter(item) for item in node]
-    if isinstance(node, bool) or not isinstance(node, (int, float)) or not abs(node) < _LARGEST:
-        raise field_error(node, "a number, or lists of numbers")
-    return float(node)
-
-
-class _Sensor(FileModel):
-    """A sensor of a rig that has no section in Kalibr's format."""
-
-    topic: str
-    kind: Literal["range", "insole", "ahrs", "encoder", "interaction", "actuator"]
-    part: str = ""
-    rate_hz: Positive
-    mount: _Mount
-    parameters: dict[str, Annotated[Any, AfterValidator(_to_parameter)]] = Field(default_factory=dict)
-
-
-@lru_cache(maxsize=16)
-def _document_model(cameras: tuple[str, ...], imus: tuple[str, ...], has_extras: bool) -> type[BaseModel]:
-    """The pydantic model of a file with these sections, each a field of its name.
+def _to_rig(converted: Converted, source: str, *, warn: Warn | None = None, is_checked: bool = False) -> Rig:
+    """Builds a rig from the sections of a file.
 
     Args:
-        cameras: Names of the sections of cameras, `cam0`, ...
-        imus: Names of the sections of IMUs, `imu0`, ...
-        has_extras: Whether the file has our own section, which then must have a part for each of these.
-    """
-    # pydantic takes a pair for each field: its type and its default, where `...` means required
-    sections: dict[str, Any] = {name: (_Camera, ...) for name in cameras} | {name: (_Imu, ...) for name in imus}
-    if has_extras:
-        extras: dict[str, Any] = {name: (_CameraExtras, ...) for name in cameras} | {
-            name: (_ImuExtras, ...) for name in imus
-        }
-        extras |= {"boards": (dict[str, _Board], {}), "sensors": (list[_Sensor], [])}
-        sections[_OURS] = (create_model(_OURS, __base__=FileModel, **extras), ...)
-    return create_model("Calibration", __base__=_Kalibr, **sections)
-
-
-def _to_rig(document: Any, source: str) -> Rig:
-    """Builds a rig from the plain data of a file.
+        converted: The sections, and where their values are in the file.
+        source: Names the file in errors.
+        warn: Receives what is approximated; None drops it.
+        is_checked: Whether values beyond those of a sensor that a person wears are refused.
 
     Raises:
-        StrideTwinError: The data are no calibration, a value is invalid, or two sensors have one topic.
+        StrideTwinError: A value is invalid, or two sensors have one topic.
     """
-    keys = document if isinstance(document, dict) else ()
-    cams, imu_names = _find_numbered_keys(keys, "cam"), _find_numbered_keys(keys, "imu")
-    if not (cams or imu_names or _OURS in keys):
-        raise ConfigError(source, "", document, _WANTED)
-    calibration: Any = validate(_document_model(cams, imu_names, _OURS in keys), document, source)
-    extras = getattr(calibration, _OURS, None)  # our own section; None in a plain Kalibr file
-    imus = _index_by_topic(
-        source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
+    document = converted.sections
+    cams, imu_names = _find_numbered_keys(document, "cam"), _find_numbered_keys(document, "imu")
+    model = make_document_model(
+        tuple((name, _read_camera_model(document[name])) for name in cams), imu_names, OURS in document
     )
-    cameras: list[CameraCalibration] = []
-    previous: Array | None = None  # T_cam_imu of the camera before, which the next one may refer to
-    for name in cams:
-        camera = getattr(calibration, name)
-        previous = _chain_T_cam_imu(camera, previous)
-        cameras.append(_to_camera(name, camera, getattr(extras, name, None), previous, imus, source))
-    return Rig(
-        imus=imus,
-        cameras=_index_by_topic(source, cameras),
-        boards={name: Board(name=name, **_to_rig_fields(b)) for name, b in extras.boards.items()} if extras else {},
-        others=_index_by_topic(source, [OtherSensor(**_to_rig_fields(s)) for s in extras.sensors] if extras else []),
+    with _name_original_places(converted, source):
+        calibration: Any = validate(model, document, source)
+        extras = getattr(calibration, OURS, None)  # our own section; None in a plain Kalibr file
+        if (
+            extras is None
+            and not is_checked
+            and (bare := [n for n in imu_names if not getattr(calibration, n).update_rate])
+        ):
+            raise ConfigError(source, f"{bare[0]}.update_rate", Missing(), "a number above 0")
+        imus = _index_by_topic(
+            source, [_to_imu(name, getattr(calibration, name), getattr(extras, name, None)) for name in imu_names]
+        )
+        cameras: list[CameraCalibration] = []
+        errors: list[StrideTwinError] = []
+        previous: Array | None = None  # T_cam_imu of the camera before, which the next one may refer to
+        for name in cams:
+            camera = getattr(calibration, name)
+            previous = _chain_T_cam_imu(name, camera, previous, source)
+            if previous is None and imus and extras is None and warn is not None:
+                warn(f"{source}: {name}: no transform to the IMU, such as T_cam_imu: a known mount is kept, else none")
+            lens = _to_lens(name, camera, source, warn)
+            cameras.append(_to_camera(name, camera, lens, getattr(extras, name, None), previous, imus, source))
+            if is_checked:
+                transforms = {key: T for key in TRANSFORMS if (T := getattr(camera, key)) is not None}
+                errors += check_camera(source, name, cameras[-1], transforms)
+        if is_checked:
+            errors += [
+                e for name, imu in zip(imu_names, imus.values(), strict=True) for e in check_imu(source, name, imu)
+            ]
+            errors += [] if extras is None else _check_mounts(source, cams, cameras, imu_names, imus)
+        if errors:
+            raise combine_errors(errors)
+        return Rig(
+            imus=imus,
+            cameras=_index_by_topic(source, cameras),
+            boards={name: Board(name=name, **_to_rig_fields(b)) for name, b in extras.boards.items()} if extras else {},
+            others=_index_by_topic(
+                source, [OtherSensor(**_to_rig_fields(s)) for s in extras.sensors] if extras else []
+            ),
+        )
+
+
+def _check_mounts(
+    source: str,
+    cams: Iterable[str],
+    cameras: Iterable[CameraCalibration],
+    imu_names: Iterable[str],
+    imus: Mapping[str, ImuCalibration],
+) -> list[StrideTwinError]:
+    """The errors of the mounts of our own section: sensors that are far from the body that carries them."""
+    mounts = {name: camera.mount for name, camera in zip(cams, cameras, strict=True)}
+    mounts |= {name: imu.mount for name, imu in zip(imu_names, imus.values(), strict=True)}
+    return [e for name, mount in mounts.items() for e in check_mount(source, f"{OURS}.{name}", mount)]
+
+
+@contextmanager
+def _name_original_places(converted: Converted, source: str) -> Iterator[None]:
+    """Context manager: errors about values of another tool's file name their places in that file."""
+    try:
+        yield
+    except ConfigFileError as error:
+        raise combine_errors([_restore_place(e, converted, source) for e in error.errors]) from None
+    except ConfigError as error:
+        raise _restore_place(error, converted, source) from None
+
+
+def _restore_place(error: StrideTwinError, converted: Converted, source: str) -> StrideTwinError:
+    """The error with the path of its value in the file, if it was read from another key."""
+    if not isinstance(error, ConfigError):
+        return error
+    for place, original in converted.places.items():
+        if error.field == place or error.field.startswith((f"{place}[", f"{place}.")):
+            return ConfigError(source, original + error.field[len(place) :], error.value, error.valid)
+    return error
+
+
+def _read_camera_model(section: object) -> str:
+    """The `camera_model` of a camera's section; "" if it has none."""
+    kind = section.get("camera_model") if isinstance(section, dict) else ""
+    return kind if isinstance(kind, str) else ""
+
+
+def _to_lens(name: str, camera: CameraSection, source: str, warn: Warn | None) -> Lens:
+    """The lens of a camera section, in a model of the rig.
+
+    Args:
+        name: Name of the section.
+        camera: The section.
+        source: Names the file in errors.
+        warn: Receives the error of a lens that is approximated; None drops it.
+
+    Raises:
+        ConfigError: The number of coefficients is wrong, or no model of the rig comes near the lens.
+    """
+    counts, model = COEFFICIENTS[camera.distortion_model], camera.distortion_model
+    if len(camera.distortion_coeffs) not in counts:
+        wanted = f"{' or '.join(map(str, counts))} coefficients of {model}"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
+    if model == "none" and any(camera.distortion_coeffs):
+        wanted = "no coefficients, or the distortion_model that they are of"
+        raise ConfigError(source, f"{name}.distortion_coeffs", camera.distortion_coeffs, wanted)
+    given = f"{camera.camera_model} with distortion {model}"
+    lens = to_rig_lens(
+        camera.camera_model, camera.intrinsics, model, tuple(camera.distortion_coeffs), camera.resolution
     )
+    if not lens.error_px <= _WORST_FIT_PX:
+        valid = f"a lens that radtan or equidistant with four coefficients represents up to {_WORST_FIT_PX:g} px"
+        raise ConfigError(
+            source, f"{name}.distortion_coeffs", camera.distortion_coeffs, f"{valid}, which {given} is not"
+        )
+    if lens.error_px > _EXACT_FIT_PX and warn is not None:
+        warn(f"{source}: {name}: {given} is fitted by {lens.model}, up to {lens.error_px:.2g} px off")
+    return lens
 
 
 def _find_numbered_keys(keys: Iterable[str], stem: str) -> tuple[str, ...]:
@@ -321,7 +426,7 @@ def _to_rig_fields(model: BaseModel) -> dict[str, Any]:
     return values | {"mount": Mount(**dict(values["mount"]))}
 
 
-def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
+def _to_imu(name: str, imu: ImuSection, extras: BaseModel | None) -> ImuCalibration:
     """The calibration of an IMU section.
 
     Args:
@@ -329,16 +434,22 @@ def _to_imu(name: str, imu: _Imu, extras: BaseModel | None) -> ImuCalibration:
         imu: Kalibr's section.
         extras: What a rig knows beyond it; None for a plain file, where the body is the IMU itself.
     """
-    noise = dict(imu)  # all fields of the section: the noise densities are left once the others are taken out
-    topic, rate = noise.pop("rostopic"), noise.pop("update_rate")
-    more: dict[str, Any] = _to_rig_fields(extras) if extras else {"part": "", "mount": Mount(body=PLAIN_BODY)}
-    return ImuCalibration(topic=f"/{name}" if topic is None else topic, rate_hz=rate, **noise, **more)
+    noise = {key: getattr(imu, key) for key in ImuNoise.model_fields}
+    more: dict[str, Any]
+    if extras is None:
+        T_body_imu = np.eye(4) if imu.T_i_b is None else _inverse(imu.T_i_b)
+        more = {"part": "", "mount": Mount(body=PLAIN_BODY, T_body_sensor=T_body_imu)}
+    else:
+        more = _to_rig_fields(extras)
+    topic = f"/{name}" if imu.rostopic is None else imu.rostopic
+    return ImuCalibration(topic=topic, rate_hz=imu.update_rate or 0.0, **noise, **more)
 
 
 def _to_camera(
     name: str,
-    camera: _Camera,
-    extras: _CameraExtras | None,
+    camera: CameraSection,
+    lens: Lens,
+    extras: CameraExtras | None,
     T_cam_imu: Array | None,
     imus: Mapping[str, ImuCalibration],
     source: str,
@@ -348,6 +459,7 @@ def _to_camera(
     Args:
         name: Name of the section.
         camera: Kalibr's section.
+        lens: Its lens, in a model of the rig.
         extras: What a rig knows beyond it; None for a plain file, whose cameras are mounted in the frame of the IMU.
         T_cam_imu: (4, 4) IMU's frame to camera's, m, of the section or chained; None if unknown.
         imus: IMUs by topic.
@@ -358,29 +470,37 @@ def _to_camera(
     """
     more: dict[str, Any]
     if extras is None:
-        mount = Mount(body=PLAIN_BODY, T_body_sensor=np.eye(4) if T_cam_imu is None else _inverse(T_cam_imu))
-        more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), "")}
+        mount: Mount = UnplacedMount(body=PLAIN_BODY)
+        if T_cam_imu is not None:
+            mount = Mount(body=PLAIN_BODY, T_body_sensor=_inverse(T_cam_imu))
+        readout_s = camera.readout_s or camera.line_delay * (camera.resolution[1] - 1)
+        more = {"part": "", "rate_hz": 0.0, "imu_topic": next(iter(imus), ""), "readout_s": readout_s}
     else:
         if extras.imu_topic and extras.imu_topic not in imus:
             wanted = f"'' or one of {', '.join(imus) or 'no IMU at all'}"
-            raise ConfigError(source, f"{_OURS}.{name}.imu_topic", extras.imu_topic, wanted)
+            raise ConfigError(source, f"{OURS}.{name}.imu_topic", extras.imu_topic, wanted)
         mount = _to_camera_mount(name, camera, extras, T_cam_imu, imus.get(extras.imu_topic), source)
         more = {key: value for key, value in dict(extras).items() if key != "mount"}
     return CameraCalibration(
-        topic=camera.rostopic,
+        topic=f"/{name}" if camera.rostopic is None else camera.rostopic,
         mount=mount,
         width=camera.resolution[0],
         height=camera.resolution[1],
-        intrinsics=camera.intrinsics,
-        distortion_model=camera.distortion_model,
-        distortion=camera.distortion_coeffs,
+        intrinsics=lens.intrinsics,
+        distortion_model=lens.model,
+        distortion=lens.distortion,
         timeshift_cam_imu_s=camera.timeshift_cam_imu,
         **more,
     )
 
 
 def _to_camera_mount(
-    name: str, camera: _Camera, extras: _CameraExtras, T_cam_imu: Array | None, imu: ImuCalibration | None, source: str
+    name: str,
+    camera: CameraSection,
+    extras: CameraExtras,
+    T_cam_imu: Array | None,
+    imu: ImuCalibration | None,
+    source: str,
 ) -> Mount:
     """A camera's mount, checked against Kalibr's T_cam_imu: they must agree, or one of them must be omitted.
 
@@ -395,7 +515,7 @@ def _to_camera_mount(
     Raises:
         ConfigError: The two contradict each other, or both are missing.
     """
-    mount, place = extras.mount, f"{_OURS}.{name}.mount.T_body_sensor"
+    mount, place = extras.mount, f"{OURS}.{name}.mount.T_body_sensor"
     if T_cam_imu is None or imu is None:
         if mount.T_body_sensor is None:
             raise ConfigError(source, place, Missing(), "4 rows of 4 numbers")
@@ -405,18 +525,42 @@ def _to_camera_mount(
         return Mount(body=mount.body, T_body_sensor=derived)
     if mount.body != imu.mount.body or not np.allclose(mount.T_body_sensor, derived, atol=1e-6):
         wanted = f"the transform from {place} and the mount of {imu.topic}; omit the former to use T_cam_imu"
-        T_declared = camera.T_cam_imu if camera.T_cam_imu is not None else T_cam_imu
-        raise ConfigError(source, f"{name}.T_cam_imu", T_declared.tolist(), wanted)
+        raise ConfigError(source, f"{name}.T_cam_imu", T_cam_imu.tolist(), wanted)
     return Mount(body=mount.body, T_body_sensor=mount.T_body_sensor)
 
 
-def _chain_T_cam_imu(camera: _Camera, previous: Array | None) -> Array | None:
-    """T_cam_imu (4, 4) of a camera: its own, or T_cn_cnm1 times that of the `previous` camera; None if unknown."""
-    if camera.T_cam_imu is not None:
-        return camera.T_cam_imu
-    if camera.T_cn_cnm1 is not None and previous is not None:
-        return np.asarray(camera.T_cn_cnm1 @ previous)
+def _chain_T_cam_imu(name: str, camera: CameraSection, previous: Array | None, source: str) -> Array | None:
+    """T_cam_imu (4, 4) of a camera: its own, or T_cn_cnm1 times that of the `previous` camera; None if unknown.
+
+    Raises:
+        ConfigError: The file gives both directions of a transform, and they contradict each other.
+    """
+    direct = _choose_direction(f"{name}.T_imu_cam", camera.T_cam_imu, camera.T_imu_cam, source)
+    from_previous = _choose_direction(f"{name}.T_cnm1_cn", camera.T_cn_cnm1, camera.T_cnm1_cn, source)
+    if direct is not None:
+        return direct
+    if from_previous is not None and previous is not None:
+        return np.asarray(from_previous @ previous)
     return None
+
+
+def _choose_direction(path: str, forward: Array | None, backward: Array | None, source: str) -> Array | None:
+    """A transform (4, 4) of which a file may give both directions; None if it gives neither.
+
+    Args:
+        path: Path of the backward one.
+        forward: The transform; None without it.
+        backward: Its inverse; None without it.
+        source: Names the file in errors.
+
+    Raises:
+        ConfigError: They contradict each other.
+    """
+    if backward is None:
+        return forward
+    if forward is not None and not np.allclose(forward @ backward, np.eye(4), atol=1e-3):
+        raise ConfigError(source, path, backward.tolist(), "the inverse of the other direction; omit one of them")
+    return _inverse(backward) if forward is None else forward
 
 
 def _compute_T_cam_imu(rig: Rig, camera: CameraCalibration) -> Array | None:

@@ -23,6 +23,10 @@ _EXPONENT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)[eE][-+]?[0-9]+$")
 """A number with an exponent, such as 1e-3, which YAML 1.1 reads as text."""
 _TIMESTAMP = "tag:yaml.org,2002:timestamp"
 """YAML's tag of dates."""
+_OPENCV_MARKS = re.compile(r"^%YAML[^\n]*|!!opencv-matrix", re.MULTILINE)
+"""What OpenCV's writer adds to YAML: a directive and a tag."""
+_TABS = re.compile(r"(?<=\S)[ \t]*\t[ \t]*")
+"""Tabs after a word."""
 _UNFIT = (ValueError, LookupError, AttributeError, TypeError, RecursionError)
 """Exceptions of PyYAML for malformed numbers, unsuitable tags, and recursive aliases."""
 
@@ -81,6 +85,18 @@ def parse_yaml(text: str, source: str, *, most_values: int = MOST_VALUES) -> obj
         raise _yaml_error(source, error) from error
     except _UNFIT as error:
         raise StrideTwinError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
+
+
+def clear_opencv_marks(text: str) -> str:
+    """The text of a YAML file without what OpenCV's writer adds to YAML, on the same lines.
+
+    These are the directive `%YAML:1.0` of the first lines, the tag `!!opencv-matrix`, and tabs between words, as files
+    for OpenVINS, VINS-Fusion and ORB-SLAM3 have them. JSON is indented by blanks instead of tabs.
+    """
+    text = _OPENCV_MARKS.sub("", text.removeprefix("\ufeff"))
+    if "\t" not in text:
+        return text
+    return text.replace("\t", " ") if text.lstrip().startswith("{") else _TABS.sub(" ", text)
 
 
 def read_entries(path: Path, *keys: str) -> dict[str, str]:

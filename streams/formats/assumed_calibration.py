@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stridetwin.streams.calibration_limits import FARTHEST_M, suggest_unit
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
@@ -56,7 +57,7 @@ def with_assumed_calibration(
         ConfigError: The images of a camera have another size than its calibration, unless lenient.
     """
     imus = {
-        topic: rig.imus[topic] if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
+        topic: _add_rate(rig.imus[topic], block.t_ns) if topic in rig.imus else _assume_imu(topic, block.t_ns, notes)
         for topic, block in blocks.items()
         if block.kind is Imu
     }
@@ -69,6 +70,7 @@ def with_assumed_calibration(
     cameras = {topic: _drop_missing_references(camera, imus, images) for topic, camera in cameras.items()}
     for camera in cameras.values():
         _check_intrinsics(camera, notes)
+        _check_distance(camera, imus, notes)
     others = {topic: sensor for topic, sensor in rig.others.items() if topic in blocks}
     return Rig(imus=imus, cameras=cameras, boards=rig.boards, others=others)
 
@@ -89,6 +91,11 @@ def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:
         return None
     shape = first.depth.shape if isinstance(first, Depth) else first.pixels.shape
     return shape[1], shape[0]
+
+
+def _add_rate(imu: ImuCalibration, t_ns: Stamps) -> ImuCalibration:
+    """The calibration, with the mean rate of the stamps (N,) ns if it has none; the rate of one sample is not valid."""
+    return imu if imu.rate_hz else replace(imu, rate_hz=mean_rate(t_ns) or 1.0)
 
 
 def _assume_imu(topic: str, t_ns: Stamps, notes: Notes) -> ImuCalibration:
@@ -170,6 +177,19 @@ def _check_intrinsics(camera: CameraCalibration, notes: Notes) -> None:
     if not (is_lens and is_central):
         size = f"{camera.width} x {camera.height}"
         notes.warn(f"{camera.topic}: intrinsics {fu:g} {fv:g} {pu:g} {pv:g} are unusual for images of {size}")
+
+
+def _check_distance(camera: CameraCalibration, imus: Mapping[str, ImuCalibration], notes: Notes) -> None:
+    """Warns of a camera that is farther from its IMU than a person could wear them, as a wrong unit causes."""
+    imu = imus.get(camera.imu_topic)
+    if imu is None or imu.mount.body != camera.mount.body:
+        return
+    distance = float(np.linalg.norm(camera.mount.T_body_sensor[:3, 3] - imu.mount.T_body_sensor[:3, 3]))
+    if distance > FARTHEST_M:
+        notes.warn(
+            f"{camera.topic}: {distance:.3g} m from {camera.imu_topic}: expected up to {FARTHEST_M:g} m; "
+            f"{suggest_unit(distance)}"
+        )
 
 
 def _add_depth(

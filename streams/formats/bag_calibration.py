@@ -13,95 +13,13 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
+from stridetwin.streams.lenses import MOST_TERMS, Intrinsics, fit_radtan
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.ros_types import RosMessage
 from stridetwin.streams.rig import CameraCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Imu, Sample
-
-Intrinsics = tuple[float, float, float, float]
-"""fu, fv, pu, pv in pixels."""
-MOST_TERMS = 8
-"""Most coefficients of ROS's rational model."""
-_ACROSS = 41  # points along each side of the image
-_STEPS = 300
-"""Steps of the fixed-point iteration that undistorts the points."""
-_ENOUGH = 0.8  # of the image must correspond to rays
-_CLOSE = 0.01  # px, largest error of a ray's pixel
-
-
-def fit_radtan(intrinsics: Intrinsics, distortion: Array, size: tuple[int, int]) -> tuple[Array, float]:
-    """Fits the four coefficients of `radtan` to a lens of ROS's rational model, by least squares over the image.
-
-    A grid of pixels is undistorted by fixed-point iteration with the rational model; the coefficients are the linear
-    least-squares solution for the offset in pixels between each pixel and its ray.
-
-    Args:
-        intrinsics: (fu, fv, pu, pv) in pixels.
-        distortion: k1, k2, p1, p2 and up to k3, k4, k5, k6, as CameraInfo orders them.
-        size: (width, height) in pixels.
-
-    Returns:
-        k1, k2, p1, p2, and the largest error of a point of the image in pixels. Points without a ray, which higher
-        terms cause in corners, do not count; if they are more than 20 % of the image, the error is infinite and the
-        coefficients are the given ones.
-    """
-    fu, fv, pu, pv = intrinsics
-    focal = np.array([fu, fv])
-    d = np.zeros(MOST_TERMS)
-    d[: len(distortion)] = distortion
-    # (N, 2) x and y at z = 1 of a grid of pixels: `distorted`, as the pixels show them, and `rays`, undistorted
-    u, v = np.meshgrid(np.linspace(0, size[0] - 1, _ACROSS), np.linspace(0, size[1] - 1, _ACROSS))
-    distorted: Array = (np.column_stack((u.ravel(), v.ravel())) - (pu, pv)) / focal
-    rays = distorted
-    with np.errstate(all="ignore"):  # divergence is detected below
-        for _ in range(_STEPS):  # fixed-point iteration: ray = (distorted - tangential(ray)) / radial(ray)
-            radial, tangential = _rational_distortion(rays, d)
-            rays = (distorted - tangential) / radial
-        radial, tangential = _rational_distortion(rays, d)
-        # (N,) whether the ray of a pixel has been found: the model takes it back to the pixel
-        has_ray = np.linalg.norm((rays * radial + tangential - distorted) * focal, axis=1) < _CLOSE
-    if has_ray.mean() < _ENOUGH:
-        return d[:4], float("inf")
-    rays, distorted = rays[has_ray], distorted[has_ray]
-    x, y = rays.T
-    r2 = x * x + y * y
-    # radtan's change of a ray is linear in k1, k2, p1, p2: rows for u, then for v, and a column for each of the four;
-    # in pixels, so that all points have equal weight
-    terms = np.concatenate(
-        (
-            fu * np.column_stack((x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x)),
-            fv * np.column_stack((y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y)),
-        )
-    )
-    offset = ((distorted - rays) * focal).T.ravel()  # the change that the rational model makes, px
-    coefficients: Array = np.linalg.lstsq(terms, offset, rcond=None)[0]
-    residual = (terms @ coefficients - offset).reshape(2, -1)  # u and v of each point
-    return coefficients, float(np.linalg.norm(residual, axis=0).max())
-
-
-def _rational_distortion(rays: Array, d: Array) -> tuple[Array, Array]:
-    """Distortion by ROS's rational model of rays (N, 2), x and y at z = 1: distorted = ray · radial + tangential.
-
-    With r² = x² + y²:
-    radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶),
-    tangential = (2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y).
-
-    Args:
-        rays: (N, 2).
-        d: k1, k2, p1, p2, k3, k4, k5, k6.
-
-    Returns:
-        Radial factor (N, 1) and tangential offset (N, 2).
-    """
-    x, y = rays.T
-    r2 = x * x + y * y
-    k1, k2, p1, p2, k3, k4, k5, k6 = d
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    tangential = np.column_stack((2 * p1 * x * y + p2 * (r2 + 2 * x * x), p1 * (r2 + 2 * y * y) + 2 * p2 * x * y))
-    return radial[:, None], tangential
-
 
 CALIBRATIONS = frozenset(["sensor_msgs/msg/CameraInfo"])
 TRANSFORMS = frozenset(["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])

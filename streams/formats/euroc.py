@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator
 
 from stridetwin.streams.bounded import LARGEST_SETTING, read_text
+from stridetwin.streams.calibration_keys import has_no_effect
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import Count, NotNegative, Number, OneOf, Positive
 from stridetwin.streams.formats.assumed_calibration import BODY
@@ -36,8 +37,9 @@ from stridetwin.streams.formats.text_rows import (
     read_text_rows,
     write_text_rows,
 )
-from stridetwin.streams.kalibr import ImuNoise, write_rig
-from stridetwin.streams.matrix_fields import RigidTransform
+from stridetwin.streams.kalibr import write_rig
+from stridetwin.streams.kalibr_sections import ImuNoise
+from stridetwin.streams.matrix_fields import RigidTransform, to_matrix_rows
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.recording.reader import Recording
@@ -45,7 +47,7 @@ from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Array, Block, Depth, Image, Imu, Odometry, Sample, Stamps
 from stridetwin.streams.validation import validate
-from stridetwin.streams.yaml_file import parse_yaml
+from stridetwin.streams.yaml_file import clear_opencv_marks, parse_yaml
 
 # names and units of the layout's columns after the stamp: angular rate and specific force of an IMU; position,
 # quaternion and velocity of a ground truth (R: reference frame, S: sensor frame)
@@ -60,8 +62,10 @@ TRUTH_TOPIC = "/truth/head/imu/odometry"
 NAMES = {"imu0": "/head/imu", "cam0": "/head/color", "cam1": "/head/color_right"}
 """Our topic of a sensor, by its folder."""
 S = TypeVar("S", bound=BaseModel)
-_DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant"}
+_DISTORTIONS = {"radial-tangential": "radtan", "radtan": "radtan", "equidistant": "equidistant", "none": "radtan"}
 """Our name of a distortion model, by that in a `sensor.yaml`."""
+_DESCRIPTIVE = ("sensor_type", "comment", "rate_hz", "camera_model")
+"""Keys of a `sensor.yaml` that describe a sensor without being part of its calibration."""
 
 
 def find_euroc_root(path: Path) -> Path | None:
@@ -94,14 +98,14 @@ def read_euroc(path: Path, notes: Notes) -> Source:
         topic = NAMES.get(folder.name, f"/{folder.name}")
         if re.fullmatch(r"imu\d+", folder.name):
             blocks[topic] = _read_imu(folder, topic, notes)
-            if (imu := _read_sensor(folder, _ImuSensor)) is not None:
+            if (imu := _read_sensor(folder, _ImuSensor, notes)) is not None:
                 imus[topic] = imu.to_calibration(topic)
         elif re.fullmatch(r"cam\d+", folder.name):
             stream = read_image_list(folder / "data.csv", folder / "data", ",", parse_nanoseconds, notes)
             if not len(stream.t_ns):  # no image of the list exists
                 continue
             images[topic] = stream
-            if (camera := _read_sensor(folder, _CameraSensor)) is not None:
+            if (camera := _read_sensor(folder, _CameraSensor, notes)) is not None:
                 cameras[topic] = camera.to_calibration(topic)
     truth = next((n for n in GROUND_TRUTHS if (root / n / "data.csv").exists()), None)  # the folder that is read
     if truth is not None:
@@ -138,12 +142,14 @@ def _read_truth(file: Path, notes: Notes) -> Block[Odometry]:
     columns = _find_columns(file, header, wanted, POSE_UNITS, notes)
     t_ns, table = read_numbers(file, rows, columns, parse_nanoseconds, notes)
     velocity = table[:, 7:10] if has_velocity else None
-    return to_odometry(TRUTH_TOPIC, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent))
+    return to_odometry(
+        TRUTH_TOPIC, t_ns, table[:, :3], table[:, 3:7], velocity, notes, file, _read_marker(file.parent, notes)
+    )
 
 
-def _read_marker(folder: Path) -> Array | None:
+def _read_marker(folder: Path, notes: Notes) -> Array | None:
     """T_BS (4, 4), m, pose in the body of a ground truth's sensor, such as Vicon's marker; None if it is the body."""
-    marker = _read_sensor(folder, _Marker)
+    marker = _read_sensor(folder, _Marker, notes)
     if marker is None or marker.T_BS is None or np.array_equal(marker.T_BS, np.eye(4)):
         return None
     return marker.T_BS
@@ -195,25 +201,16 @@ def _count_columns(rows: list[TextRow]) -> int:
     return len(rows[0].cells) if rows else 0
 
 
-def _to_matrix_rows(node: object) -> object:
-    """The four rows of a matrix in a `sensor.yaml`, which OpenCV writes as 16 numbers under `data`.
-
-    Anything else is returned as it is, for the validation to accept (rows) or refuse.
-    """
-    data = node.get("data") if isinstance(node, dict) else None
-    return [data[i : i + 4] for i in range(0, 16, 4)] if isinstance(data, list) and len(data) == 16 else node
-
-
 class _Marker(BaseModel):
     """A `sensor.yaml` of a ground truth."""
 
-    T_BS: Annotated[RigidTransform | None, BeforeValidator(_to_matrix_rows)] = None
+    T_BS: Annotated[RigidTransform | None, BeforeValidator(to_matrix_rows)] = None
 
 
 class _Sensor(BaseModel):
     """A `sensor.yaml`; keys that are not read are left alone."""
 
-    T_BS: Annotated[RigidTransform, BeforeValidator(_to_matrix_rows)]
+    T_BS: Annotated[RigidTransform, BeforeValidator(to_matrix_rows)]
     comment: Annotated[str, BeforeValidator(lambda node: node if isinstance(node, str) else "")] = ""
 
     @property
@@ -239,7 +236,9 @@ class _CameraSensor(_Sensor):
     camera_model: Literal["pinhole"] = "pinhole"
     intrinsics: tuple[Positive, Positive, Number, Number]
     resolution: tuple[Count, Count]
-    distortion_coefficients: tuple[Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0)
+    distortion_coefficients: Annotated[
+        tuple[Number, Number, Number, Number], BeforeValidator(lambda node: node or [0.0] * 4)
+    ] = (0.0, 0.0, 0.0, 0.0)
     distortion_model: Annotated[str, OneOf(_DISTORTIONS)] = "radtan"
     rate_hz: NotNegative = 0.0
 
@@ -258,8 +257,10 @@ class _CameraSensor(_Sensor):
         )
 
 
-def _read_sensor(folder: Path, kind: type[S]) -> S | None:
+def _read_sensor(folder: Path, kind: type[S], notes: Notes) -> S | None:
     """The contents of `sensor.yaml` in a sensor's folder as `kind`; None without the file.
+
+    A warning lists the keys of the file that are not used.
 
     Raises:
         StrideTwinError: The file is no YAML, or a value is invalid.
@@ -267,9 +268,20 @@ def _read_sensor(folder: Path, kind: type[S]) -> S | None:
     file = folder / "sensor.yaml"
     if not file.exists():
         return None
-    # OpenCV's own YAML extensions: a directive and a tag that other parsers do not know
-    text = re.sub(r"!!opencv-matrix|^%.*$", "", read_text(file, LARGEST_SETTING), flags=re.MULTILINE)
-    return validate(kind, parse_yaml(text, str(file)), file)
+    text = clear_opencv_marks(read_text(file, LARGEST_SETTING))
+    document = parse_yaml(text, str(file))
+    sensor = validate(kind, document, file)
+    unused = (
+        [key for key, value in document.items() if not _is_used(kind, key, value)] if isinstance(document, dict) else []
+    )
+    if unused:
+        notes.warn(f"{folder.name}/{file.name}: keys that are not used: {', '.join(unused)}")
+    return sensor
+
+
+def _is_used(kind: type[BaseModel], key: str, value: object) -> bool:
+    """Whether a key of a `sensor.yaml` is read as a field of `kind`, or changes nothing."""
+    return key in kind.model_fields or key in _DESCRIPTIVE or has_no_effect(value)
 
 
 BASELINE_M = (0.001, 1.0)

@@ -17,7 +17,7 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.formats.assumed_calibration import body_of
 from stridetwin.streams.formats.euroc import NAMES
-from stridetwin.streams.kalibr import PLAIN_BODY
+from stridetwin.streams.kalibr import PLAIN_BODY, UnplacedMount
 from stridetwin.streams.recording.imported import Source
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, OtherSensor, Rig
@@ -25,6 +25,8 @@ from stridetwin.streams.samples import Array, Image, Imu
 
 _TRANSPORT = re.compile(r"/(compressed|compressedDepth|image/data|imu/data)$")
 """What drivers add to the topic of a sensor for one form of its messages."""
+_BARE_NUMBER = re.compile(r"/(cam|imu)\d+")
+"""Topic of a sensor whose calibration names none, as in the files of ORB-SLAM3 and Basalt."""
 Calibration = ImuCalibration | CameraCalibration | OtherSensor
 CalibrationT = TypeVar("CalibrationT", ImuCalibration, CameraCalibration, OtherSensor)
 
@@ -51,7 +53,8 @@ class Streams:
         """Our topic of the stream that a calibration describes, None without such a stream.
 
         Tried in turn are: the source's names and their defaults, and our topics; the names without the endings that ROS
-        drivers add; for sources without topics, the names of Kalibr's sections.
+        drivers add; for sources without topics, and for calibrations without them, the names of
+        Kalibr's sections.
 
         Args:
             rostopic: Topic in the calibration.
@@ -67,8 +70,10 @@ class Streams:
             if name in table:
                 return table[name]
         by_bare_name = {_TRANSPORT.sub("", n): t for n, t in self.topics.items()}
-        if (topic := by_bare_name.get(_TRANSPORT.sub("", name))) is not None or not self.numbered:
+        if (topic := by_bare_name.get(_TRANSPORT.sub("", name))) is not None:
             return topic
+        if not self.numbered and not _BARE_NUMBER.fullmatch(name):
+            return None
         # Kalibr's number, which may also be the first part of the topic: the sensor that EuRoC's layout calls so, or
         # the only IMU or colour camera of the source
         for section in (name.split("/")[1], number):
@@ -167,8 +172,11 @@ def match_rig(rig: Rig, known: Rig, streams: Streams, as_read: bool = True) -> t
     # our topics of the sensors of a plain Kalibr file, whose body is the IMU itself: they go onto the known body
     plain = {topic_of[name] for name, imu in matched.imus.items() if imu.mount.body == PLAIN_BODY}
     plain |= {topic_of[name] for name, camera in matched.cameras.items() if camera.mount.body == PLAIN_BODY}
+    first = next((topic for topic in renamed.imus if topic in plain), "")  # to which a plain file refers the others
+    base = known.imus[first].mount if first in known.imus else Mount(body=body_of(first))
     imus = {
-        topic: _mount_imu(imu, known.imus.get(topic)) if topic in plain else imu for topic, imu in renamed.imus.items()
+        topic: _mount_imu(imu, known.imus.get(topic), base) if topic in plain else imu
+        for topic, imu in renamed.imus.items()
     }
     # of all IMUs; the file's take precedence
     mounts = {topic: imu.mount for topic, imu in {**known.imus, **imus}.items()}
@@ -204,11 +212,22 @@ def report_unmatched(file: Path, rig: Rig, unmatched: Iterable[str], streams: St
         notes.warn(f"{file}: {', '.join(unmatched)}: no stream of this name; its calibration is not used")
 
 
-def _mount_imu(imu: ImuCalibration, known: ImuCalibration | None) -> ImuCalibration:
-    """An IMU of a plain calibration, whose body is the IMU itself, at the known mount or else at its body's origin."""
+def _mount_imu(imu: ImuCalibration, known: ImuCalibration | None, base: Mount) -> ImuCalibration:
+    """An IMU of a plain calibration, whose body is its first IMU, on the body that carries it.
+
+    Args:
+        imu: The given calibration. If it gives the pose in the first IMU's frame, the mount follows from `base`.
+        known: Known calibration of the IMU, whose mount, and rate if the file has none, are kept; None without one.
+        base: Mount of the file's first IMU.
+    """
+    T_first_imu: Array = imu.mount.T_body_sensor
+    if not np.array_equal(T_first_imu, np.eye(4)):
+        mount = Mount(body=base.body, T_body_sensor=base.T_body_sensor @ T_first_imu)
+    else:
+        mount = Mount(body=body_of(imu.topic)) if known is None else known.mount
     if known is None:
-        return replace(imu, mount=Mount(body=body_of(imu.topic)))
-    return replace(imu, mount=known.mount, part=imu.part or known.part)
+        return replace(imu, mount=mount)
+    return replace(imu, mount=mount, part=imu.part or known.part, rate_hz=imu.rate_hz or known.rate_hz)
 
 
 def _mount_camera(
@@ -236,7 +255,7 @@ def _mount_camera(
     shift = camera.timeshift_cam_imu_s
     if known is None:
         return replace(camera, imu_topic=imu, mount=mount)
-    if np.array_equal(T_imu_cam, np.eye(4)):  # a file without T_cam_imu: intrinsics alone
+    if isinstance(camera.mount, UnplacedMount):  # a file without T_cam_imu: intrinsics alone
         mount, shift = known.mount, shift or known.timeshift_cam_imu_s
     return replace(
         camera,

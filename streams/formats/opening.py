@@ -14,7 +14,7 @@ import numpy as np
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
-from stridetwin.streams.formats.assumed_calibration import with_assumed_calibration
+from stridetwin.streams.formats.assumed_calibration import read_first_image_size, with_assumed_calibration
 from stridetwin.streams.formats.bag import read_bag, side_of
 from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
@@ -179,7 +179,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
         source = replace(
             source, blocks={topic: _bridge_inertial(topic, b, notes) for topic, b in source.blocks.items()}
         )
-    better = _read_better_rig(path, source.rig, options, streams, notes)  # calibrations from files
+    better = _read_better_rig(path, source, options, streams, notes)  # calibrations from files
     rig = with_assumed_calibration(_merge_rigs(source.rig, better), source.blocks, source.images, notes, registered)
     for topic, text in source.assumed.items():
         if topic in rig.cameras and topic not in better.cameras:  # no better calibration replaces the assumed one
@@ -392,14 +392,20 @@ def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:
     return registered
 
 
-def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
+def _list_image_sizes(images: Mapping[str, ImageStream]) -> set[tuple[int, int]]:
+    """(width, height) of the first image of each stream, as far as they can be read."""
+    sizes = {read_first_image_size(stream) for stream in images.values()}
+    return {size for size in sizes if size is not None}
+
+
+def _read_better_rig(path: Path, source: Source, options: ImportOptions, streams: Streams, notes: Notes) -> Rig:
     """Calibrations with precedence over those of the source: from a `rig.yaml` in its folder, and from `--rig`.
 
     Those of `--rig` come before those of the folder.
 
     Args:
         path: File or folder of the source.
-        source: The source's own calibrations, under our topics.
+        source: The source, whose calibrations and images are under our topics.
         options: The user's options.
         streams: Mapping of the source's streams to ours.
         notes: Collects calibrations that match no stream.
@@ -414,12 +420,14 @@ def _read_better_rig(path: Path, source: Rig, options: ImportOptions, streams: S
     if (beside := path / RIG_NAME).is_file():
         try:
             # it describes the source: its topics are the source's, even if others were given
-            better, _ = match_rig(read_rig(beside), source, streams, as_read=False)
+            better, _ = match_rig(
+                read_rig(beside, warn=notes.warn, needs_rates=False), source.rig, streams, as_read=False
+            )
         except StrideTwinError as error:
             notes.add_error(error)
     if options.rig is not None:
-        user_rig = read_rig(options.rig)
-        matched, unmatched = match_rig(user_rig, _merge_rigs(source, better), streams)
+        user_rig = read_rig(options.rig, warn=notes.warn, sizes=_list_image_sizes(source.images), needs_rates=False)
+        matched, unmatched = match_rig(user_rig, _merge_rigs(source.rig, better), streams)
         report_unmatched(options.rig, user_rig, unmatched, streams, notes)
         better = _merge_rigs(better, matched)
     return better

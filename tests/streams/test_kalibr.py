@@ -118,7 +118,7 @@ def change(path, value):
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
-        (("cam0", "camera_model"), "omni", "cam0.camera_model: invalid 'omni': expected pinhole"),
+        (("cam0", "camera_model"), "spherical", "cam0.camera_model: invalid 'spherical': expected pinhole, omni"),
         (
             ("cam0", "intrinsics"),
             [1, 2, 3],
@@ -126,7 +126,7 @@ def change(path, value):
         ),
         (("cam0", "intrinsics"), [-1, 2, 3, 4], r"cam0.intrinsics\[0\]: invalid -1: expected a number above 0"),
         (("cam0", "resolution"), [640.5, 480], r"cam0.resolution\[0\]: invalid 640.5: expected a whole number"),
-        (("cam0", "distortion_model"), "fov", "cam0.distortion_model: invalid .fov.: expected radtan, equidistant"),
+        (("cam0", "distortion_model"), "lut", "cam0.distortion_model: invalid .lut.: expected radtan, equidistant"),
         (("cam0", "T_cam_imu"), [[0] * 4] * 4, "cam0.T_cam_imu: .*rigid transform"),
         (("cam0", "T_cam_imu"), np.eye(4).tolist(), "cam0.T_cam_imu: .*stridetwin.cam0.mount.T_body_sensor"),
         (("imu0", "update_rate"), 0, "imu0.update_rate: invalid 0: .*above 0"),
@@ -190,7 +190,7 @@ def test_what_is_no_calibration(text):
 
 def test_all_errors_of_a_file_are_reported_at_once():
     document = yaml.safe_load(rig_to_yaml(small_rig()))
-    document["cam0"]["camera_model"] = "omni"
+    document["cam0"]["camera_model"] = "spherical"
     del document["imu0"]["update_rate"]
     document["stridetwin"]["sensors"][0]["kind"] = "radar"
     with pytest.raises(StrideTwinError) as caught:
