@@ -198,7 +198,9 @@ def _check_numbers(part: TablePart) -> None:
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
-        is_empty = np.isnan(values).all(axis=1) & (name != "t")  # rows without a measurement are left out elsewhere
+        is_empty = np.asarray(
+            np.isnan(values).all(axis=1) & (name != "t"), bool
+        )  # rows without a measurement are left out elsewhere
         bad = np.argwhere(~np.isfinite(values) & ~is_empty[:, None])  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]

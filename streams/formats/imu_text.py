@@ -170,6 +170,7 @@ def _read_scalars(
     columns = _columns_of(path, head, request, quantity)
     used = [at for signal in columns.signals for at in signal.at]
     sensor_at = None if request.columns or head.sensors else find_sensor_column(head, used)
+    _report_dot(path, head, columns, notes)
     groups = _read_cells(path, head, columns, request, notes, [] if sensor_at is None else [sensor_at])
     if len(groups) == 1:
         return next(iter(groups.values()))
@@ -214,6 +215,14 @@ def _check_width(path: Path, head: TableHead) -> None:
             "another separator: export with ; or with decimal points"
         )
         raise ConfigError(path, "cells of a row", min(widths), valid)
+
+
+def _report_dot(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
+    """Reports that rates are taken to be in deg/s by the length of ticks, that of a DOT, where no line says so."""
+    rate_hz = preamble_rate(head.preamble)
+    has_unit = any(parse_header(head.names, head.units)[s.at[0]].unit for s in columns.signals if s.quantity == GYRO)
+    if not rate_hz and not has_unit and is_dot_tick(tick_length(head.names, head.sample, rate_hz)):
+        notes.warn(f"{path.name}: SampleTimeFine counts µs, as of a DOT: rates in deg/s assumed, forces in m/s²")
 
 
 def _dialect_of(head: TableHead) -> Dialect | None:

@@ -31,28 +31,31 @@ _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
+_FAR = 2.0
+"""Multiple of the largest number from which on another one is a fill value, however often it occurs."""
 
 
 def find_unmeasured(quantity: str, values: Array) -> Flags:
     """Finds the rows in which no axis of a quantity was measured.
 
-    Three cells that are no numbers are none. Three equal numbers (zeros, or a fill value that occurs twice) are none if
-    the rows around are clearly others: by more than the resolution of the numbers in short runs and where measured rows
-    stand alone, by a fast movement in longer runs, since a gyroscope at rest may show zeros.
+    Three cells that are no numbers are none. Three equal numbers (zeros, or a fill value that occurs twice or is far
+    from all others) are none if the rows around are clearly others: by more than the resolution of the numbers in short
+    runs and where measured rows stand alone, by a fast movement in longer runs, since a gyroscope at rest may show
+    zeros.
 
     Args:
         quantity: `accel` or `gyro`.
         values: (N, 3) m/s² or rad/s.
     """
-    empty: Flags = np.isnan(values).all(axis=1)
-    finite = np.isfinite(values).all(axis=1)
+    empty = np.asarray(np.isnan(values).all(axis=1), bool)
+    finite = np.asarray(np.isfinite(values).all(axis=1), bool)
     equal = finite & (values[:, 0] == values[:, 1]) & (values[:, 1] == values[:, 2])
     if not equal.any() or len(values) < _SHORTEST_RUN:
         return empty
     result = empty.copy()
     fills, counts = np.unique(values[equal, 0], return_counts=True)
     for fill, count in zip(fills, counts):
-        if fill == 0.0 or count >= _FEWEST_FILLS:
+        if fill == 0.0 or count >= _FEWEST_FILLS or abs(fill) > _FAR * np.abs(values[finite & ~equal]).max(initial=0.0):
             result |= _find_fills(quantity, values, equal & (values[:, 0] == fill), float(fill), ~equal & finite)
     return result
 
@@ -136,14 +139,16 @@ def _find_fills(quantity: str, values: Array, filled: Flags, fill: float, measur
     # the deviation of each row from the value, interpolated between the measured rows around
     around = np.stack([np.interp(places, at, values[at, axis] - fill) for axis in range(3)])
     deviation = np.abs(around).max(axis=0)
-    deviations = np.abs(values[at] - fill)
-    resolution = float(deviations[deviations > 0].min(initial=np.inf))
+    sizes = np.abs(values[at])
+    resolution = float(sizes[sizes > 0].min(initial=np.inf))  # the least number that the sensor gives
     begins, ends, runs = _find_runs(filled)
     inside = (begins > at[0]) & (ends <= at[-1] + 1)  # with a measured row before and after it
     clear = np.array([deviation[b:e].min() if e > b else 0.0 for b, e in zip(begins, ends)])
     is_short = runs <= _SHORTEST_RUN
     if _stands_alone(measured) and len(begins) > 0:  # as a slower sensor in the rows of a faster one
         is_short |= True
+    is_far = abs(fill) > _FAR * float(sizes.max())
+    inside |= is_short | is_far  # a short run may be at an end
     threshold = np.where(is_short, _CLEAR * resolution, _FAST[quantity])
     for begin, end, counts in zip(begins, ends, inside & (clear > threshold)):
         none[begin:end] = counts

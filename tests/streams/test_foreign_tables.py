@@ -1,0 +1,219 @@
+"""Tables in the forms of other programs: each gives the samples that were put in, or one line that says what to do."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from foreign_tables import BODY, FOREIGN, MAPPING, NAMES, rows, save
+from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, N, T
+
+from stridetwin.streams.errors import StrideTwinError
+from stridetwin.streams.formats.imu_columns import parse_mapping
+from stridetwin.streams.formats.imu_text import TableRequest
+from stridetwin.streams.formats.opening import ImportOptions, open_any
+
+
+def read(path, topic="/foot_l/imu", **request):
+    recording = open_any(path, options=ImportOptions(table=TableRequest(**request)))
+    return recording, recording.block(topic)
+
+
+def check(block, force=FORCE, gyro=GYRO):
+    np.testing.assert_allclose(np.diff(block.t_ns), 10_000_000, atol=1000)
+    np.testing.assert_allclose(block.columns["specific_force"], force, atol=1e-6)
+    np.testing.assert_allclose(block.columns["angular_rate"], gyro, atol=1e-6)
+
+
+def refused(path, says, **request):
+    with pytest.raises(StrideTwinError, match=says) as caught:
+        read(path, **request)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_table_needs_no_options(tmp_path, name):
+    _, block = read(FOREIGN[name](tmp_path))
+    check(block)
+
+
+@pytest.mark.parametrize("end", ["csv", "txt", "tsv", "dat"])
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", ","), ("\t", ","), ("  ", ".")])
+def test_columns_without_names_are_numbered(tmp_path, end, separator, decimal):
+    path = save(tmp_path / f"a.{end}", "", rows(T, FORCE, GYRO, separator=separator, decimal=decimal))
+    _, block = read(path, columns=parse_mapping(MAPPING))
+    check(block)
+
+
+def test_a_header_that_is_missing_is_named(tmp_path):
+    path = save(tmp_path / "a.csv", "", BODY)
+    refused(path, r'a\.csv: first row: invalid .*header is missing and the file has 7 columns: .*--columns "t=1\[s\]')
+    path = save(tmp_path / "b.csv", "# a preamble, of words\nDevice,4", BODY)
+    refused(path, r"b\.csv: first row: .*header is missing")
+    columns = parse_mapping(MAPPING.replace("gz=7", "gz=8"))
+    refused(path, r"--columns gz: invalid '8': expected .* or its number from 1 to 7", columns=columns)
+
+
+def test_a_title_above_the_header_is_skipped_in_a_folder(tmp_path):
+    stamps = np.rint(1_279_034_942 + 1e3 * T)
+    for name, word, unit, values in (
+        ("accelerometer_1", "acc", "m/s^2", FORCE),
+        ("gyroscope_2", "ang_vel", "rad/s", GYRO),
+    ):
+        header = "timestamp,accuracy(more=better)," + ",".join(f"{word}_{a}[{unit}]" for a in "xyz")
+        body = rows(stamps, np.full(N, 3), values)
+        save(tmp_path / f"{name}.csv", f"{name},maker,2024-01-01\n{header}", body)
+    _, block = read(tmp_path)
+    check(block)
+
+
+def test_each_file_of_a_folder_may_be_a_sensor(tmp_path):
+    for name, force, gyro in (("walk_left", FORCE, GYRO), ("walk_right", FORCE_R, GYRO_R)):
+        save(tmp_path / f"{name}.csv", NAMES, rows(T, force, gyro))
+    for topic, force, gyro in (("/foot_l/imu", FORCE, GYRO), ("/foot_r/imu", FORCE_R, GYRO_R)):
+        check(read(tmp_path, topic)[1], force, gyro)
+
+
+def both_by_names(folder):
+    names = ["t", *(f"{side}_{q}_{a}" for side in ("left", "right") for q in ("acc", "gyr") for a in "xyz")]
+    return save(folder / "a.csv", ",".join(names), rows(T, FORCE, GYRO, FORCE_R, GYRO_R))
+
+
+def both_by_a_column(folder):
+    left = [f"left,{row}" for row in rows(T, FORCE, GYRO)]
+    right = [f"right,{row}" for row in rows(T, FORCE_R, GYRO_R)]
+    body = [row for pair in zip(left, right) for row in pair]
+    return save(folder / "a.csv", f"sensor,{NAMES}", body)
+
+
+def both_in_long_form(folder):
+    body = []
+    sources = (("left", "accelerometer", FORCE), ("left", "gyroscope", GYRO))
+    sources += (("right", "accelerometer", FORCE_R), ("right", "gyroscope", GYRO_R))
+    for sensor, kind, values in sources:
+        body += [f"{sensor},{kind},{row}" for row in rows(T, values)]
+    return save(folder / "a.csv", "location,type,t,x,y,z", body)
+
+
+@pytest.mark.parametrize("write", [both_by_names, both_by_a_column, both_in_long_form])
+def test_two_sensors_of_one_table(tmp_path, write):
+    path = write(tmp_path)
+    check(read(path, "/foot_l/imu")[1])
+    check(read(path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
+
+
+def test_commas_for_cells_and_decimals_are_refused(tmp_path):
+    path = save(tmp_path / "a.csv", NAMES, rows(T + 0.001, FORCE, GYRO, decimal=","))
+    refused(path, r"a\.csv: cells of a row: invalid 14: expected 7, .*decimals have commas")
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
+    refused(tmp_path / "a.csv", r"a\.csv: is not text")
+
+
+PACKETS = "PacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
+
+
+@pytest.mark.parametrize(("size", "per_sample"), [(2**16, 1), (2**8, 1), (2**16, 3)])
+def test_a_rate_is_that_of_the_counter(tmp_path, size, per_sample):
+    kept = np.arange(N) % 10 != 3
+    counts = (size - 40 + per_sample * np.arange(N)) % size
+    path = save(tmp_path / "a.txt", f"// DeviceId: 00000000\n{PACKETS}", rows(counts[kept], FORCE[kept], GYRO[kept]))
+    refused(path, r"a\.txt: t: .*without one: --rate HZ, which is then the rate of PacketCounter")
+    recording, block = read(path, rate_hz=100.0)
+    assert len(block) == N
+    np.testing.assert_allclose(block.t_ns, 1e9 * T, atol=2)
+    assert any("12 gaps of up to 20 ms are bridged by 12 samples" in w for w in recording.warnings)
+
+
+def test_a_counter_that_restarts_or_counts_something_else(tmp_path):
+    counts = np.concatenate([np.arange(500, 560), np.arange(60)])
+    path = save(tmp_path / "a.csv", PACKETS, rows(counts, FORCE, GYRO))
+    refused(
+        path, r"a\.csv: PacketCounter, row 61: invalid 0\.0: expected a count from 559 on; .*restart", rate_hz=100.0
+    )
+    counts = np.cumsum(np.random.default_rng(1).integers(1, 9, N))
+    recording, block = read(save(tmp_path / "b.csv", PACKETS, rows(counts, FORCE, GYRO)), rate_hz=100.0)
+    check(block)
+    assert any("PacketCounter is no counter of samples" in w for w in recording.warnings)
+
+
+def test_stamps_without_their_last_digits(tmp_path):
+    many = np.arange(2000)
+    t = many / 100.0
+    force, gyro = np.resize(FORCE, (len(t), 3)), np.resize(GYRO, (len(t), 3))
+    tenths = save(tmp_path / "a.csv", NAMES, rows(np.floor(10 * t + 1e-9) / 10, force, gyro))
+    recording, block = read(tenths)
+    np.testing.assert_allclose(block.t_ns, 1e9 * t, atol=1000)
+    assert any("repeated stamps are spread" in w for w in recording.warnings)
+    seconds = save(tmp_path / "b.csv", NAMES, rows(np.floor(t + 1e-9), force, gyro))
+    refused(seconds, r"IMU, t: invalid '20 different stamps in 2000 rows, up to 100 rows .*digits of the stamps lost")
+    _, block = read(seconds, rate_hz=100.0)
+    np.testing.assert_allclose(block.t_ns, 1e9 * t, atol=2)
+    single = save(tmp_path / "c.csv", NAMES, rows(np.full(2000, 1.7e9), force, gyro))
+    refused(single, r"c\.csv: t: .*stamps that increase; were their last digits lost\? .*--rate HZ")
+
+
+LONG_T = np.arange(600) / 100.0
+
+
+def moving():
+    """Forces and rates at rest, and in motion from 2 s on; noise of a sensor throughout."""
+    rng = np.random.default_rng(5)
+    motion = np.where(LONG_T < 2, 0.0, np.sin(4 * (LONG_T - 2)))[:, None]
+    force = np.array([0.0, 0.0, 9.81]) + 2.0 * motion * [1, 0, 0.3] + rng.normal(0, 0.03, (600, 3))
+    return force, 3.0 * motion * [0, 1, 0.1] + rng.normal(0, 0.003, (600, 3))
+
+
+@pytest.mark.parametrize("fill", ["0", "0.0", "-999", "nan", "", "NULL"])
+@pytest.mark.parametrize("quantity", ["forces", "rates"])
+def test_rows_without_a_measurement_are_left_out(tmp_path, fill, quantity):
+    force, gyro = moving()
+    body = rows(LONG_T, force, gyro)
+    for k in range(1, len(body), 2):
+        cells = body[k].split(",")
+        cells[1:4] = [fill] * 3 if quantity == "forces" else cells[1:4]
+        cells[4:7] = [fill] * 3 if quantity == "rates" else cells[4:7]
+        body[k] = ",".join(cells)
+    recording, block = read(save(tmp_path / "a.csv", NAMES, body))
+    assert any(re.search(rf"IMU: (299|300) of 600 rows have no {quantity}", w) for w in recording.warnings)
+    at = np.searchsorted((block.t_ns * 1e-9).round(3), LONG_T[10:590])
+    np.testing.assert_allclose(block.columns["angular_rate"][at], gyro[10:590], atol=0.03)
+    np.testing.assert_allclose(block.columns["specific_force"][at], force[10:590], atol=0.3)
+
+
+def test_a_few_rows_of_zeros_and_a_table_of_zeros(tmp_path):
+    force, gyro = moving()
+    gyro[250:262] = 0.0
+    gyro[[70, 300, 301]] = 0.0
+    recording, _ = read(save(tmp_path / "a.csv", NAMES, rows(LONG_T, force, gyro)))
+    assert any("IMU: 15 of 600 rows have no rates" in w for w in recording.warnings)
+    assert any("1 gaps of more than 0.1 s" in w for w in recording.warnings)
+    gyro[np.arange(600) % 15 != 0] = 0.0
+    path = save(tmp_path / "b.csv", NAMES, rows(LONG_T, force, gyro))
+    refused(path, r"IMU, gyro: invalid 'zeros.*in 5[0-9][0-9] of 600 rows'")
+
+
+def test_zeros_of_a_sensor_at_rest_are_measured(tmp_path):
+    force, gyro = moving()
+    coarse = np.round(gyro / 0.0012) * 0.0012  # steps of 0.07 °/s
+    coarser = np.round(gyro / 0.02) * 0.02  # most rows at rest are zeros
+    exact = np.where(LONG_T[:, None] < 2, 0.0, gyro * np.minimum(1, (LONG_T[:, None] - 2) / 0.3))
+    for values in (coarse, coarser, exact):
+        recording, block = read(save(tmp_path / "a.csv", NAMES, rows(LONG_T, force, values)))
+        assert len(block) == 600
+        assert not [w for w in recording.warnings if "rows have no" in w]
+
+
+def test_the_unit_of_ticks_and_rates_of_xsens(tmp_path):
+    path = FOREIGN["Xsens DOT without preamble"](tmp_path)
+    recording, _ = read(path)
+    assert any("SampleTimeFine counts µs, as of a DOT: rates in deg/s assumed" in w for w in recording.warnings)
+    body = rows(np.arange(N), 100 * np.arange(N), FORCE, GYRO)
+    names = PACKETS.replace("PacketCounter", "PacketCounter,SampleTimeFine")
+    check(read(save(tmp_path / "mtw.csv", names, body))[1])
+    given = names.replace("Gyr_X", "Gyr_X (deg/s)").replace("Gyr_Y", "Gyr_Y (deg/s)").replace("Gyr_Z", "Gyr_Z (deg/s)")
+    body = rows(np.arange(N), 100 * np.arange(N), FORCE, GYRO / DEG)
+    check(read(save(tmp_path / "units.csv", given, body))[1])
