@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.column_names import parse_column
-from stridetwin.streams.formats.imu_columns import OPTION, TIME, UNITS, Columns
+from stridetwin.streams.formats.column_names import ColumnName, parse_column
+from stridetwin.streams.formats.imu_columns import OPTION, Columns, find_time
 from stridetwin.streams.formats.imu_stamps import parse_stamp, unwrap_days
+from stridetwin.streams.formats.imu_units import TIME, UNITS, unit_of
 from stridetwin.streams.formats.table_head import is_number
 from stridetwin.streams.plausible import IMU_RATES_HZ
 from stridetwin.streams.recording.index import Notes
@@ -32,6 +33,7 @@ _COUNTER = re.compile(
     r"(?:pkt|packet|sample|frame|msg|message|seq|sequence)_?(?:counter|count|number|num|no|nr|id|index|idx)"
     r"|(?:\w+_)?packet_?counter|counter|count|seq|sequence|(?:field_)?header_seq|sample|frame|packet|pkt"
 )
+_INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
 _RATES = (
@@ -105,6 +107,20 @@ def tick_length(names: Sequence[str], sample: Sequence[Sequence[str]], rate_hz: 
 def is_dot_tick(tick_s: float) -> bool:
     """Whether a tick has the length of a DOT's."""
     return tick_s == _TICK_UNITS_S[1]
+
+
+def has_nanoseconds(named: Sequence[ColumnName], sample: Sequence[Sequence[str]]) -> bool:
+    """Whether the stamps of a table count nanoseconds, by their unit, or without one by the rate of the first rows."""
+    at = find_time(named, sample)
+    if at is None:
+        return False
+    known = unit_of(named[at].unit)
+    if known is not None:
+        return known[1] == "ns"
+    stamps = np.array([float(row[at]) for row in sample if at < len(row) and _INTEGER.fullmatch(row[at])])
+    rising = np.diff(stamps)[np.diff(stamps) > 0]
+    step = float(np.median(rising)) if len(rising) else math.inf
+    return bool(IMU_RATES_HZ[0] < 1e9 / step < IMU_RATES_HZ[1])
 
 
 def choose_clock(

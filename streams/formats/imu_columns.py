@@ -22,6 +22,8 @@ __all__ = ["ACCEL", "AXES", "GYRO", "TIME", "UNITS", "unit_of"]
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
+NUMBERED = '"t=1[s],ax=2[m/s^2],ay=3[m/s^2],az=4[m/s^2],gx=5[rad/s],gy=6[rad/s],gz=7[rad/s]"'
+"""Example of its text for a table without names of columns."""
 _NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
 """Names of the column of an axis that errors suggest."""
 
@@ -38,6 +40,7 @@ XSENS_DOT: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
 PICOQUAKE: Dialect = {ACCEL: "g", GYRO: "deg/s"}
 PHYSICS_TOOLBOX: Dialect = {ACCEL: "g", GYRO: "rad/s"}
 ROS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
+ANDROID: Dialect = {TIME: "ns", ACCEL: "m/s²", GYRO: "rad/s"}
 UNKNOWN: Dialect = {}
 
 

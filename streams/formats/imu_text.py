@@ -21,6 +21,7 @@ from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.imu_clocks import (
     RATE,
     choose_clock,
+    has_nanoseconds,
     is_dot_tick,
     parse_stamps,
     preamble_rate,
@@ -28,6 +29,8 @@ from stridetwin.streams.formats.imu_clocks import (
     tick_length,
 )
 from stridetwin.streams.formats.imu_columns import (
+    ANDROID,
+    NUMBERED,
     OPTION,
     PICOQUAKE,
     XSENS_DOT,
@@ -170,7 +173,7 @@ def _read_scalars(
     columns = _columns_of(path, head, request, quantity)
     used = [at for signal in columns.signals for at in signal.at]
     sensor_at = None if request.columns or head.sensors else find_sensor_column(head, used)
-    _report_dot(path, head, columns, notes)
+    _report_dialect(path, head, columns, notes)
     groups = _read_cells(path, head, columns, request, notes, [] if sensor_at is None else [sensor_at])
     if len(groups) == 1:
         return next(iter(groups.values()))
@@ -195,7 +198,7 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
     if request.columns:
         columns = map_columns(path, head.names, request.columns, head.units)
     elif not head.has_names and head.sample:
-        raise no_names_error(path, head, OPTION)
+        raise no_names_error(path, head, OPTION, NUMBERED)
     else:
         columns = find_columns(
             path, head.names, head.sensors, quantity, units=head.units, sample=head.sample, dialect=_dialect_of(head)
@@ -217,12 +220,17 @@ def _check_width(path: Path, head: TableHead) -> None:
         raise ConfigError(path, "cells of a row", min(widths), valid)
 
 
-def _report_dot(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
-    """Reports that rates are taken to be in deg/s by the length of ticks, that of a DOT, where no line says so."""
+def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
+    """Reports units that are assumed by the clock alone, as no name and no line above the numbers gives them."""
+    named = parse_header(head.names, head.units)
     rate_hz = preamble_rate(head.preamble)
-    has_unit = any(parse_header(head.names, head.units)[s.at[0]].unit for s in columns.signals if s.quantity == GYRO)
-    if not rate_hz and not has_unit and is_dot_tick(tick_length(head.names, head.sample, rate_hz)):
+    lacks = any(not named[signal.at[0]].unit for signal in columns.signals)
+    if not lacks or rate_hz:
+        return
+    if is_dot_tick(tick_length(head.names, head.sample, rate_hz)):
         notes.warn(f"{path.name}: SampleTimeFine counts µs, as of a DOT: rates in deg/s assumed, forces in m/s²")
+    elif has_nanoseconds(named, head.sample):
+        notes.warn(f"{path.name}: stamps in ns, as of Android: forces in m/s² and rates in rad/s assumed")
 
 
 def _dialect_of(head: TableHead) -> Dialect | None:
@@ -231,7 +239,9 @@ def _dialect_of(head: TableHead) -> Dialect | None:
     if "picoquake" in preamble:
         return PICOQUAKE
     tick_s = tick_length(head.names, head.sample, preamble_rate(head.preamble))
-    return XSENS_DOT if is_dot_tick(tick_s) or (not tick_s and "devicetag" in preamble) else None
+    if is_dot_tick(tick_s) or (not tick_s and "devicetag" in preamble):
+        return XSENS_DOT
+    return ANDROID if has_nanoseconds(parse_header(head.names, head.units), head.sample) else None
 
 
 def _read_cells(

@@ -31,6 +31,8 @@ _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
+_MOST_FILLS = 16
+"""Most values that are tried, the most frequent ones first."""
 _FAR = 2.0
 """Multiple of the largest number from which on another one is a fill value, however often it occurs."""
 
@@ -54,7 +56,8 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
         return empty
     result = empty.copy()
     fills, counts = np.unique(values[equal, 0], return_counts=True)
-    for fill, count in zip(fills, counts):
+    for at in np.argsort(counts)[::-1][:_MOST_FILLS]:
+        fill, count = fills[at], counts[at]
         if fill == 0.0 or count >= _FEWEST_FILLS or abs(fill) > _FAR * np.abs(values[finite & ~equal]).max(initial=0.0):
             result |= _find_fills(quantity, values, equal & (values[:, 0] == fill), float(fill), ~equal & finite)
     return result
@@ -85,7 +88,8 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
             continue
         lacking = find_unmeasured(quantity, block.columns[column])
         if lacking.any():
-            _report(name, quantity, lacking, notes)
+            is_empty = np.isnan(block.columns[column]).all(axis=1)
+            _report(name, quantity, lacking, int(np.sum(is_empty)), notes)
             flags[column] = lacking
     if not flags:
         return block
@@ -142,15 +146,12 @@ def _find_fills(quantity: str, values: Array, filled: Flags, fill: float, measur
     sizes = np.abs(values[at])
     resolution = float(sizes[sizes > 0].min(initial=np.inf))  # the least number that the sensor gives
     begins, ends, runs = _find_runs(filled)
-    inside = (begins > at[0]) & (ends <= at[-1] + 1)  # with a measured row before and after it
     clear = np.array([deviation[b:e].min() if e > b else 0.0 for b, e in zip(begins, ends)])
     is_short = runs <= _SHORTEST_RUN
     if _stands_alone(measured) and len(begins) > 0:  # as a slower sensor in the rows of a faster one
         is_short |= True
-    is_far = abs(fill) > _FAR * float(sizes.max())
-    inside |= is_short | is_far  # a short run may be at an end
     threshold = np.where(is_short, _CLEAR * resolution, _FAST[quantity])
-    for begin, end, counts in zip(begins, ends, inside & (clear > threshold)):
+    for begin, end, counts in zip(begins, ends, clear > threshold):
         none[begin:end] = counts
     return none
 
@@ -168,21 +169,22 @@ def _stands_alone(measured: Flags) -> bool:
     return bool(len(runs)) and float(np.median(runs)) <= 1.0 and int(runs.sum()) < 2 * len(runs)
 
 
-def _report(name: str, quantity: str, lacking: Flags, notes: Notes) -> None:
+def _report(name: str, quantity: str, lacking: Flags, empty: int, notes: Notes) -> None:
     """Reports how many rows of a quantity have no measurement and are left out.
 
     Args:
         name: Named by the report.
         quantity: `accel` or `gyro`.
         lacking: (N,) rows without a measurement.
+        empty: Number of those of them that are empty, as in tables of several sensors.
         notes: Collects the report.
 
     Raises:
-        StrideTwinError: Nearly all rows have none, unless lenient.
+        StrideTwinError: Nearly all rows that are not empty have none, unless lenient.
     """
     count = int(lacking.sum())
     what = "forces" if quantity == "accel" else "rates"
-    if count > _MOST_SHARE * len(lacking):
+    if count == len(lacking) or count - empty > _MOST_SHARE * (len(lacking) - empty):
         value = f"zeros, fill values or empty cells in {count} of {len(lacking)} rows"
         valid = f"measured {what} in most rows; is the sensor switched on, and is it the right column?"
         notes.add_error(ConfigError(notes.path, f"{name}, {quantity}", value, valid))

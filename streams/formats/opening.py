@@ -20,6 +20,7 @@ from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, 
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
+from stridetwin.streams.formats.imu_columns import NUMBERED, OPTION
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_folder, is_imu_text
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
@@ -115,7 +116,9 @@ def recognise(path: Path) -> str:
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
-    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}")
+    numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
+    hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
 
 
 def is_table(path: Path, request: TableRequest) -> bool:

@@ -118,20 +118,20 @@ def is_number(cell: str) -> bool:
     return bool(_NUMBER.fullmatch(cell) or _COMMA_NUMBER.fullmatch(cell))
 
 
-def no_names_error(path: Path, head: TableHead, option: str) -> ConfigError:
+def no_names_error(path: Path, head: TableHead, option: str, example: str) -> ConfigError:
     """The error to raise about a table without names of columns; it says how to number them.
 
     Args:
         path: The table.
         head: Its head.
         option: Option of the command line that names columns.
+        example: Its text with numbers of columns.
     """
     first = ", ".join(cell.strip() for cell in (head.sample[0] if head.sample else ()))
     count = len(head.names)
-    example = "t=1[s],ax=2[m/s^2],ay=3[m/s^2],az=4[m/s^2],gx=5[rad/s],gy=6[rad/s],gz=7[rad/s]"
     valid = (
         f"names of the columns; the header is missing and the file has {count} columns: give their numbers and units, "
-        f'{option} "{example}", or write such a row of names above the numbers'
+        f"{option} {example}, or write such a row of names above the numbers"
     )
     return ConfigError(path, "first row", first[:80], valid)
 
