@@ -112,6 +112,15 @@ def sensor_of_text(text: str) -> str:
     return parse_column(text).sensor
 
 
+def is_without_gravity(cell: str) -> bool:
+    """Whether a name is that of a force from which gravity was taken out, as `FreeAcc_X` or `Linear Acceleration x`."""
+    words = _join_words(split_unit(cell)[0])
+    return bool(_FREE.search(words) and _LONG[ACCEL].search(words))
+
+
+_FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
+
+
 def _join_words(text: str) -> str:
     """Lower-case words of a name, joined by `_`."""
     return re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")

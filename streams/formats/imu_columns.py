@@ -7,12 +7,20 @@ any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`. Units are read in
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.column_names import AXES, ColumnName, is_time_name, parse_column, split_unit, time_rank
+from stridetwin.streams.formats.column_names import (
+    AXES,
+    ColumnName,
+    is_time_name,
+    is_without_gravity,
+    parse_column,
+    split_unit,
+    time_rank,
+)
 from stridetwin.streams.formats.imu_stamps import is_stamp
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
 from stridetwin.streams.formats.table_head import is_number
@@ -70,12 +78,16 @@ class Columns:
         time: Index of the stamps; None in a table without.
         time_unit: Unit of the stamps; "" is found from the rate.
         signals: Forces and rates, by sensor.
+        fraction: Index of the part of a second beside stamps in whole seconds; None without.
+        fraction_s: Unit of that part, s.
     """
 
     names: tuple[str, ...]
     time: int | None
     time_unit: str
     signals: tuple[Signal, ...] = field(default_factory=tuple)
+    fraction: int | None = None
+    fraction_s: float = 0.0
 
 
 def find_columns(
@@ -126,7 +138,40 @@ def find_columns(
         time = 0
     known = unit_of(named[time].unit) if time is not None else None  # quantity and unit in the header
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
-    return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+    columns = Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+    for second, part, unit_s in _list_split_stamps(named, sample):
+        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s)
+    return columns
+
+
+def _list_split_stamps(
+    named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
+) -> Iterator[tuple[int, int, float]]:
+    """Yields pairs of columns of whole seconds and of the rest, as `stamp.sec` and `stamp.nanosec`.
+
+    Args:
+        named: The columns.
+        sample: Cells of some rows; the rest is below 1 s in all of them.
+
+    Yields:
+        Index of the seconds and of the rest, and the unit of the rest in s.
+    """
+    stems: dict[tuple[str, str], int] = {}  # index, by the name without the unit and the unit
+    for at, column in enumerate(named):
+        stem, _, last = column.name.rpartition("_")
+        known = unit_of(last)
+        if known is not None and known[0] == TIME:
+            stems.setdefault((stem, known[1]), at)
+        elif (unit := unit_of(column.unit)) is not None and unit[0] == TIME:
+            stems.setdefault((column.name, unit[1]), at)
+    for (stem, unit_name), second in stems.items():
+        for fine in ("ns", "µs", "ms"):
+            part, unit_s = stems.get((stem, fine)), UNITS[TIME][fine]
+            if unit_name != "s" or part is None or not sample:
+                continue
+            cells = [(row[second], row[part]) for row in sample if max(second, part) < len(row)]
+            if all(a.strip().isdigit() and b.strip().isdigit() and int(b) * unit_s < 1.0 for a, b in cells):
+                yield second, part, unit_s
 
 
 def parse_header(header: Sequence[str], units: Sequence[str] = ()) -> list[ColumnName]:
@@ -146,7 +191,7 @@ def find_time(named: Sequence[ColumnName], sample: Sequence[Sequence[str]] = ())
         named: The columns.
         sample: Cells of some rows; a column whose cells are no stamps in any of them is left out.
     """
-    places = [at for at, column in enumerate(named) if is_time_name(column.name) and not column.quantity]
+    places = [at for at, column in enumerate(named) if is_time_name(column.name) and not column.axis]
     usable = [at for at in places if not sample or any(at < len(row) and is_stamp(row[at]) for row in sample)]
     numeric = [at for at in usable if not sample or any(at < len(row) and is_number(row[at]) for row in sample)]
     return min(numeric or usable or places, key=lambda at: time_rank(named[at].name), default=None)
@@ -231,6 +276,11 @@ def parse_mapping(text: str) -> dict[str, str]:
             )
         mapping[key] = value
     return mapping
+
+
+def find_force_without_gravity(header: Sequence[str]) -> str:
+    """Name of the first column of a force without gravity, such as `FreeAcc_X`; "" for none."""
+    return next((cell for cell in header if is_without_gravity(cell)), "")
 
 
 def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:

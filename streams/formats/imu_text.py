@@ -37,6 +37,7 @@ from stridetwin.streams.formats.imu_columns import (
     Columns,
     Dialect,
     find_columns,
+    find_force_without_gravity,
     map_columns,
     missing_axis_error,
     parse_header,
@@ -203,6 +204,10 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
         columns = find_columns(
             path, head.names, head.sensors, quantity, units=head.units, sample=head.sample, dialect=_dialect_of(head)
         )
+    without = find_force_without_gravity(head.names)
+    if without and all(signal.quantity != ACCEL for signal in columns.signals) and quantity != GYRO:
+        valid = f"forces with gravity, as the sensor measures them: export those beside {without} as well"
+        raise ConfigError(path, "forces", without, valid)
     if not columns.signals:
         raise missing_axis_error(path, quantity or ACCEL, AXES[0], head.names)
     _check_width(path, head)
@@ -269,6 +274,8 @@ def _read_cells(
     clock = choose_clock(path, columns, request.rate_hz, rate_hz, tick_length(head.names, head.sample, rate_hz), notes)
     at = [clock.at] if clock.at is not None else []
     texts_at = at[0] if at and has_text_stamps(head, at[0]) else None
+    has_fraction = columns.fraction is not None and clock.kind == "stamps"
+    at += [columns.fraction] if has_fraction and columns.fraction is not None else []
     wanted = [*at, *(index for signal in columns.signals for index in signal.at)]  # first times, then x, y, z of each
     groups = read_groups(path, head, wanted, key_at, texts_at)
     result: dict[tuple[str, ...], list[TablePart]] = {}
@@ -277,6 +284,8 @@ def _read_cells(
             t = parse_stamps(path, head.names[at[0]], texts)
         else:
             t = read_times(path, columns, clock, table[:, 0] if at else table, len(table), notes)
+        if has_fraction:
+            t = t + columns.fraction_s * table[:, 1]
         parts = result.setdefault(key, [])
         for k, signal in enumerate(columns.signals):
             x_column = len(at) + 3 * k  # in `table`; those of y and z follow

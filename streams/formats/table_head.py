@@ -26,6 +26,8 @@ _GIVEN_SEPARATOR = re.compile(r"\"?sep=(.)\"?\s*", re.IGNORECASE)
 """The first line by which spreadsheets are told the separator."""
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"\s*[+-]?(?:\d+,\d*|,\d+)(?:e[+-]?\d+)?\s*", re.IGNORECASE)
+_MOST_PREAMBLE = 50_000
+"""Lines within which the numbers begin."""
 _BUFFER, _SAMPLE = 2000, 50
 """Lines that are read at once until rows of numbers appear, and rows of numbers that are looked at."""
 _HEADER_REACH = 12  # lines above the numbers among which the names are
@@ -94,6 +96,8 @@ def read_table_head(lines: Iterator[str], wanted: Iterable[str] = ()) -> TableHe
         names_at, names = above[0][0], _split_names(above[0][1], shape)
     between = [(k, line) for k, line in above if names_at is not None and k > names_at]
     units_at, units = _find_units(between, shape, len(names))
+    if units_at is None:  # or just above the names
+        units_at, units = _find_units([(k, x) for k, x in above if k < (names_at or 0)][-1:], shape, len(names))
     sensors_at, sensors, names = _find_sensors([(k, x) for k, x in above if k < (names_at or 0)], names, shape)
     used = {names_at, units_at, sensors_at}
     body = chain(buffer[begin:], lines)
@@ -139,13 +143,13 @@ def no_names_error(path: Path, head: TableHead, option: str, example: str) -> Co
 def _read_until_numbers(lines: Iterator[str]) -> tuple[list[str], _Shape]:
     """Reads lines until the last of them are rows of numbers or the file ends: the lines, and the rows' shape."""
     buffer: list[str] = []
-    while chunk := list(islice(lines, _BUFFER)):
+    while len(buffer) < _MOST_PREAMBLE and (chunk := list(islice(lines, _BUFFER))):
         buffer += chunk
         tail = [line for line in buffer[-4 * _SAMPLE :] if line.strip() and not _is_comment(line, _SPACES)][-_SAMPLE:]
         shape = _find_shape(tail, _given_separator(buffer))
         if shape.numbers > 1:
             return buffer, shape
-    return buffer, _find_shape([line for line in buffer if line.strip()], _given_separator(buffer))
+    return buffer, _find_shape([line for line in buffer[:_BUFFER] if line.strip()], _given_separator(buffer))
 
 
 def _given_separator(buffer: Sequence[str]) -> str:
@@ -169,8 +173,9 @@ def _find_shape(lines: Sequence[str], separator: str) -> _Shape:
             commas = any(_COMMA_NUMBER.fullmatch(cell) for row in rows for cell in row)
             best = _Shape(separator=candidate, decimal="," if commas else "", cells=cells, numbers=numbers)
     if not best.numbers and not separator:  # no numbers: the separator that most lines have
-        counts = {s: sum(line.count(s) for line in lines) for s in _SEPARATORS[:-1]}
-        best = _Shape(separator=max(counts, key=lambda s: counts[s]) or ",", decimal="", cells=1, numbers=0)
+        counts = {s: max((line.count(s) for line in lines), default=0) for s in _SEPARATORS[:-1]}
+        separator = max(counts, key=lambda s: counts[s]) if any(counts.values()) else ","
+        best = _Shape(separator=separator, decimal="", cells=counts[separator] + 1, numbers=0)
     return best
 
 

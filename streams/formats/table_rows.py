@@ -54,6 +54,7 @@ def read_groups(
         ConfigError: A cell of a time is empty, any is missing or no number, or there are too many keys.
     """
     groups: dict[tuple[str, ...], _Group] = {} if key_at else {(): _Group()}
+    may_be_empty = set(wanted[len(wanted) % 3 :]) if len(wanted) > 2 else set(wanted[1:])  # all but the times
     row = 0  # rows so far that are not empty
     for cells in head.rows:
         if not any(cells):
@@ -75,11 +76,7 @@ def read_groups(
                 else:
                     group.numbers.append(float(cells[at].replace(",", ".") if head.decimal else cells[at]))
             except (ValueError, IndexError):
-                if (
-                    at < len(cells)
-                    and cells[at].strip().lower() in _EMPTY
-                    and (at != wanted[0] or len(wanted) % 3 == 0)
-                ):
+                if at < len(cells) and cells[at].strip().lower() in _EMPTY and at in may_be_empty:
                     group.numbers.append(math.nan)
                     continue
                 value = cells[at] if at < len(cells) else None
