@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass
 
@@ -35,6 +36,9 @@ _LAST_BRACKETS = re.compile(r"(.*?)\s*[(\[{<]([^()\[\]{}<>]*)[)\]}>]\s*")
 _OUTER_BRACKETS = re.compile(r"(.*?)\s*[(\[{<](.+)[)\]}>]\s*")
 _JOINT = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 """Where a word begins in `AccX` or `elapsedRealtimeNanos`."""
+_LONGEST = 120
+"""Most characters of a name that are read."""
+_UNIT_WORDS = 4  # most words of a unit at the end of a name
 _WORD_GAP = re.compile(r"[\s_,/:;|-]+")
 _QUANTITY_WORDS = {
     ACCEL: r"accelerometers?|accelerations?|accel|accl|acce|acc|specific_force",
@@ -66,6 +70,7 @@ _FILLERS = re.compile(
 """Words that tell no sensor apart."""
 
 
+@functools.lru_cache(maxsize=4096)
 def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> ColumnName:
     """What a cell of the header says.
 
@@ -74,7 +79,7 @@ def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> Col
         unit: Unit from another row; counts before one in the cell.
         with_linear: Whether `linear_acceleration` includes gravity, as in ROS.
     """
-    text, bracket_unit = split_unit(cell)
+    text, bracket_unit = split_unit(cell[:_LONGEST])
     words = _join_words(text)
     if not (unit or bracket_unit):
         words, bracket_unit = _split_unit_at_end(text, words, with_linear)
@@ -129,7 +134,7 @@ def _join_words(text: str) -> str:
 def _split_unit_at_end(text: str, words: str, with_linear: bool) -> tuple[str, str]:
     """Words and unit of a name that ends with a unit of its quantity, as `ax_m/s/s`; the words and "" otherwise."""
     spaced = _JOINT.sub("_", text.strip())
-    for gap in _WORD_GAP.finditer(spaced):
+    for gap in list(_WORD_GAP.finditer(spaced))[-_UNIT_WORDS:]:
         head, tail = _join_words(spaced[: gap.start()]), spaced[gap.end() :]
         known = unit_of(tail) or unit_of(tail.replace("_", "/")) or unit_of(tail.replace("_", ""))
         if known is None or not head:

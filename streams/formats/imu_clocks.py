@@ -36,6 +36,10 @@ _COUNTER = re.compile(
 _INTEGER = re.compile(r"\s*\d+\s*")
 _FEWEST_REGULAR, _FEWEST_OF_ONE_STEP = 0.98, 0.5
 """Share of the steps of a counter that are multiples of the usual one, and of those that equal it."""
+_GAP = 1.6
+"""Usual steps between two stamps from which on rows are missing."""
+_OTHER_RATE = 0.02
+"""Share by which a rate may differ from that of the stamps."""
 _RATES = (
     re.compile(
         r"(?:update|output|data|sampl\w*|frame|acquisition|recording)[\s_-]*(?:rate|freq\w*|hz)?[^0-9\n]{0,16}?"
@@ -186,6 +190,33 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
     return _count_times(path, name, cells, clock.rate_hz, notes)
 
 
+def report_rate(path: Path, columns: Columns, stamps: Array, rate_hz: float, notes: Notes) -> None:
+    """Reports where the rate that the user gives contradicts the stamps that it replaces.
+
+    Args:
+        path: Named by the report.
+        columns: The columns of the table, which has stamps.
+        stamps: (N,) numbers of their column.
+        rate_hz: The rate, with which the rows are counted.
+        notes: Collects the report.
+    """
+    steps = np.diff(stamps[np.isfinite(stamps)])
+    if columns.time is None or not np.all(steps >= 0) or 2 * np.count_nonzero(steps > 0) < len(steps):
+        return
+    name, usual = columns.names[columns.time], float(np.median(steps[steps > 0]))
+    gaps = steps > _GAP * usual
+    if missing := int(np.sum(np.rint(steps[gaps] / usual) - 1)):
+        notes.warn(
+            f"{path.name}: {RATE} counts the rows, although {missing} are missing by the stamps of {name}: "
+            f"leave {RATE} out to use them"
+        )
+    units = [columns.time_unit] if columns.time_unit else ["s", "ms", "µs", "ns"]
+    rates = [1 / (UNITS[TIME][unit] * usual) for unit in units]
+    by_stamps = min(rates, key=lambda rate: abs(math.log(rate / rate_hz)))
+    if abs(by_stamps / rate_hz - 1) > _OTHER_RATE and (columns.time_unit or 0.5 < by_stamps / rate_hz < 2):
+        notes.warn(f"{path.name}: {RATE} {rate_hz:g} replaces the stamps of {name}, which give {by_stamps:.4g} Hz")
+
+
 def parse_stamps(path: Path, name: str, texts: Sequence[str]) -> Array:
     """Times (N,) s of dates or times of day as text.
 
@@ -225,7 +256,7 @@ def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: No
     since = _unwrap_counter(path, name, counts, size)
     steps = np.diff(since)
     rising = steps[steps > 0]
-    if 2 * len(rising) < len(steps):  # one count for several rows
+    if not len(rising) or 2 * len(rising) < len(steps):  # one count for several rows
         notes.warn(f"{path.name}: {name} repeats its counts; the rows are counted at {rate_hz:g} Hz")
         return np.arange(len(counts)) / rate_hz
     values, numbers = np.unique(rising, return_counts=True)

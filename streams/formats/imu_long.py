@@ -129,7 +129,13 @@ def read_long_groups(
         raise ConfigError(path, "t", None, f"a column of time; the table has {', '.join(head.names)}; or {RATE} HZ")
     is_text = bool(at) and has_text_stamps(head, at[0])
     groups = read_groups(
-        path, head, [*at, *layout.values], key_at, at[0] if is_text else None, lambda key: bool(_quantity_of(key[0]))
+        path,
+        head,
+        [*at, *layout.values],
+        key_at,
+        times=len(at),
+        texts_at=at[0] if is_text else None,
+        is_used=lambda key: bool(_quantity_of(key[0])),
     )
     unit = named[at[0]].unit if at else ""
     known = unit_of(unit)

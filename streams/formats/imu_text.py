@@ -26,6 +26,7 @@ from stridetwin.streams.formats.imu_clocks import (
     parse_stamps,
     preamble_rate,
     read_times,
+    report_rate,
     tick_length,
 )
 from stridetwin.streams.formats.imu_columns import (
@@ -277,7 +278,9 @@ def _read_cells(
     has_fraction = columns.fraction is not None and clock.kind == "stamps"
     at += [columns.fraction] if has_fraction and columns.fraction is not None else []
     wanted = [*at, *(index for signal in columns.signals for index in signal.at)]  # first times, then x, y, z of each
-    groups = read_groups(path, head, wanted, key_at, texts_at)
+    unused = columns.time if clock.kind == "rows" and not has_text_stamps(head, columns.time or 0) else None
+    more = [] if unused is None else [unused]  # stamps that the rate replaces
+    groups = read_groups(path, head, [*wanted, *more], key_at, times=len(at), texts_at=texts_at)
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
         if texts_at is not None:  # dates or times of day: seconds, whatever the unit in the header
@@ -286,6 +289,8 @@ def _read_cells(
             t = read_times(path, columns, clock, table[:, 0] if at else table, len(table), notes)
         if has_fraction:
             t = t + columns.fraction_s * table[:, 1]
+        if unused is not None:
+            report_rate(path, columns, table[:, -1], clock.rate_hz, notes)
         parts = result.setdefault(key, [])
         for k, signal in enumerate(columns.signals):
             x_column = len(at) + 3 * k  # in `table`; those of y and z follow
@@ -404,7 +409,7 @@ def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[T
             if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
                 parts.append(replace(part, sensor=name))
     if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
-        (gravity,) = read_text_table(path / _GRAVITY, request, notes, ACCEL)
+        gravity = read_text_table(path / _GRAVITY, request, notes, ACCEL)[0]
         parts = [_add_gravity(p, gravity) if p.quantity == ACCEL else p for p in parts]
         notes.warn(f"{_GRAVITY} is added to the forces")
     if all(part.quantity != ACCEL for part in parts):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Mapping
@@ -28,6 +29,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     },
 }
 """Factor to s, m/s² and rad/s of each unit, by quantity."""
+_LONGEST = 24
+"""Most characters of a unit."""
 _CHANGES = (
     (re.compile(r"[\s()\[\]{}\"']"), ""),
     (re.compile(r"μ"), "µ"),  # the Greek letter becomes the micro sign
@@ -51,13 +54,14 @@ _CHANGES = (
 """Changes that make the usual spelling of other ones in lower case, in this order."""
 
 
+@functools.lru_cache(maxsize=4096)
 def unit_of(text: str) -> tuple[str, str] | None:
     """Quantity and usual spelling of a unit, such as (`accel`, `m/s²`) for `m/s^2`; None for an unknown one.
 
     Args:
         text: As in a header, of any case but for `G`, which is also gauss.
     """
-    if text.strip() == "G":
+    if text.strip() == "G" or len(text) > _LONGEST:
         return None
     unit = text.lower()
     for pattern, usual in _CHANGES:

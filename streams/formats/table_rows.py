@@ -33,6 +33,7 @@ def read_groups(
     head: TableHead,
     wanted: Sequence[int],
     key_at: Sequence[int] = (),
+    times: int = 1,
     texts_at: int | None = None,
     is_used: Callable[[tuple[str, ...]], bool] = lambda key: True,
 ) -> dict[tuple[str, ...], tuple[Array, list[str]]]:
@@ -41,8 +42,9 @@ def read_groups(
     Args:
         path: Named by errors.
         head: Head of the table.
-        wanted: (K,) indices of the columns; the first one is that of times.
+        wanted: (K,) indices of the columns.
         key_at: Columns whose texts tell the groups apart.
+        times: How many of the first ones have times, which no row may lack.
         texts_at: Column of stamps that are text; its number is then 0.
         is_used: Whether the rows of a key are read.
 
@@ -54,7 +56,7 @@ def read_groups(
         ConfigError: A cell of a time is empty, any is missing or no number, or there are too many keys.
     """
     groups: dict[tuple[str, ...], _Group] = {} if key_at else {(): _Group()}
-    may_be_empty = set(wanted[len(wanted) % 3 :]) if len(wanted) > 2 else set(wanted[1:])  # all but the times
+    may_be_empty = set(wanted[times:])
     row = 0  # rows so far that are not empty
     for cells in head.rows:
         if not any(cells):

@@ -156,6 +156,35 @@ def test_stamps_without_their_last_digits(tmp_path):
     refused(single, r"c\.csv: t: .*stamps that increase; were their last digits lost\? .*--rate HZ")
 
 
+def test_a_rate_that_contradicts_the_stamps_is_reported(tmp_path):
+    kept = np.arange(N) % 10 != 3
+    path = save(tmp_path / "a.csv", NAMES, rows(T[kept], FORCE[kept], GYRO[kept]))
+    recording, block = read(path, rate_hz=100.0)
+    assert len(block) == kept.sum()
+    assert any("--rate counts the rows, although 12 are missing by the stamps of t" in w for w in recording.warnings)
+    recording, _ = read(save(tmp_path / "b.csv", NAMES, BODY), rate_hz=80.0)
+    assert any("--rate 80 replaces the stamps of t, which give 100 Hz" in w for w in recording.warnings)
+    recording, _ = read(save(tmp_path / "c.csv", NAMES, BODY), rate_hz=100.0)
+    assert not [w for w in recording.warnings if "--rate" in w]
+
+
+def test_whole_seconds_and_their_rest_are_added(tmp_path):
+    names = ["header.stamp.sec", "header.stamp.nanosec"]
+    names += [f"{q}.{a}" for q in ("angular_velocity", "linear_acceleration") for a in "xyz"]
+    stamps = 1_990_000_000 + 10_000_000 * np.arange(N)
+    _, block = read(save(tmp_path / "a.csv", ",".join(names), rows(stamps // 10**9, stamps % 10**9, GYRO, FORCE)))
+    check(block)
+    assert block.t_ns[0] == 1_990_000_000
+
+
+def test_units_above_the_names_and_forces_without_gravity(tmp_path):
+    units = "s,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s"
+    check(read(save(tmp_path / "a.csv", f"{units}\ntime,ax,ay,az,gx,gy,gz", BODY))[1])
+    names = PACKETS.replace("Acc", "FreeAcc")
+    path = save(tmp_path / "b.csv", names, rows(np.arange(N), FORCE, GYRO))
+    refused(path, r"b\.csv: forces: invalid 'FreeAcc_X': expected forces with gravity", rate_hz=100.0)
+
+
 LONG_T = np.arange(600) / 100.0
 
 
