@@ -280,7 +280,7 @@ def _read_cells(
     wanted = [*at, *(index for signal in columns.signals for index in signal.at)]  # first times, then x, y, z of each
     unused = columns.time if clock.kind == "rows" and not has_text_stamps(head, columns.time or 0) else None
     more = [] if unused is None else [unused]  # stamps that the rate replaces
-    groups = read_groups(path, head, [*wanted, *more], key_at, times=len(at), texts_at=texts_at)
+    groups = read_groups(path, head, [*wanted, *more], key_at, times=len(at), texts_at=texts_at, unused_at=unused)
     result: dict[tuple[str, ...], list[TablePart]] = {}
     for key, (table, texts) in groups.items():
         if texts_at is not None:  # dates or times of day: seconds, whatever the unit in the header

@@ -35,6 +35,7 @@ def read_groups(
     key_at: Sequence[int] = (),
     times: int = 1,
     texts_at: int | None = None,
+    unused_at: int | None = None,
     is_used: Callable[[tuple[str, ...]], bool] = lambda key: True,
 ) -> dict[tuple[str, ...], tuple[Array, list[str]]]:
     """Reads some columns of the rows that are not empty as numbers.
@@ -46,6 +47,7 @@ def read_groups(
         key_at: Columns whose texts tell the groups apart.
         times: How many of the first ones have times, which no row may lack.
         texts_at: Column of stamps that are text; its number is then 0.
+        unused_at: Column whose cells may hold anything; not a number where they are no numbers.
         is_used: Whether the rows of a key are read.
 
     Returns:
@@ -78,7 +80,8 @@ def read_groups(
                 else:
                     group.numbers.append(float(cells[at].replace(",", ".") if head.decimal else cells[at]))
             except (ValueError, IndexError):
-                if at < len(cells) and cells[at].strip().lower() in _EMPTY and at in may_be_empty:
+                is_empty = at < len(cells) and cells[at].strip().lower() in _EMPTY and at in may_be_empty
+                if is_empty or at == unused_at:
                     group.numbers.append(math.nan)
                     continue
                 value = cells[at] if at < len(cells) else None
