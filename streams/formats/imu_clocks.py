@@ -181,6 +181,7 @@ def read_times(path: Path, columns: Columns, clock: Clock, cells: Array, count: 
         return np.arange(count) / clock.rate_hz
     name = columns.names[clock.at]
     if clock.kind == "stamps":
+        cells = _unwrap_stamps(path, name, cells, notes)
         return cells * _find_time_factor(path, columns, cells, notes)
     if not np.isfinite(cells).all():
         row = int(np.argmin(np.isfinite(cells)))
@@ -241,6 +242,15 @@ def _is_counter(name: str) -> bool:
     """Whether a name is that of a counter of packets or samples."""
     words = parse_column(name).name
     return bool(_COUNTER.fullmatch(words) or _COUNTER.fullmatch(words.replace("_", "")))
+
+
+def _unwrap_stamps(path: Path, name: str, stamps: Array, notes: Notes) -> Array:
+    """Stamps (N,) of a clock of 32 bits that began again, as `micros()` of an Arduino, without the steps back."""
+    back = np.diff(stamps) < -_TICK_SIZE / 2
+    if not back.any() or stamps.max() >= _TICK_SIZE or np.any(stamps < 0) or np.any(stamps != np.rint(stamps)):
+        return stamps
+    notes.warn(f"{path.name}: {name} begins again after 2³² counts {int(back.sum())} times; its stamps are continued")
+    return np.asarray(stamps + _TICK_SIZE * np.concatenate(([0], np.cumsum(back))))
 
 
 def _count_times(path: Path, name: str, counts: Array, rate_hz: float, notes: Notes) -> Array:

@@ -35,6 +35,8 @@ _CHANGES = (
     (re.compile(r"[\s()\[\]{}\"']"), ""),
     (re.compile(r"μ"), "µ"),  # the Greek letter becomes the micro sign
     (re.compile(r"\*\*"), "^"),
+    (re.compile(r"â(?=[°µ²])|^[?\ufffd](?=/s)"), ""),  # signs that were saved in another encoding
+    (re.compile(r"^/s"), "deg/s"),
     (re.compile(r"milli-?"), "m"),
     (re.compile(r"micro-?"), "µ"),
     (re.compile(r"nano-?"), "n"),

@@ -177,6 +177,19 @@ def test_whole_seconds_and_their_rest_are_added(tmp_path):
     assert block.t_ns[0] == 1_990_000_000
 
 
+def test_a_clock_of_32_bits_begins_again(tmp_path):
+    stamps = (2**32 - 400_000 + 10_000 * np.arange(N)) % 2**32
+    recording, block = read(save(tmp_path / "a.csv", NAMES.replace("t,", "t (us),"), rows(stamps, FORCE, GYRO)))
+    check(block)
+    assert any("t (us) begins again after 2³² counts 1 times" in w for w in recording.warnings)
+
+
+@pytest.mark.parametrize("unit", ["Â°/s", "\ufffd/s", "?/s", "°·s⁻¹", "deg.s-1", "DPS", "°/sec"])
+def test_units_of_rates_in_other_spellings(tmp_path, unit):
+    names = NAMES.replace("gx,gy,gz", ",".join(f"g{a} [{unit}]" for a in "xyz"))
+    check(read(save(tmp_path / "a.csv", names, rows(T, FORCE, GYRO / DEG)))[1])
+
+
 def test_units_above_the_names_and_forces_without_gravity(tmp_path):
     units = "s,m/s^2,m/s^2,m/s^2,rad/s,rad/s,rad/s"
     check(read(save(tmp_path / "a.csv", f"{units}\ntime,ax,ay,az,gx,gy,gz", BODY))[1])
