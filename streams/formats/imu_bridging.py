@@ -42,11 +42,11 @@ def bridge_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT
     t_ns = block.t_ns
     if len(t_ns) < _FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
         return block
-    block = _spread_repeated_stamps(name, _drop_repeated_rows(name, block, notes), notes)
+    block = _spread_repeated_stamps(name, drop_repeated_rows(name, block, notes), notes)
     return _fill_gaps(name, block, notes)
 
 
-def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
+def drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Leaves out each row that equals the row before it in its stamp and in every column."""
     same = np.diff(block.t_ns) == 0  # (N - 1,) whether each row but the first repeats the row before it
     for column in block.columns.values():

@@ -13,13 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.imu_bridging import LONGEST_S, SampleT
+from stridetwin.streams.formats.imu_bridging import LONGEST_S, SampleT, drop_repeated_rows
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Stamps
 
 QUANTITIES: Mapping[str, str] = {"specific_force": "accel", "angular_rate": "gyro"}
 """Quantity of each column of an `Imu`."""
 
+_WHAT: Mapping[str, str] = {"accel": "forces", "gyro": "rates"}
 Flags = npt.NDArray[np.bool_]
 """(N,) whether each row is meant."""
 _SHORTEST_RUN = 3
@@ -31,6 +32,8 @@ _FAST: Mapping[str, float] = {"accel": 2.0, "gyro": 0.5}
 _MOST_SHARE = 0.9
 """Share of rows without a measurement from which on the stream is refused."""
 _FEWEST_FILLS = 2
+_FEWEST_READINGS, _LEAST_HELD = 10, 0.3
+"""Readings in motion that must be held for several rows, and their share among all readings in motion."""
 _MOST_FILLS = 16
 """Most values that are tried, the most frequent ones first."""
 _FAR = 2.0
@@ -63,6 +66,32 @@ def find_unmeasured(quantity: str, values: Array) -> Flags:
     return result
 
 
+def find_held(values: Array) -> Flags:
+    """Finds the rows that only repeat the row before, as where a slower sensor is published as fast as another one.
+
+    Rows that repeat by chance, as of a coarse sensor at rest, are none: many rows must repeat in motion, where the
+    numbers change by far more than their resolution from one reading to the next.
+
+    Args:
+        values: (N, 3) m/s² or rad/s.
+    """
+    none: Flags = np.zeros(len(values), bool)
+    steps = np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0)  # (N - 1,); not a number beside empty rows
+    begins = np.concatenate(([0], np.flatnonzero(~(steps == 0.0)) + 1))  # first row of each reading
+    if len(begins) == len(values) or len(begins) < _FEWEST_READINGS:
+        return none
+    lengths = np.diff(np.append(begins, len(values)))
+    jumps = steps[begins[1:] - 1]  # from each reading to the next one
+    resolution = float(np.nanmin(jumps))
+    moves = np.concatenate(([False], (jumps[:-1] > _CLEAR * resolution) & (jumps[1:] > _CLEAR * resolution), [False]))
+    held = lengths[moves & (lengths > 1)]
+    if len(held) < _FEWEST_READINGS or len(held) < _LEAST_HELD * np.count_nonzero(moves):
+        return none
+    repeats: Flags = np.ones(len(values), bool)
+    repeats[begins] = False
+    return repeats & (np.repeat(lengths, lengths) <= 2 * np.median(held))
+
+
 def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """The stream of an IMU or an accelerometer without the rows in which it was not measured.
 
@@ -82,6 +111,7 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
     """
     if np.any(np.diff(block.t_ns) < 0):
         return block
+    block = drop_repeated_rows(name, block, notes)
     flags: dict[str, Flags] = {}  # rows that lack, by column
     for column, quantity in QUANTITIES.items():
         if column not in block.columns:
@@ -91,6 +121,12 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
             is_empty = np.isnan(block.columns[column]).all(axis=1)
             _report(name, quantity, lacking, int(np.sum(is_empty)), notes)
             flags[column] = lacking
+        elif (held := find_held(block.columns[column])).any():
+            notes.warn(
+                f"{name}: {int(held.sum())} of {len(held)} rows repeat the {_WHAT[quantity]} of the row before, as of "
+                "a slower sensor: left out, and interpolated"
+            )
+            flags[column] = held
     if not flags:
         return block
     columns = dict(block.columns)
@@ -183,7 +219,7 @@ def _report(name: str, quantity: str, lacking: Flags, empty: int, notes: Notes) 
         StrideTwinError: Nearly all rows that are not empty have none, unless lenient.
     """
     count = int(lacking.sum())
-    what = "forces" if quantity == "accel" else "rates"
+    what = _WHAT[quantity]
     if count == len(lacking) or count - empty > _MOST_SHARE * (len(lacking) - empty):
         value = f"zeros, fill values or empty cells in {count} of {len(lacking)} rows"
         valid = f"measured {what} in most rows; is the sensor switched on, and is it the right column?"

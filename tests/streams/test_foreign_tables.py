@@ -238,6 +238,19 @@ def test_a_few_rows_of_zeros_and_a_table_of_zeros(tmp_path):
     refused(path, r"IMU, gyro: invalid 'zeros.*in 5[0-9][0-9] of 600 rows'")
 
 
+@pytest.mark.parametrize("rows_per_reading", [2, 4])
+@pytest.mark.parametrize("quantity", ["forces", "rates"])
+def test_readings_that_are_held_are_left_out(tmp_path, rows_per_reading, quantity):
+    force, gyro = moving()
+    at = np.arange(600) // rows_per_reading * rows_per_reading
+    columns = (force[at], gyro) if quantity == "forces" else (force, gyro[at])
+    recording, block = read(save(tmp_path / "a.csv", NAMES, rows(LONG_T, *columns)))
+    count = 600 - 600 // rows_per_reading
+    assert any(f"IMU: {count} of 600 rows repeat the {quantity} of the row before" in w for w in recording.warnings)
+    at = np.searchsorted((block.t_ns * 1e-9).round(3), LONG_T[10:590])
+    np.testing.assert_allclose(block.columns["angular_rate"][at], gyro[10:590], atol=0.05)
+
+
 def test_zeros_of_a_sensor_at_rest_are_measured(tmp_path):
     force, gyro = moving()
     coarse = np.round(gyro / 0.0012) * 0.0012  # steps of 0.07 °/s
@@ -246,7 +259,7 @@ def test_zeros_of_a_sensor_at_rest_are_measured(tmp_path):
     for values in (coarse, coarser, exact):
         recording, block = read(save(tmp_path / "a.csv", NAMES, rows(LONG_T, force, values)))
         assert len(block) == 600
-        assert not [w for w in recording.warnings if "rows have no" in w]
+        assert not [w for w in recording.warnings if "rows have no" in w or "repeat" in w]
 
 
 def test_the_unit_of_ticks_and_rates_of_xsens(tmp_path):
