@@ -62,6 +62,8 @@ _OTHER_QUANTITY = re.compile(
 )
 """What the names of columns that are neither forces nor rates of a sensor contain."""
 _WITHOUT_GRAVITY = re.compile(r"(?:^|_)(?:linear|lin)(?:_|$)|linear_?acc|lin_?acc")
+_FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
+"""What the names of forces contain from which gravity was taken out."""
 _RAW = re.compile(r"(?:^|_)(?:raw|uncal|filtered|filt|filter|smooth\w*)(?=_|$)")
 _FILLERS = re.compile(
     r"(?:^|_)(?:axis|cal|calibrated|sensor|data|imu|values?|field|body|si|total|meas\w*|component|ln|wr|low_?noise"
@@ -80,11 +82,11 @@ def parse_column(cell: str, unit: str = "", *, with_linear: bool = False) -> Col
         with_linear: Whether `linear_acceleration` includes gravity, as in ROS.
     """
     text, bracket_unit = split_unit(cell[:_LONGEST])
-    words = _join_words(text)
+    joined = _join_words(text)
     if not (unit or bracket_unit):
-        words, bracket_unit = _split_unit_at_end(text, words, with_linear)
-    quantity, axis, sensor = _classify(words, with_linear)
-    plain = re.sub(r"[^a-z0-9]+", "_", words.lower()).strip("_")
+        joined, bracket_unit = _split_unit_at_end(text, joined, with_linear)
+    quantity, axis, sensor = _classify(joined, with_linear)
+    plain = re.sub(r"[^a-z0-9]+", "_", joined.lower()).strip("_")
     return ColumnName(
         name=plain,
         unit=unit.strip() or bracket_unit,
@@ -107,11 +109,6 @@ def split_unit(cell: str) -> tuple[str, str]:
     return (matched[1].strip(), matched[2].strip()) if matched else (cell.strip(), "")
 
 
-def quantity_of_text(text: str) -> str:
-    """Quantity that a text such as `android.sensor.gyroscope` names, `accel` or `gyro`; "" for none or others."""
-    return _classify(_join_words(text), with_linear=False)[0]
-
-
 def sensor_of_text(text: str) -> str:
     """What a text such as `left_acc_x` says beside quantity, axis and unit: `left`."""
     return parse_column(text).sensor
@@ -119,11 +116,8 @@ def sensor_of_text(text: str) -> str:
 
 def is_without_gravity(cell: str) -> bool:
     """Whether a name is that of a force from which gravity was taken out, as `FreeAcc_X` or `Linear Acceleration x`."""
-    words = _join_words(split_unit(cell)[0])
-    return bool(_FREE.search(words) and _LONG[ACCEL].search(words))
-
-
-_FREE = re.compile(r"free|user|linear|(?:^|_)lin(?:_|$)")
+    joined = _join_words(split_unit(cell)[0])
+    return bool(_FREE.search(joined) and _LONG[ACCEL].search(joined))
 
 
 def _join_words(text: str) -> str:
@@ -131,7 +125,7 @@ def _join_words(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", _JOINT.sub("_", text.strip()).lower()).strip("_")
 
 
-def _split_unit_at_end(text: str, words: str, with_linear: bool) -> tuple[str, str]:
+def _split_unit_at_end(text: str, joined: str, with_linear: bool) -> tuple[str, str]:
     """Words and unit of a name that ends with a unit of its quantity, as `ax_m/s/s`; the words and "" otherwise."""
     spaced = _JOINT.sub("_", text.strip())
     for gap in list(_WORD_GAP.finditer(spaced))[-_UNIT_WORDS:]:
@@ -142,29 +136,29 @@ def _split_unit_at_end(text: str, words: str, with_linear: bool) -> tuple[str, s
         quantity, axis, _ = _classify(head, with_linear)
         if (known[0] == quantity and axis) or (known[0] == TIME and is_time_name(head)):
             return head, known[1]
-    return words, ""
+    return joined, ""
 
 
-def _classify(words: str, with_linear: bool) -> tuple[str, str, str]:
+def _classify(joined: str, with_linear: bool) -> tuple[str, str, str]:
     """Quantity, axis and sensor of a name, as `_join_words` gives it; "" for what it does not say."""
-    if _OTHER_QUANTITY.search(words) or (_WITHOUT_GRAVITY.search(words) and not with_linear):
+    if _OTHER_QUANTITY.search(joined) or (_WITHOUT_GRAVITY.search(joined) and not with_linear):
         return "", "", ""
-    if (matched := _G_FORCE.search(words)) is not None:
-        return ACCEL, words[-1], words[: matched.start()]
+    if (matched := _G_FORCE.search(joined)) is not None:
+        return ACCEL, joined[-1], joined[: matched.start()]
     for patterns in (_LONG, _SHORT):
         for quantity, pattern in patterns.items():
-            if (matched := pattern.search(words)) is None:
+            if (matched := pattern.search(joined)) is None:
                 continue
-            rest = f"{words[: matched.start()]}_{words[matched.end() :]}".strip("_")
+            rest = f"{joined[: matched.start()]}_{joined[matched.end() :]}".strip("_")
             axis = _axis_of(rest)
             rest = _RAW.sub("", re.sub(r"(?:^|_)linear(?=_|$)", "", rest))
             return quantity, axis, re.sub(r"_+", "_", _FILLERS.sub("", _FILLERS.sub("", rest))).strip("_")
-    return "", _axis_of(words) if len(words) <= len("x_axis") else "", ""
+    return "", _axis_of(joined) if len(joined) <= len("x_axis") else "", ""
 
 
-def _axis_of(words: str) -> str:
+def _axis_of(joined: str) -> str:
     """The last axis that words joined by `_` name; "" for none."""
-    axes = [matched[1] or matched[2] for matched in _AXIS.finditer(words)]
+    axes = [matched[1] or matched[2] for matched in _AXIS.finditer(joined)]
     return axes[-1] if axes else ""
 
 

@@ -240,8 +240,8 @@ def _find_name(names: Sequence[str], wanted: str) -> int | None:
 
 def _is_counter(name: str) -> bool:
     """Whether a name is that of a counter of packets or samples."""
-    words = parse_column(name).name
-    return bool(_COUNTER.fullmatch(words) or _COUNTER.fullmatch(words.replace("_", "")))
+    joined = parse_column(name).name
+    return bool(_COUNTER.fullmatch(joined) or _COUNTER.fullmatch(joined.replace("_", "")))
 
 
 def _unwrap_stamps(path: Path, name: str, stamps: Array, notes: Notes) -> Array:

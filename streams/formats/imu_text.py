@@ -172,6 +172,9 @@ def _read_scalars(
         notes.warn(f"{path.name}: {len(skipped)} lines between names and numbers are left out: {skipped[0][:60]}")
     if not request.columns and (layout := find_long_layout(head)) is not None:
         return _read_long(path, head, layout, request, notes)
+    if request.columns:  # cells beyond the names have numbers alone
+        width = max((len(row) for row in head.sample), default=0)
+        head = replace(head, names=(*head.names, *(str(k + 1) for k in range(len(head.names), width))))
     columns = _columns_of(path, head, request, quantity)
     used = [at for signal in columns.signals for at in signal.at]
     sensor_at = None if request.columns or head.sensors else find_sensor_column(head, used)
@@ -211,17 +214,18 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
         raise ConfigError(path, "forces", without, valid)
     if not columns.signals:
         raise missing_axis_error(path, quantity or ACCEL, AXES[0], head.names)
-    _check_width(path, head)
+    if not request.columns:
+        _check_width(path, head)
     return columns
 
 
 def _check_width(path: Path, head: TableHead) -> None:
     """Refuses a table whose rows have more cells than names, as where commas separate cells and decimals."""
     widths = [len(row) - (not row[-1].strip()) for row in head.sample if row]
-    if widths and min(widths) > len(head.names) + 1:
+    if widths and min(widths) > len(head.names):
         valid = (
             f"{len(head.names)}, as many as names ({', '.join(head.names[:9])}); if decimals have commas, cells need "
-            "another separator: export with ; or with decimal points"
+            f"another separator: export with ; or with decimal points; {OPTION} numbers columns without a name"
         )
         raise ConfigError(path, "cells of a row", min(widths), valid)
 

@@ -30,7 +30,8 @@ _MOST_PREAMBLE = 50_000
 """Lines within which the numbers begin."""
 _BUFFER, _SAMPLE = 2000, 50
 """Lines that are read at once until rows of numbers appear, and rows of numbers that are looked at."""
-_HEADER_REACH = 12  # lines above the numbers among which the names are
+_HEADER_REACH = 40  # lines above the numbers among which the names are
+_FEW_CELLS = 5
 _REALSENSE = re.compile(r"stream type,index,f#,", re.IGNORECASE)
 _REALSENSE_NAMES = ("Stream Type", "Index", "F#", "HW Timestamp (ms)", "Host Timestamp(ms)", "x", "y", "z")
 """The sections of rs-data-collect: how each begins, and the names of those of forces and rates."""
@@ -202,7 +203,8 @@ def _is_row(line: str, shape: _Shape) -> bool:
         return False
     cells = _split(line, shape.separator)
     cells = cells[:-1] if len(cells) > shape.cells and not cells[-1].strip() else cells
-    return abs(len(cells) - shape.cells) <= 1 and 2 * sum(map(is_number, cells)) >= shape.numbers
+    lacks = abs(len(cells) - shape.cells)  # rows of few cells are easily taken for a property and its value
+    return lacks <= (1 if shape.cells > _FEW_CELLS else 0) and 2 * sum(map(is_number, cells)) >= shape.numbers
 
 
 def _split_names(line: str, shape: _Shape) -> list[str]:
@@ -242,7 +244,8 @@ def _find_names(above: Sequence[tuple[int, str]], shape: _Shape, wanted: set[str
         if _count_units(cells) * 2 > len([c for c in cells if c]):
             continue
         score = _score_names(cells, wanted) + (2 if abs(len(cells) - shape.cells) <= 1 else 0)
-        is_likely = score > 2 or (not _is_comment(line, shape.separator) and abs(len(cells) - shape.cells) <= 1)
+        is_as_wide = abs(len(_split(line, shape.separator)) - shape.cells) <= 1
+        is_likely = score > 2 or (not _is_comment(line, shape.separator) and is_as_wide)
         if is_likely and score >= best_score:
             best_score, best = score, (place, cells)
     return best if best is not None else (None, [])

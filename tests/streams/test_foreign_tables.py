@@ -108,11 +108,26 @@ def test_commas_for_cells_and_decimals_are_refused(tmp_path):
     refused(path, r"a\.csv: cells of a row: invalid 14: expected 7, .*decimals have commas")
 
 
+def test_a_row_wider_than_the_names_is_refused_or_numbered(tmp_path):
+    path = save(tmp_path / "a.csv", NAMES, [f"a{k},{row}" for k, row in enumerate(BODY)])
+    refused(path, r"a\.csv: cells of a row: invalid 8: expected 7, as many as names .*--columns numbers")
+    numbered = ",".join(f"{key}={k}[{u}]" for k, (key, u) in enumerate(zip(NAMES.split(","), UNITS), 2))
+    check(read(path, columns=parse_mapping(numbered))[1])
+
+
+def test_a_property_above_a_narrow_table_is_no_row(tmp_path):
+    body = [f"{10 * k},{name},{v!r}" for k in range(N) for name, v in zip(AXIS_NAMES, [*FORCE[k], *(GYRO[k] / DEG)])]
+    body = [line.replace("np.float64(", "").replace(")", "") for line in body]
+    check(read(save(tmp_path / "a.csv", "Rate,100\nSensor,12\nt [ms],name,value", body), rate_hz=None)[1])
+
+
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
     refused(tmp_path / "a.csv", r"a\.csv: is not text")
 
 
+UNITS = ["s", *["m/s^2"] * 3, *["rad/s"] * 3]
+AXIS_NAMES = [f"acc_{a}" for a in "xyz"] + [f"gyr_{a} [deg/s]" for a in "xyz"]
 PACKETS = "PacketCounter,Acc_X,Acc_Y,Acc_Z,Gyr_X,Gyr_Y,Gyr_Z"
 
 
