@@ -202,7 +202,7 @@ def report_rate(path: Path, columns: Columns, stamps: Array, rate_hz: float, not
         notes: Collects the report.
     """
     steps = np.diff(stamps[np.isfinite(stamps)])
-    if columns.time is None or not np.all(steps >= 0) or 2 * np.count_nonzero(steps > 0) < len(steps):
+    if columns.time is None or not len(steps) or np.any(steps < 0) or 2 * np.count_nonzero(steps > 0) < len(steps):
         return
     name, usual = columns.names[columns.time], float(np.median(steps[steps > 0]))
     gaps = steps > _GAP * usual
