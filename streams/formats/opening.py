@@ -52,6 +52,12 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "table": is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
+_AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
+_UNREAD: Mapping[str, str] = {
+    **dict.fromkeys((".xls", ".xlsx", ".ods", ".mat", ".json", ".parquet", ".h5", ".hdf5", ".feather"), _AS_CSV),
+    **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".zst"), "unpack it first"),
+}
+"""What to do about files of other kinds that may have a table."""
 _READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
     "tum": tum_rgbd.read_tum_rgbd,
@@ -116,6 +122,8 @@ def recognise(path: Path) -> str:
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
+    if path.suffix.lower() in _UNREAD:
+        raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
     numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
     hint = numbered if path.suffix in OPEN_SUFFIXES else ""
     raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")

@@ -121,6 +121,17 @@ def test_a_property_above_a_narrow_table_is_no_row(tmp_path):
     check(read(save(tmp_path / "a.csv", "Rate,100\nSensor,12\nt [ms],name,value", body), rate_hz=None)[1])
 
 
+@pytest.mark.parametrize(("name", "says"), [("walk.xlsx", "export the table as CSV"), ("walk.zip", "unpack it")])
+def test_files_that_may_have_a_table_say_what_to_do(tmp_path, name, says):
+    (tmp_path / name).write_bytes(b"PK\x03\x04 and so on, for sixteen bytes")
+    refused(tmp_path / name, rf"{name}: \.\w+ files are not read: {says}")
+
+
+def test_text_of_numbers_alone_says_how_to_number_its_columns(tmp_path):
+    path = save(tmp_path / "a.txt", "", BODY)
+    refused(path, r'a\.txt: unknown content: .*needs names of its columns, or their numbers: --columns "t=1\[s\]')
+
+
 def test_a_file_that_is_no_text_is_refused(tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)) * 20)
     refused(tmp_path / "a.csv", r"a\.csv: is not text")
