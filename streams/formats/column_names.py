@@ -166,10 +166,10 @@ TIME_NAMES = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stam
 """Names of columns of time, the first of which counts."""
 _TIME_NAME = re.compile(
     r"(?:^|_)(?:time|timestamps?|stamps?|elapsed|clock|seconds|secs?|millis|micros|nanos|msecs?|usecs?|epoch|datetime"
-    r"|realtime|timestampms|timestampus|timestampns|t)(?:_|$)"
+    r"|realtime|timestampms|timestampus|timestampns)(?:_|$)"
 )
 _NO_TIME = re.compile(r"(?:^|_)(?:zone|fine|diff|delta|dt|gps|status|step|year|month|day|hour|minute|utc_nano)(?:_|$)")
-_LATER_TIME = re.compile(r"(?:^|_)(?:host|arrival|backend|received?|system|sync|logging|start|unix|wall)(?:_|$)")
+_LATER_TIME = re.compile(r"(?:^|_)(?:host|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)")
 """Words of the stamps that another column of time replaces, such as times of arrival."""
 
 
