@@ -169,7 +169,9 @@ _TIME_NAME = re.compile(
     r"|realtime|timestampms|timestampus|timestampns)(?:_|$)"
 )
 _NO_TIME = re.compile(r"(?:^|_)(?:zone|fine|diff|delta|dt|gps|status|step|year|month|day|hour|minute|utc_nano)(?:_|$)")
-_LATER_TIME = re.compile(r"(?:^|_)(?:host|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)")
+_LATER_TIME = re.compile(
+    r"(?:^|_)(?:host|arrival|backend|received?|system|sync|logging|start|unix|wall|exposure|offset|duration|delay)(?:_|$)"
+)
 """Words of the stamps that another column of time replaces, such as times of arrival."""
 
 

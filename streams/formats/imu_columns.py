@@ -1,7 +1,7 @@
 """Which columns of a table are time, specific force and angular rate, and in which units, by the table's header.
 
 Units in the header count before those that are usual for a kind of file (`Dialect`). A mapping names the columns of
-any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`. Units are read in any usual spelling.
+any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`, or numbers them from 1: `t=1[s],ax=2[g],...`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from stridetwin.streams.formats.column_names import (
 from stridetwin.streams.formats.imu_stamps import is_stamp
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
 from stridetwin.streams.formats.table_head import is_number
-
-__all__ = ["ACCEL", "AXES", "GYRO", "TIME", "UNITS", "unit_of"]
 
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""

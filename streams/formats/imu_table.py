@@ -14,17 +14,14 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.derived import join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
-from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
-from stridetwin.streams.formats.imu_text import (
-    RATE,
-    SUFFIXES,
-    TablePart,
-    TableRequest,
-    read_folder_parts,
-    read_text_table,
-)
+from stridetwin.streams.formats.imu_clocks import RATE
+from stridetwin.streams.formats.imu_columns import missing_axis_error
+from stridetwin.streams.formats.imu_folder import read_folder_parts
+from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_text_table
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO
 from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.tum import LATEST_S
 from stridetwin.streams.plausible import find_implausible_values
