@@ -27,6 +27,7 @@ from stridetwin.streams.formats.imu_text import (
     without_only_sensor,
 )
 from stridetwin.streams.formats.imu_units import ACCEL, GYRO
+from stridetwin.streams.formats.table_head import read_table_head
 from stridetwin.streams.formats.text_encoding import detect_encoding
 from stridetwin.streams.recording.index import Notes
 
@@ -40,6 +41,8 @@ _WORDS = re.compile(
     r"|rotation_?rate)(?![a-z]).*",
     re.IGNORECASE,
 )
+_TAG = re.compile(r"\W*(?:device ?tag|sensor name|device name)\W+([^,;\t]*)", re.IGNORECASE)
+"""Line that gives the name of a sensor."""
 _TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.csv"
 """Files of Sensor Logger: forces with gravity, gravity alone (both m/s²), and properties of the phone."""
 
@@ -96,9 +99,16 @@ def _read_sensor_tables(files: Sequence[Path], request: TableRequest, notes: Not
     parts: list[TablePart] = []
     for file in files:
         for part in read_text_table(file, request, notes):
-            name = " ".join(filter(None, (file.stem, part.sensor))) if len(files) > 1 else part.sensor
+            name = " ".join(filter(None, (_name_sensor(file), part.sensor))) if len(files) > 1 else part.sensor
             parts.append(replace(part, sensor=name))
     return parts
+
+
+def _name_sensor(file: Path) -> str:
+    """Name of the sensor of a table: its tag in the lines above the numbers, as of a DOT, and the name of the file."""
+    preamble = read_table_head(read_lines(file, detect_encoding(file))).preamble
+    tags = (matched[1].strip() for line in preamble if (matched := _TAG.match(line)) is not None)
+    return " ".join(filter(None, (next(tags, ""), file.stem)))
 
 
 def _list_complete_tables(path: Path) -> list[Path]:

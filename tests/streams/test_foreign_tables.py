@@ -75,6 +75,23 @@ def test_each_file_of_a_folder_may_be_a_sensor(tmp_path):
         check(read(tmp_path, topic)[1], force, gyro)
 
 
+def test_the_tag_of_a_device_names_its_side(tmp_path):
+    for tag, force, gyro in (("shoe left", FORCE, GYRO), ("shoe right", FORCE_R, GYRO_R)):
+        head = f"sep=,\nDeviceTag:,{tag}\nOutputRate:,100Hz\n\n{PACKETS}"
+        save(tmp_path / f"DOT_{len(tag)}.csv", head, rows(np.arange(N), force, gyro / DEG))
+    check(read(tmp_path)[1])
+    check(read(tmp_path, "/foot_r/imu")[1], FORCE_R, GYRO_R)
+
+
+@pytest.mark.parametrize("others", [("_highg", "hx_m/s/s,hy_m/s/s,hz_m/s/s"), ("_mag", "mx_uT,my_uT,mz_uT")])
+def test_tables_of_other_sensors_in_a_folder_are_left_out(tmp_path, others):
+    FOREIGN["Blue Trident"](tmp_path)
+    end, names = others
+    save(tmp_path / f"TS-00556{end}.csv", f"time_s,{names}", rows(T, FORCE))
+    save(tmp_path / "notes.txt", "the second walk\nof today", [])
+    check(read(tmp_path)[1])
+
+
 def both_by_names(folder):
     names = ["t", *(f"{side}_{q}_{a}" for side in ("left", "right") for q in ("acc", "gyr") for a in "xyz")]
     return save(folder / "a.csv", ",".join(names), rows(T, FORCE, GYRO, FORCE_R, GYRO_R))
