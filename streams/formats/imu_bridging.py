@@ -15,6 +15,8 @@ LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
 LONGEST_PACKET_S = 0.3
 """Longest time that the rows of one stamp may fill, s: packets by radio have up to 25 samples at 100 Hz."""
+_LATE = 1.2
+"""Usual times from which on a group of rows with one stamp comes late."""
 _GAP = 1.6
 """Periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter."""
 _FEWEST = 10  # samples needed to know a period
@@ -82,16 +84,36 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
     longest = int(np.argmax(counts))
     if counts[longest] > 1 and counts[longest] * period > LONGEST_PACKET_S * 1e9:
         _refuse_stamps(name, block, len(first), int(counts[longest]), int(t_ns[first[longest]]), notes)
-    # ns that each group fills: until the next stamp, or less if rows are missing before it and no stamp is late
-    usual = np.maximum(counts[:-1] * period, np.median(spans))
-    around = np.convolve(np.pad(spans, 1, constant_values=round(np.median(spans))), np.ones(3), "valid")
+    usual = np.maximum(counts[:-1] * period, np.median(spans))  # ns from each group to the next one, as a rule
+    starts = (t_ns[first] - t_ns[0]).astype(np.float64)
+    if 2 * len(first) <= len(t_ns):  # packets, not single stamps that came together
+        starts = _move_late_groups(starts, usual)
+    spans = np.diff(starts)
+    # ns that each group fills: until the next one, or less if rows are missing before that
+    around = np.convolve(np.pad(spans, 1, constant_values=float(np.median(spans))), np.ones(3), "valid")
     is_gap = (spans > _GAP * usual) & (around > _GAP * usual + 2 * np.median(spans))
     fills = np.append(np.where(is_gap, counts[:-1] * period, spans), period * counts[-1])
-    begins = np.repeat(t_ns[first] - t_ns[0], counts)
+    begins = np.repeat(starts, counts)
     within = np.arange(len(t_ns)) - np.repeat(first, counts)  # row in its group
     spread = begins + within * np.repeat(fills / counts, counts)
     notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
     return replace(block, t_ns=t_ns[0] + np.rint(spread).astype(np.int64))
+
+
+def _move_late_groups(starts: Array, usual: Array) -> Array:
+    """Times (K,) ns of groups of rows, with those that came late moved to where the groups around them leave room.
+
+    Args:
+        starts: (K,) times, ns.
+        usual: (K - 1,) usual time from each group to the next one, ns.
+    """
+    spans = np.diff(starts)
+    before, after = spans[:-1], spans[1:]
+    both, usual_both = before + after, usual[:-1] + usual[1:]
+    is_late = (before > _LATE * usual[:-1]) & (after < usual[1:]) & (both < _LATE * usual_both)
+    result = np.array(starts)
+    result[1:-1] = np.where(is_late, starts[:-2] + both * usual[:-1] / usual_both, starts[1:-1])
+    return result
 
 
 def _refuse_stamps(name: str, block: Block[SampleT], distinct: int, most: int, t_ns: int, notes: Notes) -> None:

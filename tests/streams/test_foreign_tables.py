@@ -6,13 +6,16 @@ import re
 
 import numpy as np
 import pytest
+from foot_walk import LENGTH_M, foot_walk
 from foreign_tables import BODY, FOREIGN, MAPPING, NAMES, rows, save
 from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, N, T
 
+from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.formats.imu_columns import parse_mapping
 from stridetwin.streams.formats.imu_text import TableRequest
 from stridetwin.streams.formats.opening import ImportOptions, open_any
+from stridetwin.streams.formats.tum import read_tum
 
 
 def read(path, topic="/foot_l/imu", **request):
@@ -241,6 +244,19 @@ def test_units_above_the_names_and_forces_without_gravity(tmp_path):
     refused(path, r"b\.csv: forces: invalid 'FreeAcc_X': expected forces with gravity", rate_hz=100.0)
 
 
+def test_a_lost_packet_is_bridged_and_a_late_one_spread(tmp_path):
+    packets = np.arange(N) // 4
+    kept = packets != 12
+    stamps = 4 * packets / 100.0
+    recording, block = read(save(tmp_path / "a.csv", NAMES, rows(stamps[kept], FORCE[kept], GYRO[kept])))
+    np.testing.assert_allclose(block.t_ns, 1e9 * T, atol=2)
+    assert any("1 gaps of up to 50 ms are bridged by 4 samples" in w for w in recording.warnings)
+    late = stamps + np.where(packets % 5 == 3, 0.028, 0.0)
+    recording, block = read(save(tmp_path / "b.csv", NAMES, rows(late, FORCE, GYRO)))
+    assert len(block) == N
+    assert not [w for w in recording.warnings if "gap" in w]
+
+
 LONG_T = np.arange(600) / 100.0
 
 
@@ -315,3 +331,43 @@ def test_the_unit_of_ticks_and_rates_of_xsens(tmp_path):
     given = names.replace("Gyr_X", "Gyr_X (deg/s)").replace("Gyr_Y", "Gyr_Y (deg/s)").replace("Gyr_Z", "Gyr_Z (deg/s)")
     body = rows(np.arange(N), 100 * np.arange(N), FORCE, GYRO / DEG)
     check(read(save(tmp_path / "units.csv", given, body))[1])
+
+
+def without_every_second_rate(folder):
+    t, force, gyro = foot_walk()
+    gyro[1::2] = 0.0
+    return save(folder / "a.csv", NAMES, rows(t, force, gyro)), []
+
+
+def without_every_third_force(folder):
+    t, force, gyro = foot_walk()
+    force[1::3] = 0.0
+    return save(folder / "a.csv", NAMES, rows(t, force, gyro)), []
+
+
+def without_every_tenth_packet(folder):
+    t, force, gyro = foot_walk()
+    kept = np.arange(len(t)) % 10 != 3
+    counts = (65000 + np.arange(len(t))) % 65536
+    path = save(folder / "a.txt", f"// DeviceId: 0\n{PACKETS}", rows(counts[kept], force[kept], gyro[kept]))
+    return path, ["--rate", "100"]
+
+
+def with_stamps_of_tenths(folder):
+    t, force, gyro = foot_walk()
+    return save(folder / "a.csv", NAMES, rows(np.floor(10 * t + 1e-9) / 10, force, gyro)), []
+
+
+@pytest.mark.parametrize(
+    "write",
+    [without_every_second_rate, without_every_third_force, without_every_tenth_packet, with_stamps_of_tenths],
+)
+def test_the_path_of_a_walk_is_right_all_the_same(tmp_path, write, capsys):
+    path, options = write(tmp_path)
+    assert main(["estimate", "foot_ins", str(path), *options, "-o", str(tmp_path / "out.txt")]) == 0
+    assert "warning" in capsys.readouterr().err
+    estimate = read_tum(tmp_path / "out.txt")
+    moved = estimate.p_frame_in_world[-1] - estimate.p_frame_in_world[0]
+    assert np.linalg.norm(moved[:2]) == pytest.approx(LENGTH_M, abs=0.25)
+    assert abs(moved[2]) < 0.15
+    assert (estimate.t_ns[-1] - estimate.t_ns[0]) * 1e-9 == pytest.approx(foot_walk()[0][-1], abs=0.05)
