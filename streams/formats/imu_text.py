@@ -237,6 +237,9 @@ def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes)
         notes.warn(f"{path.name}: SampleTimeFine counts µs, as of a DOT: rates in deg/s assumed, forces in m/s²")
     elif has_nanoseconds(named, head.sample):
         notes.warn(f"{path.name}: stamps in ns, as of Android: forces in m/s² and rates in rad/s assumed")
+    elif head.sensors or [column.name for column in named[:4]] == ["timestamp", "x", "y", "z"]:
+        maker = "gaitmap" if head.sensors else "Movesense"
+        notes.warn(f"{path.name}: no units in the header; those of {maker} assumed: m/s², deg/s")
 
 
 def _dialect_of(head: TableHead) -> Dialect | None:
