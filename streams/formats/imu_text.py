@@ -168,7 +168,10 @@ def _read_scalars(
         notes.warn(f"{path.name}: {len(skipped)} lines between names and numbers are left out: {skipped[0][:60]}")
     if not request.columns and (layout := find_long_layout(head)) is not None:
         return _read_long(path, head, layout, request, notes)
-    if request.columns:  # cells beyond the names have numbers alone
+    is_numbered = all(text.partition("[")[0].strip().isdecimal() for text in request.columns.values())
+    if not is_numbered or not request.columns:
+        _check_width(path, head)
+    else:  # cells beyond the names have numbers alone
         width = max((len(row) for row in head.sample), default=0)
         head = replace(head, names=(*head.names, *(str(k + 1) for k in range(len(head.names), width))))
     columns = _columns_of(path, head, request, quantity)
@@ -210,8 +213,6 @@ def _columns_of(path: Path, head: TableHead, request: TableRequest, quantity: st
         raise ConfigError(path, "forces", without, valid)
     if not columns.signals:
         raise missing_axis_error(path, quantity or ACCEL, AXES[0], head.names)
-    if not request.columns:
-        _check_width(path, head)
     return columns
 
 
@@ -227,7 +228,7 @@ def _check_width(path: Path, head: TableHead) -> None:
 
 
 def _report_dialect(path: Path, head: TableHead, columns: Columns, notes: Notes) -> None:
-    """Reports units that are assumed by the clock alone, as no name and no line above the numbers gives them."""
+    """Reports units that are assumed by the form of the table alone, as no line of it gives them."""
     named = parse_header(head.names, head.units)
     rate_hz = preamble_rate(head.preamble)
     lacks = any(not named[signal.at[0]].unit for signal in columns.signals)
@@ -250,6 +251,8 @@ def _dialect_of(head: TableHead) -> Dialect | None:
     tick_s = tick_length(head.names, head.sample, preamble_rate(head.preamble))
     if is_dot_tick(tick_s) or (not tick_s and "devicetag" in preamble):
         return XSENS_DOT
+    if head.sensors:
+        return None
     return ANDROID if has_nanoseconds(parse_header(head.names, head.units), head.sample) else None
 
 

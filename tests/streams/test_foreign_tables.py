@@ -125,7 +125,10 @@ def test_two_sensors_of_one_table(tmp_path, write):
 
 def test_commas_for_cells_and_decimals_are_refused(tmp_path):
     path = save(tmp_path / "a.csv", NAMES, rows(T + 0.001, FORCE, GYRO, decimal=","))
-    refused(path, r"a\.csv: cells of a row: invalid 14: expected 7, .*decimals have commas")
+    says = r"a\.csv: cells of a row: invalid 14: expected 7, .*decimals have commas"
+    refused(path, says)
+    named = ",".join(f"{key}={key}[{u}]" for key, u in zip(NAMES.split(","), UNITS))
+    refused(path, says, columns=parse_mapping(named))
 
 
 def test_a_row_wider_than_the_names_is_refused_or_numbered(tmp_path):
