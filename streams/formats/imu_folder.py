@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.bounded import read_lines
+from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_text import (
     SUFFIXES,
@@ -106,7 +106,7 @@ def _read_sensor_tables(files: Sequence[Path], request: TableRequest, notes: Not
 
 def _name_sensor(file: Path) -> str:
     """Name of the sensor of a table: its tag in the lines above the numbers, as of a DOT, and the name of the file."""
-    preamble = read_table_head(read_lines(file, detect_encoding(file))).preamble
+    preamble = read_table_head(read_lines(file, detect_encoding(file), LONGEST_ROW)).preamble
     tags = (matched[1].strip() for line in preamble if (matched := _TAG.match(line)) is not None)
     return " ".join(filter(None, (next(tags, ""), file.stem)))
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stridetwin.streams.bounded import read_lines
+from stridetwin.streams.bounded import LONGEST_ROW, read_lines
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.imu_clocks import (
@@ -124,7 +124,7 @@ def read_text_table(path: Path, request: TableRequest, notes: Notes, quantity: s
 def is_imu_text(path: Path) -> bool:
     """Whether the names of a text table's columns are those of forces and rates of an IMU; no error is raised."""
     try:
-        head = read_table_head(read_lines(path, detect_encoding(path)))
+        head = read_table_head(read_lines(path, detect_encoding(path), LONGEST_ROW))
         if find_long_layout(head) is not None:
             return True
         kinds = {column.quantity for column in parse_header(head.names, head.units) if column.axis}
@@ -142,7 +142,7 @@ def _read_text(path: Path, notes: Notes) -> Iterator[str]:
     encoding = detect_encoding(path)
     if encoding == FALLBACK:
         notes.warn(f"{path.name}: is not UTF-8; read as {FALLBACK}")
-    return read_lines(path, encoding)
+    return read_lines(path, encoding, LONGEST_ROW)
 
 
 def _read_scalars(
