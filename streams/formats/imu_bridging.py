@@ -19,7 +19,8 @@ _LATE = 1.2
 """Usual times from which on a group of rows with one stamp comes late."""
 _GAP = 1.6
 """Periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter."""
-_FEWEST = 10  # samples needed to know a period
+FEWEST = 10
+"""Samples needed to know a period."""
 SampleT = TypeVar("SampleT", bound=Sample)
 
 
@@ -42,7 +43,7 @@ def bridge_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT
         StrideTwinError: Rows of one stamp would fill more than `LONGEST_PACKET_S`, unless lenient.
     """
     t_ns = block.t_ns
-    if len(t_ns) < _FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
+    if len(t_ns) < FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
         return block
     block = _spread_repeated_stamps(name, drop_repeated_rows(name, block, notes), notes)
     return _fill_gaps(name, block, notes)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.formats.imu_bridging import LONGEST_S, SampleT, drop_repeated_rows
+from stridetwin.streams.formats.imu_bridging import FEWEST, LONGEST_S, SampleT, drop_repeated_rows
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Stamps
 
@@ -109,7 +109,7 @@ def leave_out_unmeasured(name: str, block: Block[SampleT], notes: Notes) -> Bloc
     Raises:
         StrideTwinError: Nearly all rows of a quantity have no measurement, unless lenient.
     """
-    if np.any(np.diff(block.t_ns) < 0):
+    if len(block) < FEWEST or np.any(np.diff(block.t_ns) < 0):
         return block
     block = drop_repeated_rows(name, block, notes)
     flags: dict[str, Flags] = {}  # rows that lack, by column
