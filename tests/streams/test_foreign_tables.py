@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from foot_walk import LENGTH_M, foot_walk
 from foreign_tables import BODY, FOREIGN, MAPPING, NAMES, rows, save
 from logger_files import DEG, FORCE, FORCE_R, GYRO, GYRO_R, N, T
+from walking_foot import LENGTH_M, foot_walk
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
