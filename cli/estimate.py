@@ -20,7 +20,7 @@ from stridetwin.outputs.registry import estimators, kind_of
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.measured_calibration import measure_imu
-from stridetwin.streams.formats.opening import imu_topic, print_warnings, recognise
+from stridetwin.streams.formats.opening import imu_topic, is_table, print_warnings
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Imu
@@ -194,7 +194,7 @@ def _run_on_table(
     """
     follow_block = getattr(estimator_class, "follow_block", None)
     has_layout = bool(arguments.rig or arguments.map or arguments.kind)
-    if follow_block is None or has_layout or recognise(arguments.source) != "table":
+    if follow_block is None or has_layout or not is_table(arguments.source, table_request(arguments)):
         return None
     block = _read_imu(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)

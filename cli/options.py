@@ -239,9 +239,14 @@ class ImportableOptions(SourceOptions):
     ] = None
     columns: Annotated[
         str | None,
-        option("Columns and units of a table with other names: t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s].", "MAP"),
+        option(
+            "Columns, by name or by number from 1, and units of any table: t=Time[ms],ax=Acc X[g],...,gx=5[deg/s].",
+            "MAP",
+        ),
     ] = None
-    rate: Annotated[float | None, option("Rate of a table without stamps.", "HZ", positive)] = None
+    rate: Annotated[
+        float | None, option("Rate of a table without stamps, or of its packet counter.", "HZ", positive)
+    ] = None
     map: Annotated[list[str], option("Topic for a stream of the source.", "FROM=TO")] = field(default_factory=list)
     rig: Annotated[
         Path | None, option("Calibration (Kalibr's or another tool's) in place of the source's.", "FILE")

@@ -15,6 +15,8 @@ MOST_LINES = 2_000_000
 """Most lines of a text table or list: 2.7 h at 200 Hz."""
 LONGEST_LINE = 2048
 """Longest line of a text table or list, characters."""
+LONGEST_ROW = 16384
+"""Longest line of a table of many sensors, characters."""
 LARGEST_SETTING = 1 << 20
 """Largest calibration, scenario or other YAML file, bytes."""
 
@@ -46,23 +48,28 @@ def read_text(path: Path, most: int, encoding: str = "utf-8") -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
-def read_lines(path: Path, encoding: str = "utf-8") -> Iterator[str]:
+def read_lines(path: Path, encoding: str = "utf-8", longest: int = LONGEST_LINE) -> Iterator[str]:
     """The lines of a text table or list, without line ends, one at a time.
+
+    Args:
+        path: The file.
+        encoding: Name of its codec.
+        longest: Most characters of a line.
 
     Raises:
         ConfigError: The file is larger than `LARGEST_TEXT`, has more than `MOST_LINES`, or has a line longer than
-            `LONGEST_LINE`.
+            `longest`.
         StrideTwinError: The file cannot be read, or is not text.
     """
     with _convert_errors(path), path.open(encoding=encoding) as file:
         if (size := path.stat().st_size) > LARGEST_TEXT:
             raise ConfigError(path, "size in bytes", size, f"up to {LARGEST_TEXT}")
         for number in itertools.count(1):
-            line = file.readline(LONGEST_LINE + 1)
+            line = file.readline(longest + 1)
             if not line:
                 return
-            if len(line) > LONGEST_LINE:
-                raise ConfigError(path, f"line {number}", f"{line[:20]}...", f"up to {LONGEST_LINE} characters")
+            if len(line) > longest:
+                raise ConfigError(path, f"line {number}", f"{line[:20]}...", f"up to {longest} characters")
             if number > MOST_LINES:
                 raise ConfigError(path, "lines", f"more than {MOST_LINES}", f"up to {MOST_LINES}")
             yield line.rstrip("\n")

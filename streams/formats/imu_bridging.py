@@ -7,14 +7,20 @@ from typing import TypeVar
 
 import numpy as np
 
+from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 LONGEST_S = 0.1
 """Longest gap that is bridged, s: a foot in swing moves by 0.4 m, and its rates are still those of one movement."""
+LONGEST_PACKET_S = 0.3
+"""Longest time that the rows of one stamp may fill, s: packets by radio have up to 25 samples at 100 Hz."""
+_LATE = 1.2
+"""Usual times from which on a group of rows with one stamp comes late."""
 _GAP = 1.6
 """Periods between two stamps from which on a sample is missing, unless a neighbouring step is as much shorter."""
-_FEWEST = 10  # samples needed to know a period
+FEWEST = 10
+"""Samples needed to know a period."""
 SampleT = TypeVar("SampleT", bound=Sample)
 
 
@@ -32,15 +38,18 @@ def bridge_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT
 
     Returns:
         The stream; the same one if nothing was bridged. Stamps that decrease are left as they are.
+
+    Raises:
+        StrideTwinError: Rows of one stamp would fill more than `LONGEST_PACKET_S`, unless lenient.
     """
     t_ns = block.t_ns
-    if len(t_ns) < _FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
+    if len(t_ns) < FEWEST or np.any(np.diff(t_ns) < 0) or t_ns[0] == t_ns[-1]:
         return block
-    block = _spread_repeated_stamps(name, _drop_repeated_rows(name, block, notes), notes)
+    block = _spread_repeated_stamps(name, drop_repeated_rows(name, block, notes), notes)
     return _fill_gaps(name, block, notes)
 
 
-def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
+def drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Leaves out each row that equals the row before it in its stamp and in every column."""
     same = np.diff(block.t_ns) == 0  # (N - 1,) whether each row but the first repeats the row before it
     for column in block.columns.values():
@@ -54,10 +63,16 @@ def _drop_repeated_rows(name: str, block: Block[SampleT], notes: Notes) -> Block
 def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:
     """Spreads the rows of one stamp evenly over the time until the next stamp; the last ones by the median period.
 
+    Rows before a gap are spread by the median period as well. Rows of one stamp that would fill more than
+    `LONGEST_PACKET_S` are refused: such stamps have lost digits, or stood still.
+
     Args:
         name: Named by the report.
         block: Samples whose stamps do not decrease.
         notes: Collects the report.
+
+    Raises:
+        StrideTwinError: Too many rows have one stamp, unless lenient.
     """
     t_ns = block.t_ns
     first = np.flatnonzero(np.concatenate(([True], np.diff(t_ns) > 0)))  # first row of each group of one stamp
@@ -65,11 +80,60 @@ def _spread_repeated_stamps(name: str, block: Block[SampleT], notes: Notes) -> B
         return block
     edges = np.append(first, len(t_ns))  # these, and the row after the last one
     counts = np.diff(edges)  # rows of each group
-    period = float(np.median(np.diff(t_ns[first]) / counts[:-1]))
-    edge_times = np.append(t_ns[first], t_ns[-1] + round(period * counts[-1])) - t_ns[0]  # ns since the first row
-    spread = np.interp(np.arange(len(t_ns)), edges, edge_times.astype(np.float64))  # of every row, likewise
+    spans = np.diff(t_ns[first])  # ns from each group to the next one
+    period = float(np.median(spans / counts[:-1]))
+    longest = int(np.argmax(counts))
+    if counts[longest] > 1 and counts[longest] * period > LONGEST_PACKET_S * 1e9:
+        _refuse_stamps(name, block, len(first), int(counts[longest]), int(t_ns[first[longest]]), notes)
+    usual = np.maximum(counts[:-1] * period, np.median(spans))  # ns from each group to the next one, as a rule
+    starts = (t_ns[first] - t_ns[0]).astype(np.float64)
+    if 2 * len(first) <= len(t_ns):  # packets, not single stamps that came together
+        starts = _move_late_groups(starts, usual)
+    spans = np.diff(starts)
+    # ns that each group fills: until the next one, or less if rows are missing before that
+    around = np.convolve(np.pad(spans, 1, constant_values=float(np.median(spans))), np.ones(3), "valid")
+    is_gap = (spans > _GAP * usual) & (around > _GAP * usual + 2 * np.median(spans))
+    fills = np.append(np.where(is_gap, counts[:-1] * period, spans), period * counts[-1])
+    begins = np.repeat(starts, counts)
+    within = np.arange(len(t_ns)) - np.repeat(first, counts)  # row in its group
+    spread = begins + within * np.repeat(fills / counts, counts)
     notes.warn(f"{name}: {len(t_ns) - len(first)} repeated stamps are spread over the time until the next one")
     return replace(block, t_ns=t_ns[0] + np.rint(spread).astype(np.int64))
+
+
+def _move_late_groups(starts: Array, usual: Array) -> Array:
+    """Times (K,) ns of groups of rows, with those that came late moved to where the groups around them leave room.
+
+    Args:
+        starts: (K,) times, ns.
+        usual: (K - 1,) usual time from each group to the next one, ns.
+    """
+    spans = np.diff(starts)
+    before, after = spans[:-1], spans[1:]
+    both, usual_both = before + after, usual[:-1] + usual[1:]
+    is_late = (before > _LATE * usual[:-1]) & (after < usual[1:]) & (both < _LATE * usual_both)
+    result = np.array(starts)
+    result[1:-1] = np.where(is_late, starts[:-2] + both * usual[:-1] / usual_both, starts[1:-1])
+    return result
+
+
+def _refuse_stamps(name: str, block: Block[SampleT], distinct: int, most: int, t_ns: int, notes: Notes) -> None:
+    """Refuses stamps of which too many are equal, or records that as a problem when lenient.
+
+    Args:
+        name: Named by the error.
+        block: The samples.
+        distinct: Number of different stamps.
+        most: Most rows of one stamp.
+        t_ns: That stamp.
+        notes: Collects the problem.
+    """
+    value = f"{distinct} different stamps in {len(block)} rows, up to {most} rows with one ({t_ns * 1e-9:.6f} s)"
+    valid = (
+        f"a stamp per row, or packets of up to {LONGEST_PACKET_S:g} s; were digits of the stamps lost (whole seconds, "
+        "32-bit floats)? Write them in full, or give the rate of the rows of a table: --rate HZ"
+    )
+    notes.add_error(ConfigError(notes.path, f"{name}, t", value, valid))
 
 
 def _fill_gaps(name: str, block: Block[SampleT], notes: Notes) -> Block[SampleT]:

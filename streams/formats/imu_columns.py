@@ -1,70 +1,35 @@
 """Which columns of a table are time, specific force and angular rate, and in which units, by the table's header.
 
 Units in the header count before those that are usual for a kind of file (`Dialect`). A mapping names the columns of
-any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`. Units are read in any usual spelling.
+any other table: `t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s]`, or numbers them from 1: `t=1[s],ax=2[g],...`.
 """
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stridetwin.streams.errors import ConfigError
-from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
+from stridetwin.streams.formats.column_names import (
+    AXES,
+    ColumnName,
+    is_time_name,
+    is_without_gravity,
+    parse_column,
+    split_unit,
+    time_rank,
+)
+from stridetwin.streams.formats.imu_stamps import is_stamp
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO, TIME, UNITS, unit_of
+from stridetwin.streams.formats.table_head import is_number
 
-TIME, ACCEL, GYRO = "time", "accel", "gyro"
-UNITS: Mapping[str, Mapping[str, float]] = {
-    TIME: {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9},
-    ACCEL: {"m/s²": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 * 1e-3},
-    GYRO: {"rad/s": 1.0, "deg/s": math.pi / 180, "mdeg/s": math.pi / 180e3},
-}
-"""Factor to s, m/s² and rad/s of each unit, by quantity."""
-_SPELLINGS = {
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "millisecond": "ms",
-    "milliseconds": "ms",
-    "us": "µs",
-    "usec": "µs",
-    "microseconds": "µs",
-    "nanoseconds": "ns",
-    "nsec": "ns",
-    "m/s^2": "m/s²",
-    "m/s2": "m/s²",
-    "m/s/s": "m/s²",
-    "ms^-2": "m/s²",
-    "ms⁻²": "m/s²",
-    "ms-2": "m/s²",
-    "m.s-2": "m/s²",
-    "ms^-²": "m/s²",
-    "m/sec^2": "m/s²",
-    "m*s^-2": "m/s²",
-    "milli-g": "mg",
-    "gees": "g",
-    "rad/sec": "rad/s",
-    "rads^-1": "rad/s",
-    "rads-1": "rad/s",
-    "rps": "rad/s",
-    "°/s": "deg/s",
-    "º/s": "deg/s",
-    "degree/s": "deg/s",
-    "degrees/s": "deg/s",
-    "deg/sec": "deg/s",
-    "dps": "deg/s",
-    "degrees/second": "deg/s",
-    "mdps": "mdeg/s",
-}
-"""Name of a unit in `UNITS`, by another spelling in lower case."""
-AXES = "xyz"
 OPTION = "--columns"
 """Option of the command line that names the columns, and an example of its text, for errors."""
 EXAMPLE = "t=Time[ms],ax=Acc X[g],...,gx=Gyr X[deg/s],..."
+NUMBERED = '"t=1[s],ax=2[m/s^2],ay=3[m/s^2],az=4[m/s^2],gx=5[rad/s],gy=6[rad/s],gz=7[rad/s]"'
+"""Example of its text for a table without names of columns."""
 _NAMES = {ACCEL: ("accel_{}", "a{}", "acc_{}"), GYRO: ("gyro_{}", "g{}", "w{}")}
 """Names of the column of an axis that errors suggest."""
 
@@ -77,6 +42,11 @@ XSENS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
 SENSOR_LOGGER: Dialect = {TIME: "s", ACCEL: "m/s²", GYRO: "rad/s"}
 MOVESENSE: Dialect = {TIME: "ms", ACCEL: "m/s²", GYRO: "deg/s"}
 GAITMAP: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
+XSENS_DOT: Dialect = {ACCEL: "m/s²", GYRO: "deg/s"}
+PICOQUAKE: Dialect = {ACCEL: "g", GYRO: "deg/s"}
+PHYSICS_TOOLBOX: Dialect = {ACCEL: "g", GYRO: "rad/s"}
+ROS: Dialect = {ACCEL: "m/s²", GYRO: "rad/s"}
+ANDROID: Dialect = {TIME: "ns", ACCEL: "m/s²", GYRO: "rad/s"}
 UNKNOWN: Dialect = {}
 
 
@@ -106,37 +76,38 @@ class Columns:
         time: Index of the stamps; None in a table without.
         time_unit: Unit of the stamps; "" is found from the rate.
         signals: Forces and rates, by sensor.
+        fraction: Index of the part of a second beside stamps in whole seconds; None without.
+        fraction_s: Unit of that part, s.
     """
 
     names: tuple[str, ...]
     time: int | None
     time_unit: str
     signals: tuple[Signal, ...] = field(default_factory=tuple)
+    fraction: int | None = None
+    fraction_s: float = 0.0
 
 
-# names of columns, as `_split_unit` gives them: of times, the first of which counts; of an axis of each quantity; of an
-# axis of a quantity that the name leaves open; and of forces without gravity
-_TIME = ("t", "seconds_elapsed", "elapsed", "time", "timestamp", "time_stamp", "timestamps", "epoc", "epoch")
-_PREFIX = {
-    ACCEL: re.compile(r"(?:accel|accelerometer|acceleration|acc|a|total_acceleration)_?([xyz])(?:_axis)?"),
-    GYRO: re.compile(
-        r"(?:gyro|gyroscope|gyr|g|w|omega|angular_velocity|angular_rate|rotation_rate|alpha)_?([xyz])(?:_axis)?"
-    ),
-}
-_BARE = re.compile(r"([xyz])(?:_axis)?")
-_WITHOUT_GRAVITY = re.compile(r"(?:free|linear|lin|user)_?acc|^freeacc|^linear")
-_UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
-"""A header's cell with a unit in brackets, of either form: the name and the unit."""
-
-
-def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (), quantity: str = "") -> Columns:
+def find_columns(
+    path: Path,
+    header: Sequence[str],
+    sensors: Sequence[str] = (),
+    quantity: str = "",
+    *,
+    units: Sequence[str] = (),
+    sample: Sequence[Sequence[str]] = (),
+    dialect: Dialect | None = None,
+) -> Columns:
     """Finds the columns of time, force and rate of a table by its header.
 
     Args:
         path: Named by errors.
-        header: Name, and unit in brackets, of each column.
+        header: Name, and unit in brackets or at the end, of each column.
         sensors: Sensor of each column, of a header with two rows.
         quantity: What bare columns `x`, `y`, `z` are, as the file's name implies: `accel`, `gyro` or "".
+        units: Unit of each column in a row of its own.
+        sample: Cells of some rows, by which a column of time without stamps is left out.
+        dialect: Units that the header leaves out; None: by the names.
 
     Returns:
         Indices and factors to SI; no signals if no column is a force or a rate.
@@ -144,60 +115,119 @@ def find_columns(path: Path, header: Sequence[str], sensors: Sequence[str] = (),
     Raises:
         ConfigError: An axis or a unit is missing.
     """
-    named = [_split_unit(cell) for cell in header]  # name and unit of each column
-    names = [name for name, _ in named]
-    dialect = _find_dialect(names, bool(sensors))  # units that the header leaves out
+    named = parse_header(header, units)
+    names = [column.name for column in named]
+    if dialect is None:
+        dialect = _find_dialect(names, bool(sensors))
     sensor_of_column = list(sensors) or [""] * len(names)
-    # index of the column, by sensor and quantity and then by axis
-    axes_by_signal: dict[tuple[str, str], dict[str, int]] = {}
-    for at, (name, unit) in enumerate(named):
-        kind, axis = _classify_column(name, unit, quantity, names)
+    # index of the column, by sensor, quantity and the rest of the name, and then by axis
+    axes_by_group: dict[tuple[str, str, str], dict[str, int]] = {}
+    for at, column in enumerate(named):
+        kind, axis = _classify_column(column, quantity, named)
         if kind:  # of two columns of one axis the first counts
-            axes_by_signal.setdefault((sensor_of_column[at], kind), {}).setdefault(axis, at)
+            group = (sensor_of_column[at], kind, column.sensor)
+            axes_by_group.setdefault(group, {}).setdefault(axis, at)
     signals = tuple(
-        _to_signal(path, header, sensor, kind, axes, named, dialect) for (sensor, kind), axes in axes_by_signal.items()
+        _to_signal(path, header, sensor, kind, axes, named, dialect)
+        for (sensor, kind), axes in _pair_groups(axes_by_group, named).items()
     )
-    time = next((names.index(name) for name in _TIME if name in names), None)  # index of the column
+    time = find_time(named, sample)
     if time is None and sensors and names[0] in ("", "axis"):  # gaitmap's table has times in its unnamed first column
         time = 0
-    known = unit_of(named[time][1]) if time is not None else None  # quantity and unit in the header
+    known = unit_of(named[time].unit) if time is not None else None  # quantity and unit in the header
     time_unit = known[1] if known is not None and known[0] == TIME else dialect.get(TIME, "")
-    return Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+    columns = Columns(names=tuple(header), time=time, time_unit=time_unit, signals=signals)
+    for second, part, unit_s in _list_split_stamps(named, sample):
+        return replace(columns, time=second, time_unit="s", fraction=part, fraction_s=unit_s)
+    return columns
 
 
-def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -> Columns:
+def _list_split_stamps(
+    named: Sequence[ColumnName], sample: Sequence[Sequence[str]]
+) -> Iterator[tuple[int, int, float]]:
+    """Yields pairs of columns of whole seconds and of the rest, as `stamp.sec` and `stamp.nanosec`.
+
+    Args:
+        named: The columns.
+        sample: Cells of some rows; the rest is below 1 s in all of them.
+
+    Yields:
+        Index of the seconds and of the rest, and the unit of the rest in s.
+    """
+    stems: dict[tuple[str, str], int] = {}  # index, by the name without the unit and the unit
+    for at, column in enumerate(named):
+        stem, _, last = column.name.rpartition("_")
+        known = unit_of(last)
+        if known is not None and known[0] == TIME:
+            stems.setdefault((stem, known[1]), at)
+        elif (unit := unit_of(column.unit)) is not None and unit[0] == TIME:
+            stems.setdefault((column.name, unit[1]), at)
+    for (stem, unit_name), second in stems.items():
+        for fine in ("ns", "µs", "ms"):
+            part, unit_s = stems.get((stem, fine)), UNITS[TIME][fine]
+            if unit_name != "s" or part is None or not sample:
+                continue
+            cells = [(row[second], row[part]) for row in sample if max(second, part) < len(row)]
+            if all(a.strip().isdigit() and b.strip().isdigit() and int(b) * unit_s < 1.0 for a, b in cells):
+                yield second, part, unit_s
+
+
+def parse_header(header: Sequence[str], units: Sequence[str] = ()) -> list[ColumnName]:
+    """What each column is by its name and the unit in a row of its own.
+
+    `linear_acceleration` counts as a force only beside an `angular_velocity`, as in the IMU messages of ROS.
+    """
+    in_rows = [*units, *[""] * (len(header) - len(units))]
+    is_ros = any("angular_velocity" in cell for cell in header) and not any("(" in cell for cell in header)
+    return [parse_column(cell, unit, with_linear=is_ros) for cell, unit in zip(header, in_rows)]
+
+
+def find_time(named: Sequence[ColumnName], sample: Sequence[Sequence[str]] = ()) -> int | None:
+    """Index of the column of time; None without one.
+
+    Args:
+        named: The columns.
+        sample: Cells of some rows; a column whose cells are no stamps in any of them is left out.
+    """
+    places = [at for at, column in enumerate(named) if is_time_name(column.name) and not column.axis]
+    usable = [at for at in places if not sample or any(at < len(row) and is_stamp(row[at]) for row in sample)]
+    numeric = [at for at in usable if not sample or any(at < len(row) and is_number(row[at]) for row in sample)]
+    return min(numeric or usable or places, key=lambda at: time_rank(named[at].name), default=None)
+
+
+def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str], units: Sequence[str] = ()) -> Columns:
     """Finds the columns that the user's mapping names, for a table whose header is not understood.
 
     Args:
         path: Named by errors.
         header: Names of the columns; units in brackets may be left out in the mapping.
-        mapping: Column and unit in brackets, such as `Acc X[g]`, of `t` (may be missing), `ax` ... `gz`.
+        mapping: Column and unit in brackets, such as `Acc X[g]` or `2[g]`, of `t` (may be missing), `ax` ... `gz`; a
+            number that is no name counts columns from 1.
+        units: Unit of each column in a row of its own.
 
     Raises:
         ConfigError: An unknown column or unit, or only some axes of a quantity; names what is valid.
     """
     places: dict[str, int] = {}  # index of the column, by `t` and `ax` ... `gz`
-    units: dict[str, str] = {}  # its unit in the usual spelling, by the same keys
-    bare_header = [_UNIT.sub(lambda m: m[1], cell).strip() for cell in header]  # names without units
+    known_units: dict[str, str] = {}  # its unit in the usual spelling, by the same keys
     for key, text in mapping.items():
         quantity = TIME if key == "t" else ACCEL if key[0] == "a" else GYRO
         matched = _UNIT.fullmatch(text)
         name, unit = (matched[1], matched[2]) if matched else (text, "")
-        # the header as it is is searched first, then that without units; each for the whole text, then for its name
-        candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
-        at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
+        at = _find_column(header, text, name)
         if at is None:
-            raise ConfigError(path, f"{OPTION} {key}", name, f"one of the columns {', '.join(header)}")
-        header_unit = _UNIT.fullmatch(header[at])
-        known = unit_of(unit or (header_unit[2] if header_unit else ""))  # quantity and unit
-        if known is None or known[0] != quantity:
+            valid = f"one of the columns {', '.join(header)}, or its number from 1 to {len(header)}"
+            raise ConfigError(path, f"{OPTION} {key}", name, valid)
+        row_unit = units[at] if at < len(units) else ""
+        known = _unit_of(unit or row_unit or parse_column(header[at]).unit, quantity)
+        if known is None:
             raise ConfigError(
                 path,
                 f"{OPTION} {key}, unit",
                 unit or None,
                 f"one of {', '.join(UNITS[quantity])} in [], as in {EXAMPLE}",
             )
-        places[key], units[key] = at, known[1]
+        places[key], known_units[key] = at, known
     signals = []
     for quantity, letter in ((ACCEL, "a"), (GYRO, "g")):
         keys = [letter + axis for axis in AXES]
@@ -205,9 +235,28 @@ def map_columns(path: Path, header: Sequence[str], mapping: Mapping[str, str]) -
             if lacking := [key for key in keys if key not in places]:
                 raise ConfigError(path, OPTION, ",".join(mapping), f"also {lacking[0]}, as in {EXAMPLE}")
             x, y, z = (places[key] for key in keys)
-            factor = UNITS[quantity][units[keys[0]]]  # the unit of x is that of y and z
+            if len({known_units[key] for key in keys}) > 1:
+                different = ", ".join(f"{key}[{known_units[key]}]" for key in keys)
+                raise ConfigError(path, OPTION, different, f"one unit of {', '.join(keys)}")
+            factor = UNITS[quantity][known_units[keys[0]]]
             signals.append(Signal(sensor="", quantity=quantity, at=(x, y, z), factor=factor))
-    return Columns(names=tuple(header), time=places.get("t"), time_unit=units.get("t", ""), signals=tuple(signals))
+    return Columns(
+        names=tuple(header), time=places.get("t"), time_unit=known_units.get("t", ""), signals=tuple(signals)
+    )
+
+
+def _find_column(header: Sequence[str], text: str, name: str) -> int | None:
+    """Index of the column of a text of the mapping; None without one.
+
+    The header as it is is searched first, then that without units; each for the whole text, then for its name. At last
+    a number counts columns from 1.
+    """
+    bare_header = [split_unit(cell)[0] for cell in header]
+    candidates = ((names, wanted) for names in (list(header), bare_header) for wanted in (text, name))
+    at = next((names.index(wanted) for names, wanted in candidates if wanted in names), None)
+    if at is None and name.isdecimal() and 1 <= int(name) <= len(header):
+        at = int(name) - 1
+    return at
 
 
 def parse_mapping(text: str) -> dict[str, str]:
@@ -227,17 +276,9 @@ def parse_mapping(text: str) -> dict[str, str]:
     return mapping
 
 
-def unit_of(text: str) -> tuple[str, str] | None:
-    """Quantity and usual spelling of a unit, such as (`accel`, `m/s²`) for `m/s^2`; None for an unknown one.
-
-    Args:
-        text: As in a header, of any case but for `G`, which is also gauss.
-    """
-    spelling = text.strip().replace("μ", "µ").replace(" ", "").replace("**", "^")  # Greek μ becomes the micro sign µ
-    if spelling == "G":
-        return None
-    unit = _SPELLINGS.get(spelling.lower(), spelling.lower())
-    return next(((quantity, unit) for quantity, units in UNITS.items() if unit in units), None)
+def find_force_without_gravity(header: Sequence[str]) -> str:
+    """Name of the first column of a force without gravity, such as `FreeAcc_X`; "" for none."""
+    return next((cell for cell in header if is_without_gravity(cell)), "")
 
 
 def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[str]) -> ConfigError:
@@ -255,47 +296,97 @@ def missing_axis_error(path: Path, quantity: str, axis: str, header: Sequence[st
     return ConfigError(path, names[0], None, valid)
 
 
-def _split_unit(cell: str) -> tuple[str, str]:
-    """Name of a header's cell in lower case with `_` between its words, and the unit in brackets ("" without one)."""
-    matched = _UNIT.fullmatch(cell)
-    name, unit = (matched[1], matched[2]) if matched else (cell, "")
-    return re.sub(r"[^a-z0-9]+", "_", name.strip().lower()).strip("_"), unit
+_UNIT = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
+"""A text of the mapping with a unit in brackets of either form: the name and the unit."""
+
+
+def _unit_of(text: str, quantity: str) -> str | None:
+    """Usual spelling of a unit of a quantity; None for any other. `G` is the unit g of a force."""
+    known = unit_of(text.lower() if quantity == ACCEL else text)
+    return known[1] if known is not None and known[0] == quantity else None
 
 
 def _find_dialect(names: Sequence[str], has_sensors: bool) -> Dialect:
     """The units that a kind of file leaves out of its header, by the column names that are typical of the kind."""
+    joined = [name.replace("_", "") for name in names]
     if has_sensors:
         return GAITMAP
-    if "sampletimefine" in names or "packetcounter" in names:
+    if "sampletimefine" in joined or "packetcounter" in joined:
         return XSENS
     if "seconds_elapsed" in names:
         return SENSOR_LOGGER
     if names[:4] == ["timestamp", "x", "y", "z"]:
         return MOVESENSE
+    if "gfx" in joined:
+        return PHYSICS_TOOLBOX
+    if any(name.endswith("angular_velocity_x") for name in names):
+        return ROS
     return OURS if "t" in names else UNKNOWN
 
 
-def _classify_column(name: str, unit: str, quantity: str, names: Sequence[str]) -> tuple[str, str]:
+def _classify_column(column: ColumnName, quantity: str, named: Sequence[ColumnName]) -> tuple[str, str]:
     """Quantity (`accel` or `gyro`) and axis of a column; two empty texts for any other, such as force without gravity.
 
     Args:
-        name: Name of the column, as `_split_unit` gives it.
-        unit: Unit in its header; "" without one.
+        column: The column.
         quantity: What bare columns `x`, `y`, `z` are.
-        names: Names of all columns.
+        named: All columns.
     """
-    known = unit_of(unit)  # quantity and unit; None for an unknown unit
-    if _WITHOUT_GRAVITY.search(name):
-        return "", ""
-    for kind, pattern in _PREFIX.items():
-        if (matched := pattern.fullmatch(name)) and (known is None or known[0] == kind):
-            return kind, matched[1]
-    if matched := _BARE.fullmatch(name):
+    known = unit_of(column.unit)  # quantity and unit; None for an unknown unit
+    names = [other.name for other in named]
+    if column.quantity and column.axis:
+        # Physics Toolbox has forces in g, and beside them those without gravity as ax, ay, az
+        is_linear = column.quantity == ACCEL and "g_fx" in names and not re.fullmatch(r"g_f[xyz]", column.name)
+        if is_linear or (known is not None and known[0] != column.quantity):
+            return "", ""
+        return column.quantity, column.axis
+    if column.axis and re.fullmatch(r"([xyz])(?:_axis)?|axis_[xyz]", column.name):
         if known is not None and known[0] in (ACCEL, GYRO):  # the unit tells the quantity
-            return known[0], matched[1]
-        if not unit and (quantity or "gx" in names):  # Movesense: x, y, z, gx, gy, gz
-            return quantity or ACCEL, matched[1]
+            return known[0], column.axis
+        if not column.unit and (quantity or "gx" in names):  # Movesense: x, y, z, gx, gy, gz
+            return quantity or ACCEL, column.axis
     return "", ""
+
+
+def _pair_groups(
+    axes_by_group: Mapping[tuple[str, str, str], dict[str, int]], named: Sequence[ColumnName]
+) -> dict[tuple[str, str], dict[str, int]]:
+    """The columns of the forces and of the rates of each sensor.
+
+    Where names alone tell sensors apart, as `left_acc_x` and `left_gyr_x`, each sensor with both counts. Otherwise the
+    first force and the first rate are those of the only sensor, calibrated ones before raw ones.
+
+    Args:
+        axes_by_group: Index of the column by axis, by sensor, quantity and the rest of the name.
+        named: All columns.
+
+    Returns:
+        Index of the column by axis, by sensor and quantity.
+    """
+    result: dict[tuple[str, str], dict[str, int]] = {}
+    for sensor in dict.fromkeys(key[0] for key in axes_by_group):
+        rests: dict[str, list[str]] = {}  # the rest of the names, by quantity: the best first
+        for kind in (ACCEL, GYRO):
+            groups = {rest: axes for (s, k, rest), axes in axes_by_group.items() if (s, k) == (sensor, kind)}
+            rests[kind] = sorted(groups, key=lambda rest: _rank_group(groups[rest], named))
+        complete = {
+            kind: [rest for rest in rests[kind] if len(axes_by_group[sensor, kind, rest]) == len(AXES)]
+            for kind in (ACCEL, GYRO)
+        }
+        common = [rest for rest in complete[ACCEL] if rest in complete[GYRO]]
+        for kind in (ACCEL, GYRO):
+            if len(common) > 1 and not sensor:
+                result |= {(rest, kind): axes_by_group[sensor, kind, rest] for rest in common}
+            elif rests[kind]:
+                result[sensor, kind] = axes_by_group[sensor, kind, (common or rests[kind])[0]]
+    return result
+
+
+def _rank_group(axes: Mapping[str, int], named: Sequence[ColumnName]) -> tuple[bool, bool, bool, int]:
+    """What makes one group of columns of a quantity better than another; the least is the best."""
+    columns = [named[at] for at in axes.values()]
+    has_units = all(unit_of(column.unit) is not None for column in columns)
+    return len(axes) < len(AXES), any(column.is_raw for column in columns), not has_units, min(axes.values())
 
 
 def _to_signal(
@@ -304,7 +395,7 @@ def _to_signal(
     sensor: str,
     kind: str,
     axes: Mapping[str, int],
-    named: Sequence[tuple[str, str]],
+    named: Sequence[ColumnName],
     dialect: Dialect,
 ) -> Signal:
     """Three columns as a signal, with the factor of their common unit to SI.
@@ -315,7 +406,7 @@ def _to_signal(
         sensor: Name of the sensor; "" in a table of one.
         kind: `accel` or `gyro`.
         axes: Index of the column by axis, `x`, `y` and `z`.
-        named: Name and unit of each column, as `_split_unit` gives them.
+        named: What each column is.
         dialect: Units that the header leaves out.
 
     Raises:
@@ -324,9 +415,9 @@ def _to_signal(
     if lacking := [axis for axis in AXES if axis not in axes]:
         raise missing_axis_error(path, kind, lacking[0], header)
     x, y, z = (axes[axis] for axis in AXES)
-    known = {unit_of(named[at][1]) for at in (x, y, z)}  # quantity and unit of each axis; None for an unknown unit
-    units = {unit[1] for unit in known if unit is not None} or {dialect.get(kind, "")}
+    known = {_unit_of(named[at].unit, kind) for at in (x, y, z)}  # unit of each axis; None for an unknown unit
+    units = {unit for unit in known if unit is not None} or {dialect.get(kind, "")}
     if len(units) != 1 or not (unit := units.pop()):  # different units, or none
         valid = f"a unit in brackets ({', '.join(UNITS[kind])}), or {OPTION} {EXAMPLE}"
-        raise ConfigError(path, f"header, unit of {header[x]}", named[x][1] or None, valid)
+        raise ConfigError(path, f"header, unit of {header[x]}", named[x].unit or None, valid)
     return Signal(sensor=sensor, quantity=kind, at=(x, y, z), factor=UNITS[kind][unit])

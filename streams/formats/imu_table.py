@@ -14,10 +14,15 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
+from stridetwin.streams.formats.column_names import AXES
 from stridetwin.streams.formats.derived import join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
-from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
-from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_folder_parts, read_text_table
+from stridetwin.streams.formats.imu_clocks import RATE
+from stridetwin.streams.formats.imu_columns import missing_axis_error
+from stridetwin.streams.formats.imu_folder import read_folder_parts
+from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_text_table
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO
+from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.formats.tum import LATEST_S
 from stridetwin.streams.plausible import find_implausible_values
 from stridetwin.streams.recording.index import Notes
@@ -78,7 +83,7 @@ def read_imu_tables(path: Path, request: TableRequest, notes: Notes) -> dict[str
     elif path.suffix in SUFFIXES:
         parts = read_text_table(path, request, notes)
     else:
-        raise ConfigError(path, "", path.suffix, "a table .npz, .csv, .txt or .sto")
+        raise ConfigError(path, "", path.suffix, f"a table {', '.join(('.npz', *SUFFIXES))}")
     by_sensor: dict[str, dict[str, TablePart]] = {}  # force and rate, by sensor and quantity
     for part in parts:
         by_sensor.setdefault(part.sensor, {})[part.quantity] = part
@@ -113,24 +118,27 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
                 f"{what} of {sensor or 'the sensor'} as well; where they are in a second file, give the folder of both",
             )
     force, rate = parts[ACCEL], parts[GYRO]
+    name = sensor or "IMU"
     for part in (force, rate):
         _check_numbers(part)
         _check_times(part)
-    name = sensor or "IMU"
     if force.t is rate.t:  # both are columns of one table
         columns = {"angular_rate": rate.values, "specific_force": force.values}
         block: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(rate.t), columns=columns)
-        block = bridge_gaps(name, block, notes)
+        block = bridge_gaps(name, leave_out_unmeasured(name, block, notes), notes)
     else:
         blocks: list[Block[Imu]] = []  # of the rate and of the force, each with a column of its own alone
         for part in (rate, force):
             columns = {_COLUMNS[part.quantity]: part.values}
             single: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(part.t), columns=columns)
-            blocks.append(bridge_gaps(f"{name} ({part.quantity})", single, notes))
+            part_name = f"{name} ({part.quantity})"
+            blocks.append(bridge_gaps(part_name, leave_out_unmeasured(part_name, single, notes), notes))
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:
             raise ConfigError(path, "stamps of forces and rates", f"{len(block)} in common", "stamps of one clock")
+    if len(block) < MIN_ROWS:
+        raise ConfigError(path, "rows with forces and rates", len(block), f"at least {MIN_ROWS}")
     for implausible in find_implausible_values(block):  # the first one is the error
         raise ConfigError(path, implausible.field, implausible.value, implausible.valid)
     return block
@@ -183,11 +191,14 @@ def _check_packing(path: Path) -> None:
 
 
 def _check_numbers(part: TablePart) -> None:
-    """Rejects a table of fewer than `MIN_ROWS` rows, or with a number that is not finite."""
+    """Rejects a table of fewer than `MIN_ROWS` rows, or with a number that is not finite beside others in its row."""
     if len(part.t) < MIN_ROWS:
         raise ConfigError(part.file, "rows", len(part.t), f"at least {MIN_ROWS}")
     for name, values in (("t", part.t[:, None]), (part.quantity, part.values)):
-        bad = np.argwhere(~np.isfinite(values))  # (K, 2) row and column of each
+        is_empty = np.asarray(
+            np.isnan(values).all(axis=1) & (name != "t"), bool
+        )  # rows without a measurement are left out elsewhere
+        bad = np.argwhere(~np.isfinite(values) & ~is_empty[:, None])  # (K, 2) row and column of each
         if len(bad):
             row, axis = bad[0]
             column = name if name == "t" else f"{name}_{AXES[axis]}"
@@ -208,7 +219,8 @@ def _check_times(part: TablePart) -> None:
     if t[-1] >= LATEST_S:
         raise ConfigError(path, f"t, row {len(t)}", float(t[-1]), f"a time before {LATEST_S:g} s")
     if t[0] == t[-1]:
-        raise ConfigError(path, "t", float(t[0]), "stamps that increase")
+        valid = f"stamps that increase; were their last digits lost? Write them in full, or give {RATE} HZ"
+        raise ConfigError(path, "t", float(t[0]), valid)
 
 
 TABLES = (".npz", ".csv")

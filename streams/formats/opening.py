@@ -20,8 +20,11 @@ from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, 
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
+from stridetwin.streams.formats.imu_columns import NUMBERED, OPTION
+from stridetwin.streams.formats.imu_folder import is_imu_folder
 from stridetwin.streams.formats.imu_table import read_imu_tables
-from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
+from stridetwin.streams.formats.imu_text import OPEN_SUFFIXES, SUFFIXES, TableRequest, is_imu_text
+from stridetwin.streams.formats.imu_unmeasured import leave_out_unmeasured
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
@@ -66,6 +69,12 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "table": is_imu_folder,
 }
 """Whether a folder has the layout of each kind."""
+_AS_CSV = "export the table as CSV, in UTF-8, with the names and units of its columns"
+_UNREAD: Mapping[str, str] = {
+    **dict.fromkeys((".xls", ".xlsx", ".ods", ".mat", ".json", ".parquet", ".h5", ".hdf5", ".feather"), _AS_CSV),
+    **dict.fromkeys((".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".zst"), "unpack it first"),
+}
+"""What to do about files of other kinds that may have a table."""
 _READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
     "tum": tum_rgbd.read_tum_rgbd,
@@ -126,14 +135,28 @@ def recognise(path: Path) -> str:
             return kind
     if path.suffix == ".vrs":
         return "vrs"
-    is_xsens = head.startswith((b"//", b"PacketCounter"))  # the only text files `.txt` that are tables
-    if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or is_xsens):
+    if path.suffix in (".npz", *SUFFIXES) and (path.suffix not in OPEN_SUFFIXES or is_imu_text(path)):
         return "table"
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
     kinds = ", ".join(FILE_FORMATS)
-    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}")
+    if path.suffix.lower() in _UNREAD:
+        raise StrideTwinError(f"{path}: {path.suffix} files are not read: {_UNREAD[path.suffix.lower()]}")
+    numbered = f"; a text table of an IMU needs names of its columns, or their numbers: {OPTION} {NUMBERED}"
+    hint = numbered if path.suffix in OPEN_SUFFIXES else ""
+    raise StrideTwinError(f"{path}: unknown content: expected a recording of one of the kinds {kinds}{hint}")
+
+
+def is_table(path: Path, request: TableRequest) -> bool:
+    """Whether a source is a table of an IMU: by its content, or a text table whose columns the user names.
+
+    Raises:
+        StrideTwinError: The source does not exist or is of no known kind.
+    """
+    if request.columns and path.is_file() and path.suffix in SUFFIXES:
+        return True
+    return recognise(path) == "table"
 
 
 def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | None = None) -> Recording:
@@ -154,7 +177,7 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     path, options = Path(path), options or ImportOptions()
     if options.kind is not None and options.kind not in FILE_FORMATS:
         raise ConfigError("import", "--as", options.kind, ", ".join(FILE_FORMATS))
-    kind = options.kind or recognise(path)
+    kind = options.kind or ("table" if is_table(path, options.table) else recognise(path))
     is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
     # the file of a recording that StrideTwin has written; None for another tool's source
     own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
@@ -363,8 +386,10 @@ def _rename_topics(source: Source, topics: Mapping[str, str], bodies_are_known: 
 
 
 def _bridge_inertial(topic: str, block: Block[Sample], notes: Notes) -> Block[Sample]:
-    """Bridges the gaps of an IMU or accelerometer whose numbers are all finite; returns other blocks unchanged."""
-    return bridge_gaps(topic, block, notes) if block.kind in (Imu, Accelerometer) and block.finite.all() else block
+    """An IMU or accelerometer whose numbers are all finite without unmeasured rows and gaps; other blocks unchanged."""
+    if block.kind not in (Imu, Accelerometer) or not block.finite.all():
+        return block
+    return bridge_gaps(topic, leave_out_unmeasured(topic, block, notes), notes)
 
 
 def _find_registered(source: Source, topics: Mapping[str, str]) -> set[str]:

@@ -1,5 +1,6 @@
 """Broken files of every format are refused in one line, read in part, or read as they are: never a traceback."""
 
+import foreign_tables
 import logger_files
 import pytest
 import scan_files
@@ -25,6 +26,11 @@ WRITERS = (
     logger_files.sensor_logger,
     logger_files.gaitmap,
     logger_files.opensense,
+    foreign_tables.shimmer,
+    foreign_tables.xsens_dot,
+    foreign_tables.android,
+    foreign_tables.one_value_per_row,
+    foreign_tables.realsense,
     scan_files.stray_scanner,
     scan_files.record3d,
 )

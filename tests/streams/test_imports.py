@@ -150,6 +150,23 @@ def test_euroc_columns_go_by_their_names(sources, walk, tmp_path):
     assert any("no header" in w for w in recording.warnings)
 
 
+def test_rows_of_a_folder_without_a_rate_are_left_out(sources, walk, tmp_path):
+    root = copied(sources["euroc"], tmp_path)
+    file = root / "mav0" / "imu0" / "data.csv"
+    rows = [line.split(",") for line in file.read_text().splitlines()]
+    for row in rows[2::2]:
+        row[1:4] = ["0", "0", "0"]
+    file.write_text("\n".join(",".join(row) for row in rows))
+    recording = open_any(root)
+    count = len(rows[2::2])
+    assert any(f"/head/imu: {count} of {len(walk.t)} rows have no rates" in w for w in recording.warnings)
+    block = recording.block("/head/imu")
+    at = np.isin(walk.t[::2], block.t_ns)
+    kept = np.isin(block.t_ns, walk.t[::2])
+    np.testing.assert_array_equal(block.columns["angular_rate"][kept], walk.gyro[::2][at])
+    assert np.all(np.any(block.columns["angular_rate"] != 0, axis=1))
+
+
 def test_tum_rgbd(sources, walk):
     recording = open_any(sources["tum"])
     assert recording.topics["/head/accelerometer"].kind is Accelerometer

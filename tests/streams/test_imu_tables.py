@@ -12,8 +12,9 @@ from logger_files import FORCE, FORCE_R, GYRO, GYRO_R, ONE, RATE_HZ, N, T, gaitm
 
 from stridetwin.cli.main import main
 from stridetwin.streams.errors import StrideTwinError
-from stridetwin.streams.formats.imu_columns import parse_mapping, unit_of
+from stridetwin.streams.formats.imu_columns import parse_mapping
 from stridetwin.streams.formats.imu_text import TableRequest
+from stridetwin.streams.formats.imu_units import unit_of
 from stridetwin.streams.formats.opening import ImportOptions, open_any, recognise
 from stridetwin.streams.formats.tum import read_tum
 

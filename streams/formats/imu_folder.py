@@ -1,0 +1,157 @@
+"""Folders of tables of inertial sensors: one for the forces and one for the rates, or one for each sensor.
+
+Sensor Logger: `TotalAcceleration.csv`, or `Accelerometer.csv` and `Gravity.csv`; `Metadata.csv` names the platform,
+since iPhones report forces with the opposite sign. phyphox, MetaMotion, Movesense and OpenSense name force and rate in
+the files' names.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stridetwin.streams.bounded import LONGEST_ROW, read_lines
+from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.imu_text import (
+    SUFFIXES,
+    TablePart,
+    TableRequest,
+    is_imu_text,
+    quantity_of,
+    read_text_table,
+    without_only_sensor,
+)
+from stridetwin.streams.formats.imu_units import ACCEL, GYRO
+from stridetwin.streams.formats.table_head import read_table_head
+from stridetwin.streams.formats.text_encoding import detect_encoding
+from stridetwin.streams.recording.index import Notes
+
+_MOST_HEADS = 64  # files of a folder that are looked at for a header
+# what the names of files with forces without gravity contain, and those of files that are neither forces nor rates
+_WITHOUT_GRAVITY = re.compile(r"linear(?!_?accelerations?\.sto)|user", re.IGNORECASE)
+_OTHER = re.compile(r"gravity|uncalibrated|metadata|magnet|orientation|annotation", re.IGNORECASE)
+# the part of a file's name that says what it contains, with what follows; the rest names the sensor
+_WORDS = re.compile(
+    r"[\W_]*(?:linear_accelerations?|angular_velocity|(?:total)?accel\w*?(?:eration|erometer)|gyr(?:o|oscope)?|acc(?:el)?"
+    r"|rotation_?rate)(?![a-z]).*",
+    re.IGNORECASE,
+)
+_TAG = re.compile(r"\W*(?:device ?tag|sensor name|device name)\W+([^,;\t]*)", re.IGNORECASE)
+"""Line that gives the name of a sensor."""
+_TOTAL, _GRAVITY, _METADATA = "TotalAcceleration.csv", "Gravity.csv", "Metadata.csv"
+"""Files of Sensor Logger: forces with gravity, gravity alone (both m/s²), and properties of the phone."""
+
+
+def is_imu_folder(path: Path) -> bool:
+    """Whether a folder has a table of forces and one of rates, by the names of its files, or a table of both."""
+    if {ACCEL, GYRO} <= {quantity_of(file.stem) for file in _list_tables(path)}:
+        return True
+    return bool(_list_complete_tables(path))
+
+
+def read_folder_parts(path: Path, request: TableRequest, notes: Notes) -> list[TablePart]:
+    """Reads the forces and rates of all tables in a folder; those of one sensor have the same sensor name.
+
+    Tables of both, one for each sensor, count before those of one quantity. Gravity in a table of its own is added to
+    forces without it, and the sign of an iPhone's forces is corrected; both are reported.
+
+    Args:
+        path: The folder.
+        request: Columns and rate that the user gives.
+        notes: Collects what was assumed.
+
+    Raises:
+        StrideTwinError: A table cannot be read, or all forces are without gravity.
+    """
+    if complete := _list_complete_tables(path):
+        return _read_sensor_tables(complete, request, notes)
+    parts: list[TablePart] = []
+    for file in _list_tables(path):
+        sensor = _WORDS.sub("", file.stem)  # what the name of the file says beside the quantity
+        for part in read_text_table(file, request, notes):
+            name = part.sensor or sensor
+            # of two tables with the same quantity of one sensor the first counts
+            if all((known.sensor, known.quantity) != (name, part.quantity) for known in parts):
+                parts.append(replace(part, sensor=name))
+    if (path / _GRAVITY).is_file() and not (path / _TOTAL).is_file():
+        gravity = read_text_table(path / _GRAVITY, request, notes, ACCEL)[0]
+        parts = [_add_gravity(p, gravity) if p.quantity == ACCEL else p for p in parts]
+        notes.warn(f"{_GRAVITY} is added to the forces")
+    if all(part.quantity != ACCEL for part in parts):
+        # a table of forces without gravity, if there is one, for the message
+        without = next((f.name for f in sorted(path.iterdir()) if _WITHOUT_GRAVITY.search(f.name)), None)
+        raise ConfigError(path, "forces", without, "an accelerometer with gravity, as the sensor measures it")
+    if (path / _METADATA).is_file() and _is_raw_iphone(path / _METADATA):
+        notes.warn(f"{_METADATA}: an iPhone's forces have the opposite sign, which is corrected")
+        parts = [replace(p, values=-p.values) if p.quantity == ACCEL else p for p in parts]
+    if len({part.sensor for part in parts}) == 1:  # the only sensor needs no name
+        parts = [replace(part, sensor="") for part in parts]
+    return without_only_sensor(parts)
+
+
+def _read_sensor_tables(files: Sequence[Path], request: TableRequest, notes: Notes) -> list[TablePart]:
+    """Reads tables of both quantities; the name of the file is that of the sensor, unless there is one alone."""
+    parts: list[TablePart] = []
+    for file in files:
+        for part in read_text_table(file, request, notes):
+            name = " ".join(filter(None, (_name_sensor(file), part.sensor))) if len(files) > 1 else part.sensor
+            parts.append(replace(part, sensor=name))
+    return parts
+
+
+def _name_sensor(file: Path) -> str:
+    """Name of the sensor of a table: its tag in the lines above the numbers, as of a DOT, and the name of the file."""
+    preamble = read_table_head(read_lines(file, detect_encoding(file), LONGEST_ROW)).preamble
+    tags = (matched[1].strip() for line in preamble if (matched := _TAG.match(line)) is not None)
+    return " ".join(filter(None, (next(tags, ""), file.stem)))
+
+
+def _list_complete_tables(path: Path) -> list[Path]:
+    """Lists the tables in a folder that have forces and rates, one for each sensor."""
+    files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and f.suffix != ".sto"]
+    files = [f for f in files if not _OTHER.search(f.name) and not quantity_of(f.stem)]
+    return [file for file in files[:_MOST_HEADS] if is_imu_text(file)]
+
+
+def _add_gravity(force: TablePart, gravity: TablePart) -> TablePart:
+    """A force with gravity (both m/s²) interpolated to its stamps and added."""
+    added = np.column_stack([np.interp(force.t, gravity.t, gravity.values[:, k]) for k in range(3)])
+    return replace(force, values=force.values + added)
+
+
+def _list_tables(path: Path) -> list[Path]:
+    """Lists the tables of forces and rates in a folder by their names.
+
+    Tables of orientation, magnetic field and forces without gravity are left out; `TotalAcceleration.csv` stands for
+    all forces where it exists.
+    """
+    files = [f for f in sorted(path.iterdir()) if f.is_file() and f.suffix in SUFFIXES and quantity_of(f.stem)]
+    files = [f for f in files if not _OTHER.search(f.name) and not _WITHOUT_GRAVITY.search(f.name)]
+    if (path / _TOTAL).is_file():
+        files = [f for f in files if f.name == _TOTAL or quantity_of(f.stem) == GYRO]
+    return files
+
+
+def _is_raw_iphone(file: Path) -> bool:
+    """Whether Sensor Logger's metadata name an iPhone whose forces have Apple's sign, opposite to Android's.
+
+    The app can write both platforms' measurements alike; the metadata then say that they are standardised.
+
+    Args:
+        file: `Metadata.csv`: a row of names and a row of values.
+
+    Raises:
+        StrideTwinError: The file cannot be read.
+    """
+    try:
+        rows = list(csv.reader(read_lines(file, detect_encoding(file))))
+    except csv.Error as error:
+        raise StrideTwinError(f"{file}: cannot be read: {error}") from error
+    properties = dict(zip(*rows[:2])) if len(rows) > 1 else {}  # value by name
+    is_iphone = properties.get("platform", "").lower() == "ios"
+    return is_iphone and properties.get("standardisation", "").lower() != "true"
