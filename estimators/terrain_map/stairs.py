@@ -170,7 +170,7 @@ def fit_even_edges(
         right += A.T @ s / variance - shared * s.sum() * total
     normal += 1e-9 * _IDENTITY  # so that it has an inverse whatever the points are
     if len(edges) > 1:
-        covariance = np.linalg.inv(normal)
+        covariance: Array = np.asarray(np.linalg.inv(normal), float)
         return covariance @ right, covariance
     # a single edge does not determine the tread: start and turn alone
     values, covariance = np.full(3, math.nan), np.zeros((3, 3))
