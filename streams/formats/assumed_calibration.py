@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
+from stridetwin.streams.formats.segments import segment_of
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
@@ -18,6 +19,8 @@ from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
 
 BODY = "head"
 """Body of a sensor whose topic does not imply another one."""
+_PLACES = (BODY, "exo", "truth")
+"""Beginnings of our own topics whose sensors are on the head or have a calibration that knows their body."""
 GIVE = "give one with --rig FILE (Kalibr YAML)"
 """What a warning of an assumed calibration recommends."""
 # Bosch BMI055, a common consumer part: 0.014 °/s/√Hz and 150 µg/√Hz; biases that vary by their in-run instability
@@ -74,11 +77,19 @@ def with_assumed_calibration(
 
 
 def body_of(topic: str) -> str:
-    """Body that carries the sensor of a topic: `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, else the head."""
+    """Body that carries the sensor of a topic.
+
+    Returns:
+        `foot_l` of `/foot_l/imu`, the torso of `/chest/...`, the head of `/head/...` and of topics that tell no part of
+        the body, and the part itself of others, such as `pelvis` of `/xsens/pelvis/imu`.
+    """
     first = topic.strip("/").split("/")[0]
     if first == "chest":
         return "torso"
-    return first if first.startswith("foot_") else BODY
+    if first.startswith("foot_"):
+        return first
+    segment = BODY if first in _PLACES else segment_of(topic)
+    return segment if segment not in ("", "chest", "foot") and not segment.startswith("foot_") else BODY
 
 
 def read_first_image_size(images: ImageStream) -> tuple[int, int] | None:

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, RecordingError, StrideTwinError, read_error
-from stridetwin.streams.formats import euroc, iphone, seven_scenes, tum_rgbd
+from stridetwin.streams.formats import euroc, iphone, openloris, seven_scenes, tum_rgbd
 from stridetwin.streams.formats.aria_vrs import read_aria_vrs
 from stridetwin.streams.formats.assumed_calibration import with_assumed_calibration
-from stridetwin.streams.formats.bag import read_bag, side_of
-from stridetwin.streams.formats.bag_files import McapBag, RosBag, check_tables, sqlite_is_sound
+from stridetwin.streams.formats.bag import read_bag
+from stridetwin.streams.formats.bag_files import BagInParts, McapBag, RosBag, check_tables, sqlite_is_sound
 from stridetwin.streams.formats.file_formats import FILE_FORMATS
 from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig, report_unmatched, streams_of
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
+from stridetwin.streams.formats.segments import segment_of, side_of
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
 from stridetwin.streams.recording.imported import ImportedContents, Source
@@ -41,8 +42,11 @@ _REGISTERED_KINDS = ("tum", "7scenes")  # by their layout
 _REGISTERED = re.compile(r"aligned|registered")  # drivers' names of registered depth images
 _HEADS = {MAGIC[:5]: "mcap", b"#ROSBAG": "rosbag1", b"SQLite format 3\0": "rosbag2"}
 """First bytes of a file of each kind."""
+_PACKINGS = {b"PK\3\4": "zip", b"\x28\xb5\x2f\xfd": "zstd", b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"7z\xbc\xaf": "7z"}
+"""First bytes of files of packed content."""
 _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
     "euroc": lambda path: euroc.find_euroc_root(path) is not None,
+    "openloris": openloris.is_openloris,  # before TUM's, as it may have a depth.txt, too
     "tum": tum_rgbd.is_tum_rgbd,
     "7scenes": lambda path: seven_scenes.find_frames_folder(path) is not None,
     "strayscanner": iphone.is_stray_scanner,
@@ -52,6 +56,7 @@ _LAYOUTS: Mapping[str, Callable[[Path], bool]] = {
 """Whether a folder has the layout of each kind."""
 _READERS: Mapping[str, Callable[..., Source]] = {
     "euroc": euroc.read_euroc,
+    "openloris": openloris.read_openloris,
     "tum": tum_rgbd.read_tum_rgbd,
     "7scenes": seven_scenes.read_seven_scenes,
     "strayscanner": iphone.read_stray_scanner,
@@ -59,9 +64,17 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "vrs": read_aria_vrs,
 }
 """The reader of each kind that is neither a bag nor a table."""
-_WITH_DEPTH_SCALE = ("tum", "7scenes", "strayscanner")
+_WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
 """Formats whose reader takes the units of depth images per metre."""
 _EVENTS = (Footprint, Point)  # irregular events
+_MOST_LISTED = 8
+"""Most entries of a folder that an error lists."""
+_RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
+_PACKED_SUFFIXES = (".zstd", ".zst", ".zip", ".gz", ".tgz", ".tar", ".7z", ".bz2", ".r3d")
+_METADATA = "metadata.yaml"
+"""File that describes a ROS 2 bag."""
+_REINDEX = "`ros2 bag reindex` writes it anew; without it, the files are read in the order of their names"
+"""What to do about invalid metadata."""
 _SHORT = 0.05  # of the longest stream may be missing from another without a warning
 _FEWEST = 10  # samples needed to check a rate or a unit
 
@@ -111,6 +124,9 @@ def recognise(path: Path) -> str:
     is_xsens = head.startswith((b"//", b"PacketCounter"))  # the only text files `.txt` that are tables
     if path.suffix in (".npz", *SUFFIXES) and (path.suffix != ".txt" or is_xsens):
         return "table"
+    packing = next((name for first_bytes, name in _PACKINGS.items() if head.startswith(first_bytes)), None)
+    if packing is not None:
+        raise ConfigError(path, "", f"{packing} content", "a recording, or a folder of one: unpack it first")
     by_name = {".mcap": "MCAP file", ".bag": "ROS 1 bag", ".db3": "SQLite file"}
     if path.suffix in by_name:
         raise RecordingError(f"{path}: this is no {by_name[path.suffix]}")
@@ -201,24 +217,55 @@ def print_warnings(path: Path, warnings: Iterable[str]) -> None:
 
 
 def _recognise_folder(path: Path) -> str:
-    """The kind of a folder by its layout: a ROS 2 bag first, then the order of `_LAYOUTS`.
+    """The kind of a folder by its layout.
 
     Raises:
-        StrideTwinError: The folder has none of these layouts.
+        StrideTwinError: The folder has none of the known layouts; the message says what it has.
     """
-    if (path / "metadata.yaml").is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
-        return "rosbag2"
-    for kind, has_layout in _LAYOUTS.items():
-        if has_layout(path):
-            return kind
+    if (kind := _find_layout(path)) is not None:
+        return kind
     kinds = ", ".join(known for known in FILE_FORMATS[2:] if known != "vrs")  # without those of single files
-    raise StrideTwinError(f"{path}: unknown layout: expected a folder of one of the kinds {kinds}")
+    raise StrideTwinError(
+        f"{path}: unknown layout: expected a folder of one of the kinds {kinds}; {_describe_folder(path)}"
+    )
+
+
+def _describe_folder(path: Path) -> str:
+    """What a folder of no known layout has, and what to give in its place, for a message."""
+    entries = sorted(path.iterdir())
+    recordings = [entry for entry in entries if entry.is_file() and entry.suffix in _RECORDING_SUFFIXES]
+    recordings += [entry for entry in entries[:_MOST_LISTED] if entry.is_dir() and _find_layout(entry)]
+    if recordings:
+        return f"it has recordings inside; give one of them: {', '.join(map(str, recordings[:_MOST_LISTED]))}"
+    if packed := [entry.name for entry in entries if entry.suffix in _PACKED_SUFFIXES]:
+        return f"{packed[0]} is packed: unpack it first"
+    names = [f"{entry.name}/" if entry.is_dir() else entry.name for entry in entries]
+    more = [f"and {len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else []
+    return f"it has {', '.join([*names[:_MOST_LISTED], *more])}" if names else "it is empty"
+
+
+def _find_layout(path: Path) -> str | None:
+    """The kind whose layout a folder has: a ROS 2 bag first, then the order of `_LAYOUTS`; None for another layout."""
+    if (path / _METADATA).is_file() or any(path.glob("*.mcap")) or any(path.glob("*.db3")):
+        return "rosbag2"
+    return next((kind for kind, has_layout in _LAYOUTS.items() if has_layout(path)), None)
 
 
 def imu_topic(name: str) -> str:
-    """Our topic of a sensor of a table: that of a foot if the name has a side, such as `left_sensor`, else its own."""
-    side = side_of(name.lower())
-    return f"/foot_{side}/imu" if side else f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
+    """Our topic of a sensor of a table.
+
+    Args:
+        name: The table's name of the sensor, such as `left_sensor`, `RightFoot` or `pelvis`.
+
+    Returns:
+        That of a foot if the name has a side and tells no other part of the body; else a topic of its own name.
+    """
+    side, segment = side_of(name.lower()), segment_of(name)
+    if segment in ("foot_l", "foot_r"):
+        return f"/{segment}/imu"
+    if side and not segment:
+        return f"/foot_{side}/imu"
+    return f"/{re.sub(r'[^A-Za-z0-9_]+', '_', name).strip('_')}/imu"
 
 
 def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) -> Source:
@@ -265,12 +312,34 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
     if files and all(f.suffix == ".mcap" for f in files):
         return read_bag(McapBag(files, notes), kind, notes)
     for file in files:  # before rosbags runs queries on them
-        if file.suffix != ".db3":
-            continue
-        check_tables(file)
-        if not sqlite_is_sound(file):
-            notes.add_problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
+        if file.suffix == ".db3":
+            _check_database(file, notes)
+    if path.is_dir() and not (path / _METADATA).is_file():  # the recorder was killed, or the files were copied alone
+        names = ", ".join(file.name for file in files)
+        notes.warn(f"no {_METADATA}, as after a recorder that was killed: {names} are read in this order")
+        parts = [RosBag(file, False, notes) for file in files]
+        return read_bag(parts[0], kind, notes) if len(parts) == 1 else read_bag(BagInParts(parts), kind, notes)
     return read_bag(RosBag(path, False, notes), kind, notes)
+
+
+def _check_database(file: Path, notes: Notes) -> None:
+    """Reports what makes an SQLite file of a bag incomplete or damaged, and refuses one that is no bag's.
+
+    Args:
+        file: The file.
+        notes: Collects the reports.
+
+    Raises:
+        StrideTwinError: It has other objects than tables of plain columns; or, unless lenient, it is damaged.
+    """
+    journal = file.with_name(f"{file.name}-wal")
+    if journal.is_file() and journal.stat().st_size > 0:
+        what = f"{journal.name} beside it holds messages that the recorder did not move into the file before it ended"
+        advice = f"sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)' moves them"
+        notes.add_problem(Problem("", None, f"{file.name}: {what}: expected no such file; {advice}"))
+    check_tables(file)
+    if not sqlite_is_sound(file):
+        notes.add_problem(Problem("", None, f"{file.name}: a damaged SQLite file"))
 
 
 def _list_bag_files(path: Path) -> list[Path]:
@@ -279,9 +348,10 @@ def _list_bag_files(path: Path) -> list[Path]:
     Raises:
         StrideTwinError: The metadata are invalid, name a file that is missing, or say that the bag is compressed.
     """
-    metadata = path / "metadata.yaml"
+    metadata = path / _METADATA
+    stored = sorted(path.glob("*.mcap"), key=_part_order) or sorted(path.glob("*.db3"), key=_part_order)
     if not metadata.is_file():
-        return sorted(path.glob("*.mcap")) or sorted(path.glob("*.db3"))
+        return stored
     try:
         data: Any = read_yaml(metadata)
         info = data["rosbag2_bagfile_information"]
@@ -289,7 +359,7 @@ def _list_bag_files(path: Path) -> list[Path]:
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}") from error
+        raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}; {_REINDEX}") from error
     if compressed:
         raise ConfigError(
             metadata, "compression_mode", info["compression_mode"], "none: unpack it first (ros2 bag convert)"
@@ -297,8 +367,15 @@ def _list_bag_files(path: Path) -> list[Path]:
     files = [path / Path(n).name for n in names]
     for file in files:
         if not file.is_file():
-            raise ConfigError(metadata, "relative_file_paths", file.name, "existing files")
+            valid = f"existing files; the folder has {', '.join(f.name for f in stored) or 'none'}; {_REINDEX}"
+            raise ConfigError(metadata, "relative_file_paths", file.name, valid)
     return files
+
+
+def _part_order(file: Path) -> tuple[str, int]:
+    """Sort key of the files of a bag: by name, and those that differ in the number at the end alone by this."""
+    stem = file.stem.rstrip("0123456789")
+    return stem, int(file.stem[len(stem) :] or -1)
 
 
 def _assign_topics(source: Source, requested: Mapping[str, str]) -> dict[str, str]:
