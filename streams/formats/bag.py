@@ -159,6 +159,10 @@ class Bag(Protocol[KeyT]):
         """CDR bytes of one message, read again."""
 
 
+_AFTER_STAMP = 12
+"""Bytes of a message with a header before the name of its frame: those of its encapsulation and stamp."""
+_MOST_CALIBRATIONS = 1000
+"""Most messages with a camera's intrinsics that are compared."""
 _MOST_LISTED = 12
 """Most topics that an error lists."""
 _WANTED = "sensor_msgs/msg/Imu, Image, CompressedImage or JointState, nav_msgs/msg/Odometry or poses"
@@ -405,7 +409,10 @@ def _read_calibration_or_poses(
     store = typestore_for(c.typename, c.encoding, c.definition)
     try:
         if c.typename in CALIBRATIONS:
-            calibration.add_camera_info(c.topic, deserialise(store, stream.payloads[0], c.typename))
+            # those that differ in more than the stamp, which is in the bytes before `_AFTER_STAMP`
+            distinct = list({payload[_AFTER_STAMP:]: payload for payload in reversed(stream.payloads)}.values())[::-1]
+            step = 1 + len(distinct) // _MOST_CALIBRATIONS
+            calibration.add_camera_info(c.topic, *(deserialise(store, p, c.typename) for p in distinct[::step]))
         elif c.typename in TRANSFORMS:
             if c.topic.endswith("tf_static"):  # transforms that change are no mounts
                 for payload in stream.payloads:

@@ -13,6 +13,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from stridetwin.streams.formats.assumed_calibration import BODY, GIVE
+from stridetwin.streams.formats.frame_intrinsics import choose_frame
 from stridetwin.streams.formats.transform_tree import TransformTree
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
@@ -130,19 +131,30 @@ class BagCalibration:
         self._infos: dict[str, RosMessage] = {}  # CameraInfo, by the common beginning of the camera's topics
         self._frames = TransformTree()
 
-    def add_camera_info(self, topic: str, message: RosMessage) -> None:
+    def add_camera_info(self, topic: str, *messages: RosMessage) -> None:
         """Adds a camera's intrinsics; those of an uncalibrated camera (focal length 0) are reported and not used.
 
         Args:
-            topic: Topic of the message, such as `/camera/camera_info`.
-            message: A CameraInfo of ROS 1 or ROS 2.
+            topic: Topic of the messages, such as `/camera/camera_info`.
+            messages: CameraInfo of ROS 1 or ROS 2, at least one. Of several that differ, one is used, and reported.
         """
-        K = np.asarray(message.k if hasattr(message, "k") else message.K, float)  # (9,) row by row: fu first, fv fifth
-        if np.isfinite(K).all() and K[0] > 0 and K[4] > 0 and message.width > 0 and message.height > 0:
-            # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
-            self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = message
-        else:
-            self._notes.warn(f"{topic}: not calibrated (a focal length of {K[0]:g} px)")
+        intrinsics = [_read_intrinsics(message) for message in messages]
+        # those of a calibrated camera
+        sound = [
+            (message, values)
+            for message, values in zip(messages, intrinsics)
+            if np.isfinite(values).all() and min(values[0], values[1], message.width, message.height) > 0
+        ]
+        if not sound:
+            self._notes.warn(f"{topic}: not calibrated (a focal length of {intrinsics[0][0]:g} px)")
+            return
+        if len(sizes := {(message.width, message.height) for message, _ in sound}) > 1:
+            text = " and ".join(f"{width} x {height}" for width, height in sorted(sizes))
+            self._notes.warn(f"{topic}: calibrations of images of several sizes, {text}; the first one is used")
+            sound = sound[:1]
+        chosen = choose_frame(topic, np.array([values for _, values in sound]), self._notes)
+        # RealSense's own files: .../Color_0/info/camera_info next to .../Color_0/image/data
+        self._infos[topic.removesuffix("/camera_info").removesuffix("/info")] = sound[chosen][0]
 
     def add_transforms(self, message: RosMessage) -> None:
         """Adds the static transforms T_parent_child of a TFMessage; those without a unit quaternion are ignored."""
@@ -206,8 +218,7 @@ class BagCalibration:
             T: (4, 4) pose of the optical frame in the IMU's frame, m.
             imu: Topic of that IMU; "" without one.
         """
-        K, d = _read_field(info, "k"), _read_field(info, "d")  # camera matrix (9,) row by row, and distortion
-        intrinsics = float(K[0]), float(K[4]), float(K[2]), float(K[5])
+        intrinsics, d = _read_intrinsics(info), _read_field(info, "d")
         model = _MODELS.get(info.distortion_model.lower())
         if _RECTIFIED.search(topic.lower()):
             intrinsics, model, four = self._read_rectified_intrinsics(topic, info, intrinsics), "radtan", np.zeros(4)
@@ -275,6 +286,12 @@ class BagCalibration:
                 topic, f"{what} is not supported; its first four are used as {model or 'radtan'}; {GIVE}"
             )
         return model or "radtan", four
+
+
+def _read_intrinsics(info: RosMessage) -> Intrinsics:
+    """The intrinsics in the camera matrix of a CameraInfo, (9,) row by row."""
+    K = _read_field(info, "k")
+    return float(K[0]), float(K[4]), float(K[2]), float(K[5])
 
 
 def _read_field(info: RosMessage, name: str) -> Array:

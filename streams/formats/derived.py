@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -121,7 +122,8 @@ def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[
     """Joins each pair of streams `.../gyro` and `.../accel` to one IMU, and reports that by a warning.
 
     A pair is joined only if the first has no forces and the second no rates. The force is interpolated linearly to
-    the stamps of the rate. A pair whose stamps do not overlap is a problem, and stays two streams when lenient.
+    the stamps of the rate. Of a pair whose stamps do not overlap, which is a problem, the
+    forces alone are left when lenient.
     """
     result = dict(blocks)
     for topic, gyro in blocks.items():
@@ -133,6 +135,9 @@ def join_gyro_and_accel(blocks: dict[str, Block[Sample]], notes: Notes) -> dict[
         if gyro.columns["specific_force"].any() or has_rates or len(accel) < 2:
             continue  # one of them has numbers of the other, or there is nothing to interpolate between
         if not check_overlap(topic, gyro.t_ns, accel_topic, accel.t_ns, notes):
+            forces = {"specific_force": accel.columns["specific_force"]}
+            del result[topic]  # rates alone are no IMU
+            result[accel_topic] = replace(accel, kind=Accelerometer, columns=forces)
             continue
         name = imu_name(topic)
         del result[topic], result[accel_topic]

@@ -316,7 +316,7 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
             _check_database(file, notes)
     if path.is_dir() and not (path / _METADATA).is_file():  # the recorder was killed, or the files were copied alone
         names = ", ".join(file.name for file in files)
-        notes.warn(f"no {_METADATA}, as after a recorder that was killed: {names} are read in this order")
+        notes.warn(f"no {_METADATA}, as after a recorder that was killed; files that are read: {names}")
         parts = [RosBag(file, False, notes) for file in files]
         return read_bag(parts[0], kind, notes) if len(parts) == 1 else read_bag(BagInParts(parts), kind, notes)
     return read_bag(RosBag(path, False, notes), kind, notes)

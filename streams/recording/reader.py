@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 
+_MOST_UNREAD = 8
+"""Most topics that are not read which an error lists."""
 Contents = McapContents | ImportedContents
 """Source of a recording's samples: an MCAP file, or the files of another tool."""
 
@@ -212,8 +214,14 @@ class Recording:
         if topic not in self.topics:
             if f"/{topic}" in self.topics:
                 raise RecordingError(f"{self.path}: no topic {topic!r}: expected {f'/{topic}'!r}, with a slash")
-            topics = ", ".join(sorted(self.topics)) or "none"
-            raise RecordingError(f"{self.path}: no topic {topic!r}; it has {topics}{self.map_hint(topic)}")
+            raise RecordingError(f"{self.path}: no topic {topic!r}; {self.describe_topics()}{self.map_hint(topic)}")
+
+    def describe_topics(self) -> str:
+        """The topics, and those that are not read with their types, as in `it has /head/imu; not read: /tf (...)`."""
+        unread = [f"{topic} ({kind})" for topic, kind in sorted(self.unread.items()) if kind]
+        more = [f"and {len(unread) - _MOST_UNREAD} more"] if len(unread) > _MOST_UNREAD else []
+        not_read = f"; not read: {', '.join([*unread[:_MOST_UNREAD], *more])}" if unread else ""
+        return f"it has {', '.join(sorted(self.topics)) or 'none'}{not_read}"
 
     def map_hint(self, topic: str) -> str:
         """How `--map` gives a stream of another tool's recording the name of a missing topic, to append to an error.

@@ -124,7 +124,7 @@ def test_a_scenario_takes_a_mesh_and_reports_its_replacement(tmp_path):
     scenario = read_scenario(file)
     assert any(isinstance(s, Stairs) for s in scenario.config.route.segments)
     assert "replaced by exact boxes and wedges" in scenario.notes[0]
-    file.write_text("description: a\nterrain: {mesh: {file: stair.stl, unit: inch}}\n")
-    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: invalid 'inch': expected m, mm"):
+    file.write_text("description: a\nterrain: {mesh: {file: stair.stl, unit: furlong}}\n")
+    with pytest.raises(StrideTwinError, match=r"walk.yaml: terrain.mesh.unit: invalid 'furlong': expected m, mm, cm"):
         read_scenario(file)
     assert np.isfinite(scenario.config.route.width_m)
