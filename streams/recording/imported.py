@@ -14,7 +14,6 @@ from stridetwin.streams.recording.index import Notes, Problem, TopicInfo, rate_p
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import LATEST_NS, Block, Depth, Image, Mask, Sample, Stamps, is_increasing
 
-
 _MOST_LISTED = 12
 """Most streams that an error lists."""
 
