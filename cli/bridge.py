@@ -77,6 +77,7 @@ def send_command(arguments: SendOptions, progress: Progress) -> Outcome:
     ) as sender:
         for message in messages:
             if speed:
+                # the time between two stamps, at the chosen speed, passes between two messages
                 due_ns = start_ns + (message.t_ns - first_ns) / speed
                 if (ahead_s := (due_ns - time.time_ns()) * 1e-9) > 0:
                     time.sleep(ahead_s)
@@ -116,7 +117,7 @@ def live_command(arguments: LiveOptions, progress: Progress) -> Outcome:
         raise StrideTwinError("-o is only valid with an estimator; --record FILE writes a recording")
     if name is None and arguments.foot:
         raise StrideTwinError(f"--foot is only valid for {estimators_that(lambda d: d.per_foot)}")
-    wanted = None
+    wanted = None  # the estimator to run; without one, samples are only recorded
     if name is not None:
         estimator_class = _load_own_class(arguments)
         options = options_of(

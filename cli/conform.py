@@ -60,9 +60,10 @@ def _estimator_options(arguments: ConformOptions, estimator_class: type) -> Esti
         ConfigError: The estimator has no such method or mount.
     """
     declaration = getattr(estimator_class, "declaration", None)
-    if not isinstance(declaration, Declaration):
+    if not isinstance(declaration, Declaration):  # a class with `update` alone has none; a check reports a wrong one
         declaration = Declaration(name=estimator_class.__name__, kind="")
-    method = declaration.methods[0] if arguments.method is None and declaration.methods else arguments.method or ""
+    default_method = declaration.methods[0] if declaration.methods else ""
+    method = default_method if arguments.method is None else arguments.method
     if declaration.methods and method not in declaration.methods:
         raise ConfigError("conform", "--method", method, ", ".join(declaration.methods))
     if arguments.mount and arguments.mount not in declaration.mounts:

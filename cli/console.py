@@ -36,10 +36,10 @@ def table(
     from rich.text import Text
 
     text_rows = list(rows)
-    width = len(head) or max(map(len, text_rows), default=0)
+    column_count = len(head) or max(map(len, text_rows), default=0)
     new_table = Table(title=title, title_justify="left", box=None, pad_edge=False, show_header=bool(head))
     new_table.padding = (0, 2, 0, 0)
-    for i in range(width):
+    for i in range(column_count):
         new_table.add_column(
             Text(head[i]) if head else "", justify="left" if i < text_columns else "right", overflow="fold"
         )
@@ -160,9 +160,11 @@ class _Lines:
         if not self._begun_share:  # what was prepared before the first share of the work says nothing of its speed
             self._begun_s, self._begun_share = now_s, share
         if now_s - self._written_s >= _LINE_EVERY_S and 0.0 < share < 1.0:
+            # share done since the work began, and the text of the time left
             done, left = share - self._begun_share, ""
             if done >= _KNOWN_FROM:
-                left = f", {timedelta(seconds=round((now_s - self._begun_s) * (1.0 - share) / done))} left"
+                left_s = (now_s - self._begun_s) * (1.0 - share) / done
+                left = f", {timedelta(seconds=round(left_s))} left"
             self._write(f"{stage} {share:.0%}{left} ...", now_s)
 
     def close(self) -> None:

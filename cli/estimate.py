@@ -41,7 +41,10 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
     _check_kind_options(arguments, kind)
     parameters = parse_parameters(arguments.parameters)
     estimates_poses = kind.takes_poses and arguments.poses is None
-    check_used(parameters, [arguments.estimator, *([default_odometry().declaration.name] if estimates_poses else [])])
+    running = [arguments.estimator]
+    if estimates_poses:  # then the odometry that supplies the poses runs, too
+        running.append(default_odometry().declaration.name)
+    check_used(parameters, running)
     options = options_of(
         estimator_class.declaration,
         foot=arguments.foot,
@@ -50,7 +53,7 @@ def estimate_command(arguments: EstimateOptions, progress: Progress) -> Outcome:
         backend=arguments.backend,
         exoskeleton=arguments.exoskeleton,
     )
-    outputs, lines, poses = _run(arguments, estimator_class, kind, options, parameters, progress)
+    outputs, lines, poses = _run_on_source(arguments, estimator_class, kind, options, parameters, progress)
     file_options = FileOptions(mesh=arguments.mesh, dead_reckoning=arguments.dead_reckoning)
     written = [kind.write(output, part_file(arguments.output, output.part), file_options) for output in outputs]
     files = [str(file) for of_output in written for file in of_output.files]
@@ -82,7 +85,7 @@ def _check_kind_options(arguments: EstimateOptions, kind: AnyKind) -> None:
         raise StrideTwinError("--imu is only valid for foot_ins and an IMU table")
 
 
-def _run(
+def _run_on_source(
     arguments: EstimateOptions,
     estimator_class: EstimatorClass,
     kind: AnyKind,
@@ -117,6 +120,7 @@ def _run(
     check_topics(instance, recording)
     poses = choose_poses(recording, arguments.poses, parameters)
     instances = [(kind, instance.with_poses_of(poses.frame))]
+    # one instance gives one pair of kind and outputs
     ((_, outputs),) = replay(instances, recording, poses.path, poses.camera, progress=progress)
     return outputs, [], poses.description
 
@@ -192,7 +196,7 @@ def _run_on_table(
     has_layout = bool(arguments.rig or arguments.map or arguments.kind)
     if follow_block is None or has_layout or recognise(arguments.source) != "table":
         return None
-    block = _table(arguments, options.foot)
+    block = _read_imu(arguments, options.foot)
     rig = _rig_of_table(arguments.imu or AUTO, block, options.foot)
     # the estimator's parameters with those of `--set`; None without any, then `follow_block` takes its defaults
     values = with_parameters(
@@ -200,11 +204,13 @@ def _run_on_table(
     ).parameters
     more = {} if values is None else {"parameters": values}
     path = PathEstimate(name=arguments.estimator, frame="", path=follow_block(block, options, rig, **more))
+    if missing := len(block) - len(path.path):
+        print_warnings(arguments.source, [f"no pose at {missing} of {len(block)} samples, where none can be trusted"])
     lines = [] if rig is None else [_describe_imu(imu) for imu in rig.imus.values()]
     return [Output(name=arguments.estimator, estimates=path)], lines, ""
 
 
-def _table(arguments: EstimateOptions, foot: str) -> Block[Imu]:
+def _read_imu(arguments: EstimateOptions, foot: str) -> Block[Imu]:
     """Reads the IMU of a table, or that of a foot (`l` or `r`) if the table has several.
 
     Raises:
@@ -239,17 +245,20 @@ def _rig_of_table(choice: str, block: Block[Imu], foot: str) -> Rig | None:
     if choice == UNKNOWN:
         return None
     topic, body = f"/foot_{foot}/imu", f"foot_{foot}"
-    imu = measure_imu(block, topic, body) if choice == AUTO else _nominal(choice, topic, body)
+    imu = measure_imu(block, topic, body) if choice == AUTO else _nominal_calibration(choice, topic, body)
     return Rig(imus={topic: imu})
 
 
 def _describe_imu(imu: ImuCalibration) -> str:
     """One line on what is known of an IMU: rate and noise, and bias and limits if they are known (0 is unknown)."""
-    known = [
-        f"{imu.rate_hz:.0f} Hz",
-        f"noise {math.degrees(imu.gyroscope_noise_density):.2g} °/s/√Hz and "
-        f"{imu.accelerometer_noise_density:.2g} m/s²/√Hz",
-    ]
+    known = [f"{imu.rate_hz:.0f} Hz"]
+    if imu.gyroscope_noise_density and imu.accelerometer_noise_density:
+        known.append(
+            f"noise {math.degrees(imu.gyroscope_noise_density):.2g} °/s/√Hz and "
+            f"{imu.accelerometer_noise_density:.2g} m/s²/√Hz"
+        )
+    else:
+        known.append("noise not known, as the sensor never rests")
     if imu.gyroscope_bias_sd:
         known.append(f"gyro bias {math.degrees(imu.gyroscope_bias_sd):.2g} °/s")
     if imu.gyroscope_range:
@@ -259,7 +268,7 @@ def _describe_imu(imu: ImuCalibration) -> str:
     return f"IMU {imu.part or 'as measured'}: {', '.join(known)}"
 
 
-def _nominal(name: str, topic: str, body: str) -> ImuCalibration:
+def _nominal_calibration(name: str, topic: str, body: str) -> ImuCalibration:
     """The calibration of a part by its data sheet.
 
     Raises:

@@ -59,7 +59,7 @@ def parse(argv: Sequence[str] | None = None) -> Call:
         raise SystemExit(2) from error
     if isinstance(call, Call):
         return call
-    raise SystemExit(call)
+    raise SystemExit(call)  # help or version have been printed: Typer gives the exit code
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -111,11 +111,11 @@ def _run(call: Call, console: Console) -> int:
 
 
 def _app() -> typer.Typer:
-    """Builds the Typer application from `COMMANDS`."""
+    """Builds the Typer application: the option `--version`, and one command for each of `COMMANDS`."""
     app = typer.Typer(name=_NAME, help=_HELP, epilog=_EXIT_CODES)
     app.callback(help=_HELP)(_all_commands)
     for name, command in COMMANDS.items():
-        app.command(name, help=command.options.__doc__)(_callback(name, command))
+        app.command(name, help=command.options.__doc__)(_make_callback(name, command))
     return app
 
 
@@ -134,8 +134,11 @@ def _all_commands(
     """Options beside the commands."""
 
 
-def _callback(name: str, command: Command) -> Callable[..., Call]:
-    """A function whose signature has the fields of the command's options, and which creates them."""
+def _make_callback(name: str, command: Command) -> Callable[..., Call]:
+    """Makes the function from which Typer builds the parser of a command.
+
+    Its signature has one parameter per field of the command's options, and it returns the parsed `Call`.
+    """
 
     def call(**given: Any) -> Call:
         """The call with the values of the command line, which Typer gives by the fields' names."""

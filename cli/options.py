@@ -136,7 +136,7 @@ def check_executor(workers: int | None, scheduler: str | None) -> None:
         raise ConfigError("command line", "--scheduler", scheduler, valid)
 
 
-def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:
+def _number_parser(valid: Callable[[float], bool], expected: str) -> Callable[[str], float]:
     """Makes a parser of an option's number; `valid` says whether a value is accepted, `expected` says it in errors."""
 
     def parser(text: str) -> float:
@@ -152,12 +152,12 @@ def _number(valid: Callable[[float], bool], expected: str) -> Callable[[str], fl
     return parser
 
 
-positive = _number(lambda value: 0 < value < 1e9, "a number above 0")
-share = _number(lambda value: 0 <= value <= 1000, "0-1000")
-probability = _number(lambda value: 0.01 <= value <= 50, "0.01-50")
+positive = _number_parser(lambda value: 0 < value < 1e9, "a number above 0")
+share = _number_parser(lambda value: 0 <= value <= 1000, "0-1000")
+probability = _number_parser(lambda value: 0.01 <= value <= 50, "0.01-50")
 
 
-def _whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
+def _whole_number_parser(least: int, most: int | None = None) -> Callable[[str], int]:
     """Makes a parser of an option's whole number from `least` to `most`."""
     expected = f"a whole number from {least} {'on' if most is None else f'to {most}'}"
 
@@ -175,9 +175,9 @@ def _whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     return parser
 
 
-whole = _whole_number(0)
-count = _whole_number(1, 1_000_000)
-pixels = _whole_number(16, LARGEST_PX)
+whole = _whole_number_parser(0)
+count = _whole_number_parser(1, 1_000_000)
+pixels = _whole_number_parser(16, LARGEST_PX)
 
 
 def option(help: str, metavar: str | None = None, parser: Callable[[str], object] | None = None) -> OptionInfo:
@@ -266,16 +266,16 @@ def check_outputs(command: str, arguments: Options) -> None:
     Raises:
         ConfigError: An output is also an input, is given twice, or cannot be a file.
     """
-    given = dict(vars(arguments))  # the options' values by name; outputs are taken out below
+    given = dict(vars(arguments))  # the options' values by name; outputs are taken out below, inputs remain
     if command == "history":
         given["file"] = given.pop("history")  # an input
     outputs = {name: given.pop(name) for name in _OUTPUTS if isinstance(given.get(name), Path)}
-    taken = list(_files(given.values()))
+    taken = list(_find_files(given.values()))  # inputs, and the outputs so far
     for name, path in outputs.items():
         option = f"{command} {_OUTPUTS[name]}"
-        if any(_same(path, other) for other in taken):
+        if any(_is_same_file(path, other) for other in taken):
             raise ConfigError(option, "", str(path), "a file that is not also an input or another output")
-        if name != "output" or command not in _FOLDERS:
+        if name != "output" or command not in _FOLDERS:  # it has to be a file
             partial_path(path)  # raises an error for a name that no file can have
             if not path.parent.is_dir() and (command, name) not in _MAKE_FOLDERS:
                 raise ConfigError(option, "", str(path), f"a file in an existing folder; {path.parent} does not exist")
@@ -299,15 +299,16 @@ def check_recording_name(option: str, path: Path) -> None:
         raise ConfigError(option, "", str(path), f"a file that ends in {RECORDING_SUFFIX}")
 
 
-def _files(values: Iterable[object]) -> Iterator[Path]:
+def _find_files(values: Iterable[object]) -> Iterator[Path]:
     """Yields the files in the values of options: paths, lists of them, existing files, and that of `NAME=FILE`."""
     for value in values:
         if isinstance(value, list):
-            yield from _files(value)
+            yield from _find_files(value)
         elif isinstance(value, Path):
             yield value
         elif isinstance(value, str):
-            yield from (path for path in map(Path, {value, value.rpartition("=")[2]}) if _is_file(path))
+            after_equals = value.rpartition("=")[2]  # FILE of `NAME=FILE`; the whole text without "="
+            yield from (path for path in map(Path, {value, after_equals}) if _is_file(path))
 
 
 def _is_file(path: Path) -> bool:
@@ -318,6 +319,6 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def _same(one: Path, other: Path) -> bool:
+def _is_same_file(one: Path, other: Path) -> bool:
     """Whether two names are those of one file, links included."""
     return one.absolute() == other.absolute() or (one.exists() and other.exists() and one.samefile(other))

@@ -50,7 +50,7 @@ def open_source(arguments: ImportableOptions, *, reports: bool = True) -> Record
 
 
 def table_request(arguments: ImportableOptions) -> TableRequest:
-    """What the options `--columns` and `--rate` say about a table."""
+    """What the options `--columns` and `--rate` say about a table: names of its columns, and its rate, Hz."""
     columns = parse_mapping(arguments.columns) if arguments.columns else {}
     return TableRequest(columns=columns, rate_hz=arguments.rate)
 
@@ -83,7 +83,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
         truth = true_path(recording, frame).poses
         write_tum(truth, output)
         rows = {frame: len(truth)}
-    elif output.exists() and not (output.is_dir() and not any(output.iterdir())):
+    elif output.exists() and not (output.is_dir() and not any(output.iterdir())):  # neither new nor an empty folder
         raise ConfigError("export", "-o", str(output), "a folder that is new or empty")
     else:
         with stage_files(output) as folder:
@@ -93,7 +93,7 @@ def export_command(arguments: ExportOptions, progress: Progress) -> Outcome:
 
 
 def _write_folder(recording: Recording, folder: Path, arguments: ExportOptions) -> dict[str, int]:
-    """Writes a recording as a folder of another format; returns rows by kind."""
+    """Writes a recording into a folder in the format of the options; returns the number of rows by what they are."""
     match arguments.format:
         case "euroc":
             return write_euroc(recording, folder, arguments.camera, arguments.stereo_baseline)
@@ -190,8 +190,9 @@ def view_command(arguments: ViewOptions, progress: Progress) -> Outcome:
     target = arguments.output or arguments.source.with_suffix(".rrd")
     with atomic_file(target) as file:
         write_rerun(file, recording, of_kinds)
-    display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
-    if display:
+    # on Linux one of these variables names the display
+    has_display = sys.platform in ("darwin", "win32") or any(os.environ.get(v) for v in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if has_display:  # the viewer runs on after this command
         subprocess.Popen([sys.executable, "-m", "rerun", str(target)])
-    state = "opened in Rerun" if display else f"no display here; on a machine with one: rerun {target}"
-    return Outcome(data={"file": str(target), "opened": display}, lines=[f"{target}: {state}"])
+    state = "opened in Rerun" if has_display else f"no display here; on a machine with one: rerun {target}"
+    return Outcome(data={"file": str(target), "opened": has_display}, lines=[f"{target}: {state}"])

@@ -47,7 +47,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     check_executor(arguments.workers, arguments.scheduler)
     _check_options(arguments)
     baseline = read_table(arguments.baseline) if arguments.baseline else None
-    rules = _rules(arguments)
+    rules = _comparison_rules(arguments)
     if baseline is not None:
         check_level(baseline, rules)
     own_estimators = _load_own_estimators(arguments)
@@ -78,7 +78,7 @@ def score_command(arguments: ScoreOptions, progress: Progress) -> Outcome:
     means = mean_scores(row["estimators"] for row in rows)
     data = document_of(rows, means) | ({"parameters": parameters} if parameters else {})
     failed = collect_failures(rows)
-    code, comparison = int(bool(failed)), None
+    code, comparison = int(bool(failed)), None  # exit code: 1 after a failure
     if baseline is not None:
         comparison = compare_scores(table_of(data, "scores"), baseline, rules)
         data["comparison"] = {"how": comparison.description, "scores": [vars(line) for line in comparison.lines]}
@@ -104,11 +104,14 @@ def format_scores(
     if walks > 1:
         lines.insert(0, f"arithmetic means of {walks} walks; heights are signed")
     lines += format_failures(failed)
-    return lines + ([] if comparison is None else _changes(comparison, failed))
+    return lines if comparison is None else [*lines, *_format_comparison(comparison, failed)]
 
 
 def _page_writer(file: Path | None) -> OnEvaluated | None:
-    """Writes the page of `--report`, for `score_walk`; None without a file.
+    """Makes the function that writes the page of `--report` as soon as a recording has been evaluated.
+
+    Args:
+        file: The page to write; None makes no function.
 
     Raises:
         StrideTwinError: The libraries of the extra `report` are not installed.
@@ -154,7 +157,7 @@ def _check_options(arguments: ScoreOptions) -> None:
         raise ConfigError("command line", "--label", arguments.label, "text in UTF-8")
 
 
-def _rules(arguments: ScoreOptions) -> Rules:
+def _comparison_rules(arguments: ScoreOptions) -> Rules:
     """The rules of the comparison: shares in place of the options' percentages, and defaults where none is given."""
     shares_pct = {"level": arguments.false_alarms, "tolerance": arguments.tolerance}
     shares = {name: value / 100.0 for name, value in shares_pct.items() if value is not None}
@@ -182,6 +185,7 @@ def _load_own_estimators(arguments: ScoreOptions) -> tuple[OwnEstimator, ...]:
         program = Program(name=name, command=command_line, frame=frame, timeout_s=arguments.timeout)
         program.arguments()
         own_estimators.append(program)
+    # a class may declare its frame itself; `--frame` must then not name another one
     frames = {estimator.own_frame if isinstance(estimator, PythonClass) else frame for estimator in own_estimators}
     if own_estimators and arguments.frame is not None and frame not in frames:
         declared = f"{', '.join(sorted(frames))}, as the classes declare"
@@ -197,8 +201,9 @@ def score_tables(scores: dict[str, Scores]) -> list[str | Table]:
     of_kinds: dict[AnyKind, dict[str, Scores]] = {kind: {} for kind in kinds().values()}
     for name, values in scores.items():
         of_kinds[kind_with_scores(values)][name] = values
-    blocks = [_score_table(of_kind, kind) for kind, of_kind in of_kinds.items() if of_kind]
-    return [line for block in blocks for line in ("", block)][1:]
+    tables = [_score_table(of_kind, kind) for kind, of_kind in of_kinds.items() if of_kind]
+    lines = [line for of_kind in tables for line in ("", of_kind)]  # a blank line before each table
+    return lines[1:]
 
 
 def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
@@ -208,7 +213,7 @@ def _score_table(scores: dict[str, Scores], kind: AnyKind) -> Table:
     return table(rows, ["estimator", *columns.values()])
 
 
-def _changes(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
+def _format_comparison(comparison: Comparison, failed: Sequence[ScoringFailure]) -> list[str | Table]:
     """How the comparison was made, the scores that differ (regressions first), what it does not prove, the verdict."""
     rows = [to_cells(line) for line in find_changes(comparison)]
     head = f"against the baseline: {comparison.description}"

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from stridetwin.studies.placement.result import PlacementResult
 
 _SUFFIXES = (".yaml", ".yml")
-"""Libraries of the extra `closed-loop` beside those of `twin`."""
+"""Endings of a study file's name."""
 
 
 def _experiment(text: str) -> str:
@@ -100,7 +100,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
         study = experiment(arguments.experiment)
     except ModuleNotFoundError as error:
         if (missing := missing_library_error(error, "experiments need the simulator")) is None:
-            raise
+            raise  # a library that no extra of ours brings
         raise missing from error
     options = ExperimentBatchOptions(
         folder=arguments.output or Path("runs") / arguments.experiment,
@@ -119,7 +119,7 @@ def experiment_command(arguments: ExperimentOptions, progress: Progress) -> Outc
 
 
 def _announce(text: str) -> None:
-    """Says what comes, before it starts."""
+    """Prints a note on stderr about what comes, before it starts."""
     print(f"stridetwin: note: {text}", file=sys.stderr, flush=True)
 
 
@@ -156,9 +156,9 @@ def _study_command(arguments: ExperimentOptions, progress: Progress) -> Outcome:
     result = run_study(read_study(path, parameters), options, progress, _announce)
     means = table(table_rows(result), table_head(result), text_columns=len(result["factors"]) + 1)
     page = (options.folder / REPORT).absolute().as_uri()
-    return Outcome(
-        data=result, lines=[means, "", *result["words"], *([""] if result["words"] else []), f"page  {page}"]
-    )
+    # `words` are sentences on what the study shows; a blank line separates them from the page's address
+    sentences = [*result["words"], ""] if result["words"] else []
+    return Outcome(data=result, lines=[means, "", *sentences, f"page  {page}"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +190,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     with explain_import_error("placements need the simulator", "twin"):
         from stridetwin.studies.placement.run import PlacementOptions, run_placement
     path = find_problem(arguments.problem)
-    problem = _problem(read_problem(path), arguments)
+    problem = _apply_options(read_problem(path), arguments)
     options = PlacementOptions(
         folder=arguments.output or Path("runs") / path.stem,
         workers=arguments.workers or 1,
@@ -204,7 +204,7 @@ def place_command(arguments: PlaceOptions, progress: Progress) -> Outcome:
     return Outcome(data=result, lines=[*placement_lines(result), f"page  {page}"])
 
 
-def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementProblem:
+def _apply_options(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementProblem:
     """The placement problem with the settings of the command line in place of the file's.
 
     Raises:
@@ -216,10 +216,11 @@ def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementPro
     here = FieldLocation(source="command line")
     if arguments.scenario is not None:
         at = here.key("--scenario")
+        # as if a file in the working folder named the scenario: its own files must be there, too
         files = NamedFiles(Path.cwd() / "command line", "the working folder")
         base = files.base(NamedBase(scenario=arguments.scenario), at, short=True)
         for name, file in files.user_files.items():
-            if problem.user_files.get(name, file) != file:
+            if problem.user_files.get(name, file) != file:  # both would be copied to one place in the output
                 raise at.error(arguments.scenario, f"a scenario without another file {name} than the placement's")
         problem = replace(problem, bases=(base,), user_files=problem.user_files | files.user_files)
     if arguments.budget is not None:
@@ -230,11 +231,13 @@ def _problem(problem: PlacementProblem, arguments: PlaceOptions) -> PlacementPro
     return problem
 
 
-def _size(result: PlacementResult) -> str:
+def _describe_size(result: PlacementResult) -> str:
     """How many places were tried on how many walks, as text below the table."""
-    walks, shown = len(result["walks"]), len(result["table"])
+    walks, shown = len(result["walks"]), len(result["table"])  # the table has the unchanged place, too
     places = f"{result['tried']} places and the unchanged one on {walks} walk{'s' * (walks != 1)}"
-    return f"{places}; {shown} of them in the table, all in places.csv" if shown <= result["tried"] else places
+    if shown > result["tried"]:  # all of them
+        return places
+    return f"{places}; {shown} of them in the table, all in places.csv"
 
 
 def placement_lines(result: PlacementResult) -> list[str | Table]:
@@ -243,7 +246,7 @@ def placement_lines(result: PlacementResult) -> list[str | Table]:
     from stridetwin.studies.significance import interval_text
 
     scores = [score["name"] for score in result["scores"]]
-    rows = [
+    rows = [  # rank, values of the free parameters, and each score with its interval
         [
             str(row["rank"]),
             *(value_text(row["values"], name) for name in result["free"]),
@@ -253,5 +256,8 @@ def placement_lines(result: PlacementResult) -> list[str | Table]:
     ]
     lines: list[str | Table] = [table(rows, ["place", *result["free"], *scores], text_columns=0)]
     lines += [f"{row['rank']} failed: {row['failed']}" for row in result["table"] if "failed" in row]
-    lines += ["", *result["words"], "", _size(result)]
-    return [*lines, *([f"{result['failed']} of them failed somewhere"] if result["failed"] else [])]
+    # `words` are sentences on which differences are significant
+    lines += ["", *result["words"], "", _describe_size(result)]
+    if result["failed"]:
+        lines.append(f"{result['failed']} of them failed somewhere")
+    return lines

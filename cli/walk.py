@@ -40,7 +40,7 @@ def run_command(arguments: RunOptions, progress: Progress) -> Outcome:
 
     parameters = parse_parameters(arguments.parameters)
     check_used(parameters, estimators_of(arguments.only, "--only") if arguments.only else estimator_names())
-    scenario = _scenario(arguments)
+    scenario = _load_scenario(arguments)
     _announce(
         cost_of([_restrict_sensors(scenario, arguments).config]),
         more="; estimates, film and report take two to three times as long",
@@ -74,14 +74,14 @@ def generate_command(arguments: GenerateOptions, progress: Progress) -> Outcome:
         raise StrideTwinError(f"invalid scenario or campaign {name!r}: expected {valid}")
     path = find_campaign(name)
     if path is not None:
-        return _campaign(path, arguments, progress)
+        return _generate_campaign(path, arguments, progress)
     for limited in ("workers", "scheduler", "subset"):
         if (value := getattr(arguments, limited)) is not None:
             raise ConfigError("command line", f"--{limited}", value, f"no --{limited}, as {name} is a scenario")
-    return _record(arguments, progress)
+    return _record_walk(arguments, progress)
 
 
-def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
+def _generate_campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Outcome:
     """Generates the walks of a campaign into a folder, and sums up how many were accepted and why others were not.
 
     Args:
@@ -105,7 +105,7 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
         scheduler=arguments.scheduler,
         seed=arguments.seed,
         subset=arguments.subset,
-        extra=Extra(physics=arguments.physics, off=_off(campaign, arguments)),
+        extra=Extra(physics=arguments.physics, off=_switched_off(campaign, arguments)),
     )
     result = generate(campaign, options, progress, lambda missing: _announce_campaign(campaign, options, missing))
     walks, verdicts = result.manifest["walks"], result.verdicts
@@ -137,9 +137,9 @@ def _campaign(path: Path, arguments: GenerateOptions, progress: Progress) -> Out
 
 def _announce_campaign(campaign: Campaign, options: CampaignOptions, missing: Sequence[PlannedWalk]) -> None:
     """Prints the cost of a campaign's missing walks on stderr if it is long, estimated from a few of them."""
-    few = missing[:: max(1, len(missing) // _PRICED_WALKS)]
+    few = missing[:: max(1, len(missing) // _PRICED_WALKS)]  # evenly spaced over all
     configs = [scenario.config for scenario in valid_scenarios(campaign, few)]
-    if configs:
+    if configs:  # none if all of the few are invalid with the values drawn: then nothing is announced
         _announce(scale_cost(cost_of(configs), len(missing)), options.workers)
 
 
@@ -149,7 +149,7 @@ def _announce(cost: Cost, workers: int = 1, more: str = "") -> None:
         print(f"stridetwin: note: {cost.describe(workers)}{more}", file=sys.stderr, flush=True)
 
 
-def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
+def _switched_off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
     """Groups of sensors that the walks of a campaign do without, because of `--no-cameras` and `--only`.
 
     With `--only`, a group stays if one of the campaign's scenarios needs it for one of these estimators.
@@ -157,14 +157,15 @@ def _off(campaign: Campaign, arguments: GenerateOptions) -> tuple[str, ...]:
     off = set(CAMERAS if arguments.no_cameras else ())
     if arguments.only:
         asked = estimators_of(arguments.only, "--only")
-        off |= set(KIND) - {group for base in base_scenarios(campaign) for group in sensors_of(asked, base.config)}
+        needed = {group for base in base_scenarios(campaign) for group in sensors_of(asked, base.config)}
+        off |= set(KIND) - needed
     return tuple(group for group in KIND if group in off)
 
 
-def _record(arguments: GenerateOptions, progress: Progress) -> Outcome:
+def _record_walk(arguments: GenerateOptions, progress: Progress) -> Outcome:
     """Generates the walk of one scenario as a recording."""
     check_recording_name("generate -o", arguments.output)
-    scenario = _restrict_sensors(_scenario(arguments), arguments)
+    scenario = _restrict_sensors(_load_scenario(arguments), arguments)
     _announce(cost_of([scenario.config]))
     seed = arguments.seed or 0
     twin = record.make_twin(scenario, seed)
@@ -182,7 +183,7 @@ def load_with_notes(name: str) -> Scenario:
     return scenario
 
 
-def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
+def _load_scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
     """Loads the scenario of the command line, with the physics and without the cameras as its options say."""
     scenario = load_with_notes(arguments.scenario)
     if arguments.physics is not None:
@@ -191,10 +192,9 @@ def _scenario(arguments: RunOptions | GenerateOptions) -> Scenario:
 
 
 def _restrict_sensors(scenario: Scenario, arguments: RunOptions | GenerateOptions) -> Scenario:
-    """The scenario with only those sensors that the estimators of `--only` read."""
+    """The scenario with only those sensors that the estimators of `--only` read; unchanged without that option."""
     if not arguments.only:
         return scenario
-
     return with_sensors_for(scenario, estimators_of(arguments.only, "--only"))
 
 

@@ -59,6 +59,7 @@ TRACKING = "tracking"
 FOOT_NAMES = {"l": "left", "r": "right"}
 """Name of each foot by its letter in topics and options."""
 Progress = Callable[[str, float], None]
+"""Called now and then during a long run, with the name of the work and the share of it that is done, 0 to 1."""
 SampleT = TypeVar("SampleT", contravariant=True)
 EstimateT = TypeVar("EstimateT", covariant=True)
 

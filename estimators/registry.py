@@ -32,17 +32,20 @@ def names() -> tuple[str, ...]:
 def descriptions() -> dict[str, str]:
     """One line about each estimator, by name: the first of its module's docstring, read without importing the module.
 
+    For a module without a docstring, its class is loaded, and the line is the description in the class's declaration.
+
     Raises:
         StrideTwinError: A module has no docstring, and its estimator cannot be loaded by `estimator`.
     """
-    return {
-        name: _summary(point) or estimator(name).declaration.description for name, point in _points_by_name().items()
-    }
+    lines = {}
+    for name, point in _points_by_name().items():
+        lines[name] = _read_summary(point) or estimator(name).declaration.description
+    return lines
 
 
 def output_descriptions() -> dict[str, str]:
     """One line about each kind of output, by name: the first of its module's docstring, read without importing it."""
-    return {point.name: _summary(point) for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}
+    return {point.name: _read_summary(point) for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}
 
 
 def estimator(name: str) -> type[AnyEstimator]:
@@ -56,6 +59,7 @@ def estimator(name: str) -> type[AnyEstimator]:
     points = _points_by_name()
     if name not in points:
         raise ConfigError("estimator", "name", name, ", ".join(points))
+    # the entry point as its package writes it, for messages: "group: name = module:class"
     where = f"{GROUP}: {name} = {points[name].value}"
     try:
         estimator_class: object = points[name].load()
@@ -64,7 +68,7 @@ def estimator(name: str) -> type[AnyEstimator]:
     declaration = getattr(estimator_class, "declaration", None)
     if not isinstance(declaration, Declaration):
         raise ConfigError(where, "declaration", type(declaration).__name__, "stridetwin.estimators.base.Declaration")
-    kinds = tuple(sorted({point.name for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}))
+    kinds = tuple(sorted({point.name for point in _entry_points(OUTPUT_GROUP, tuple(sys.path))}))  # of output
     # the declared name must be that of the entry point, and the kind an installed one
     for field, value, valid in (("name", declaration.name, (name,)), ("kind", declaration.kind, kinds)):
         if value not in valid:
@@ -81,16 +85,22 @@ def estimators(kind: str) -> dict[str, type[AnyEstimator]]:
     Raises:
         StrideTwinError: One of the installed classes cannot be imported, or is not an estimator.
     """
-    of_kind = (e for e in map(estimator, names()) if e.declaration.kind == kind)
-    return {e.declaration.name: e for e in sorted(of_kind, key=lambda e: (e.declaration.order, e.declaration.name))}
+    classes_of_kind = [loaded for loaded in map(estimator, names()) if loaded.declaration.kind == kind]
+    classes_of_kind.sort(key=lambda loaded: (loaded.declaration.order, loaded.declaration.name))
+    return {loaded.declaration.name: loaded for loaded in classes_of_kind}
 
 
-def _summary(point: EntryPoint) -> str:
-    """First line of the docstring of an entry point's module; "" without a docstring or without Python source."""
+def _read_summary(point: EntryPoint) -> str:
+    """First line of the docstring of an entry point's module, without its full stop; the module is not imported.
+
+    "" if the module has no docstring, cannot be found, or has no Python source that can be parsed.
+    """
     try:
         spec = find_spec(point.module)
+        # only a loader of this kind gives the source; an extension module has none
         source = spec.loader.get_source(point.module) if spec and isinstance(spec.loader, InspectLoader) else None
-        lines = (ast.get_docstring(ast.parse(source or "")) or "").splitlines()
+        docstring = ast.get_docstring(ast.parse(source or ""))
+        lines = (docstring or "").splitlines()
     except (ImportError, SyntaxError):
         return ""
     return lines[0].rstrip(".") if lines else ""
@@ -104,8 +114,10 @@ def _points_by_name() -> dict[str, EntryPoint]:
     """
     points: dict[str, EntryPoint] = {}
     for point in _entry_points(GROUP, tuple(sys.path)):
-        if point.value != points.setdefault(point.name, point).value:
-            both = f"{points[point.name].value} and {point.value}"
+        first_of_name = points.setdefault(point.name, point)
+        # one installation may be listed twice, with the same `module:class`: that is no conflict
+        if point.value != first_of_name.value:
+            both = f"{first_of_name.value} and {point.value}"
             raise StrideTwinError(f"{GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
     return points
 

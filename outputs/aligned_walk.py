@@ -59,7 +59,7 @@ class AlignedWalk:
 
 
 def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEstimate | None:
-    """The path that supplies the poses for terrain and modes.
+    """Selects the path that supplies the poses for terrain and modes, if the recording has what their scores need.
 
     Args:
         recording: With depth on the body of the odometry's IMU, and true footprints, terrain and path of the IMU.
@@ -71,16 +71,19 @@ def odometry_of(recording: Recording, paths: Iterable[PathEstimate]) -> PathEsti
     odometry = next((path for path in paths if path.supplies_poses), None)
     if odometry is None or FOOTPRINTS not in recording.topics or terrain_layout(recording.metadata) is None:
         return None
+    # the depth camera must be on the body of the odometry's IMU, since its pose follows from that of the IMU
     body = recording.rig.imu(f"/{odometry.frame}").mount.body
     camera = next((c for c in recording.rig.cameras.values() if c.depth_topic), None)
     has_depth = camera is not None and camera.depth_topic in recording.topics and camera.mount.body == body
-    has_truth = f"/truth/{odometry.frame}/odometry" in recording.topics
-    is_usable = len(odometry.path) > 1 and (odometry.healthy is None or bool(odometry.healthy.any()))
-    return odometry if has_depth and has_truth and is_usable else None
+    has_true_path = f"/truth/{odometry.frame}/odometry" in recording.topics
+    has_poses = len(odometry.path) > 1 and (odometry.healthy is None or bool(odometry.healthy.any()))
+    return odometry if has_depth and has_true_path and has_poses else None
 
 
 def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
-    """The walk with the poses of an odometry beside the truth, where the odometry trusts them and the truth is known.
+    """The walk with the poses of an odometry beside the truth.
+
+    Poses that the odometry does not trust, or that lie outside the span of the truth, are left out.
 
     Args:
         recording: The walk, for which `odometry_of` has returned the odometry.
@@ -89,10 +92,11 @@ def align_walk(recording: Recording, odometry: PathEstimate) -> AlignedWalk:
     layout = terrain_layout(recording.metadata)
     assert layout is not None, "odometry_of has checked it"
     truth, path = true_path(recording, odometry.frame), odometry.path
-    # poses within the span of the truth that the odometry trusts, in its world after any injected restart
-    keep = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
-    healthy = path[keep if odometry.healthy is None else keep & odometry.healthy]
-    poses = restart_poses(healthy, recording.metadata)
+    is_kept = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
+    if odometry.healthy is not None:  # (N,) whether the odometry trusts each pose
+        is_kept = is_kept & odometry.healthy
+    # the metadata may ask for a restart of the odometry, after which its poses are in another world
+    poses = restart_poses(path[is_kept], recording.metadata)
     true_poses = truth.at(poses.t_ns)
     footprints = true_footprints(recording)
     return AlignedWalk(

@@ -31,16 +31,16 @@ class Rigid:
 
     def apply(self, path: Trajectory) -> Trajectory:
         """The path in the truth's world; its covariances, along the axes of the world, are rotated with it."""
-        q = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
+        attitudes = Rotation.from_matrix(self.R) * Rotation.from_quat(path.q_world_frame, scalar_first=True)
         covariance = path.covariance
         if covariance is not None:
             # block-diagonal: one R for each three components, position and, where there are six, rotation
-            G = np.kron(np.eye(covariance.shape[-1] // 3), self.R)
-            covariance = G @ covariance @ G.T
+            R_blocks = np.kron(np.eye(covariance.shape[-1] // 3), self.R)
+            covariance = R_blocks @ covariance @ R_blocks.T
         return replace(
             path,
             p_frame_in_world=path.p_frame_in_world @ self.R.T + self.t,
-            q_world_frame=q.as_quat(scalar_first=True),
+            q_world_frame=attitudes.as_quat(scalar_first=True),
             covariance=covariance,
         )
 
@@ -63,11 +63,13 @@ def align(estimate: Trajectory, truth: Trajectory, how: str) -> Rigid:
     if how == "start":
         R = vertical_rotation(_rotation(truth.q_world_frame[0]) @ _rotation(estimate.q_world_frame[0]).T)
         return Rigid(R=R, t=truth.p_frame_in_world[0] - R @ estimate.p_frame_in_world[0])
+    # (3,) m, mean positions of estimate and truth, and (3, 3) sum of the products of their offsets from these
     mean_e, mean_t = estimate.p_frame_in_world.mean(axis=0), truth.p_frame_in_world.mean(axis=0)
     H = (truth.p_frame_in_world - mean_t).T @ (estimate.p_frame_in_world - mean_e)
     if how == "yaw":
         R = vertical_rotation(H)
     elif how == "se3":
+        # the factor det(U Vᵀ) keeps R a rotation where the best fit would be a reflection
         U, _, Vt = np.linalg.svd(H)
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     else:
@@ -121,6 +123,7 @@ class YawAlignment:
     @staticmethod
     def _transform_points(points: Array, origin: Array, target: Array, rotation: Array) -> Array:
         """Points (..., 2 or 3) rotated about the vertical around `origin`, which then becomes `target`, m."""
+        # points of two coordinates use the horizontal part of `origin` and `target`
         offset = np.asarray(points, float) - origin[: np.shape(points)[-1]]
         offset[..., :2] = offset[..., :2] @ rotation.T
         return np.asarray(offset + target[: offset.shape[-1]])
@@ -137,6 +140,7 @@ class MovingAlignment:
     def __init__(self, estimate: Trajectory, truth: Trajectory) -> None:
         self._t_ns = estimate.t_ns
         self._estimated, self._true = estimate.p_frame_in_world, truth.p_frame_in_world  # (N, 3) m
+        # (N,) rad, rotation from the estimator's world to the true one at each pose
         self._yaw = _yaw(truth.q_world_frame) - _yaw(estimate.q_world_frame)
 
     def at(self, t_ns: int) -> YawAlignment:

@@ -238,7 +238,9 @@ class OutputKind(ABC, Generic[E, V]):
         """
 
     def run(self, instance: Instance, recording: Recording, progress: Progress | None = None) -> list[Output[E]]:
-        """Runs an estimator on a whole recording; for kinds that take poses see `pose_feed.replay`.
+        """Builds an estimator for a recording and feeds it all samples in time order.
+
+        Estimators of kinds that take poses are not run here, but all together by `pose_feed.replay`.
 
         Args:
             instance: The estimator with its options.
@@ -295,7 +297,12 @@ class OutputKind(ABC, Generic[E, V]):
         return ReportParts()
 
     def rerun_views(self, evaluations: Sequence[V]) -> dict[str, tuple[str, str]]:
-        """Views of the Rerun file: entity to its view (`text` or `series`) and title."""
+        """The views that the Rerun file shows for this kind.
+
+        Returns:
+            By the path of the logged entity, such as `error_mm`: the type of the view, `text` or `series` (curves over
+            time), and its title. Empty if the kind needs no view of its own.
+        """
         return {}
 
     def log_rerun(
@@ -330,9 +337,15 @@ class KindEvaluations:
 
 def scores_by_output(of_kinds: Sequence[KindEvaluations]) -> dict[str, Scores]:
     """The scores of every output of all kinds, by the output's name."""
-    return {evaluation.name: evaluation.scores for of_kind in of_kinds for evaluation in of_kind.evaluations}
+    evaluations = [evaluation for of_kind in of_kinds for evaluation in of_kind.evaluations]
+    return {evaluation.name: evaluation.scores for evaluation in evaluations}
 
 
 def part_file(file: Path, part: str) -> Path:
-    """The file of one part: `path.txt` becomes `path_l.txt`."""
+    """The file of one part of an output: for the part `l`, `path.txt` becomes `path_l.txt`.
+
+    Args:
+        file: The file that was requested.
+        part: Suffix of the part; "" leaves the file as it is.
+    """
     return file.with_name(f"{file.stem}_{part}{file.suffix}") if part else file

@@ -79,11 +79,12 @@ def choose_poses(
         return _choose_upright(recording, _read_path(recording, topic), frame, f"true poses of {topic}")
     odometry = default_odometry()
     body = camera.mount.body
-    # the first odometry whose IMU is on the depth camera's body; long dead reckoning is left out
     instances = [with_parameters(instance, parameters) for instance in runnable_instances(odometry, recording)]
-    for output in (o for instance in instances for o in run_paths(instance, recording)):
-        estimate = output.estimates
+    # generated one by one: no further odometry runs after the first whose IMU is on the depth camera's body
+    estimates = (output.estimates for instance in instances for output in run_paths(instance, recording))
+    for estimate in estimates:
         if recording.rig.imu(f"/{estimate.frame}").mount.body == body:
+            # without untrusted poses and long dead reckoning, and restarted where the metadata asks for it
             path = restart_poses(estimate.path[is_reliable(estimate)], recording.metadata)
             description = f"poses estimated by {estimate.name}"
             return ChosenPoses(path=path, frame=estimate.frame, description=description, camera=estimate.camera)
@@ -109,11 +110,11 @@ def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[st
         RecordingError: There are no such poses.
     """
     rig = recording.rig
-    frames: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
-    for frame in frames:
-        topic = f"/truth{frame.topic}/odometry"
-        if topic in recording.topics and frame.mount.body == camera.mount.body:
-            return topic, frame.topic.removeprefix("/")
+    sensors: list[CameraCalibration | ImuCalibration] = [camera, *rig.imus.values(), *rig.cameras.values()]
+    for sensor in sensors:
+        topic = f"/truth{sensor.topic}/odometry"
+        if topic in recording.topics and sensor.mount.body == camera.mount.body:
+            return topic, sensor.topic.removeprefix("/")
     paths = [topic for topic, info in recording.topics.items() if info.kind is Odometry]
     if len(paths) == 1 and not recording.is_mcap:  # in a folder of depth alone, the poses are the depth camera's
         return paths[0], ""
@@ -123,13 +124,19 @@ def find_pose_topic(recording: Recording, camera: CameraCalibration) -> tuple[st
 
 
 def _find_recorded_poses(recording: Recording, body: str) -> ChosenPoses | None:
-    """Poses that a device estimated and recorded, of a camera or IMU on a body (`/head/color/odometry`).
+    """Poses that a device estimated and recorded with its data, such as `/head/color/odometry`.
 
-    None without any.
+    Args:
+        recording: With the depth images, which show whether the poses are upright.
+        body: Body that carries the camera or IMU of the poses.
+
+    Returns:
+        The poses of the first camera, else of the first IMU, of the body that has any; None without any.
     """
     frames: list[CameraCalibration | ImuCalibration] = [*recording.rig.cameras.values(), *recording.rig.imus.values()]
-    for frame in (f for f in frames if f.mount.body == body):
-        if (topic := f"{frame.topic}/odometry") in recording.topics:
+    for frame in frames:
+        topic = f"{frame.topic}/odometry"
+        if frame.mount.body == body and topic in recording.topics:
             path = _read_path(recording, topic)
             return _choose_upright(recording, path, frame.topic.removeprefix("/"), f"recorded poses of {topic}")
     return None
@@ -171,17 +178,20 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
     camera, R_frame_camera = DepthCamera(calibration), camera_in_frame(recording.rig, calibration, frame)[:3, :3]
     stamps = recording.image_times(calibration.depth_topic)
     in_path = np.flatnonzero((stamps >= path.t_ns[0]) & (stamps <= path.t_ns[-1]))
+    # at most `_IMAGES` depth images with a pose, evenly spaced
     chosen = in_path[np.linspace(0, len(in_path) - 1, min(_IMAGES, len(in_path))).astype(int)].tolist()
     views: list[tuple[Array, Array]] = []  # normals in the camera's frame, and the camera's rotation to the world
     for image in recording.images(calibration.depth_topic, chosen):
         if isinstance(image, Depth):
             depth, _ = camera.rectify(image.depth, TerrainMapParameters())
-            # the last pose up to the image
-            at = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1
-            R = Rotation.from_quat(path.q_world_frame[at], scalar_first=True).as_matrix() @ R_frame_camera
-            views.append((normals(depth, camera.intrinsics), R))
-    up = upward(views)  # in the world of the given poses; None without any ground
-    if up is None or (angle := math.acos(min(1.0, max(-1.0, float(up[2]))))) < _TILT_RAD:
+            pose = int(np.searchsorted(path.t_ns, image.t_ns, side="right")) - 1  # the last one up to the image
+            R_world_frame = Rotation.from_quat(path.q_world_frame[pose], scalar_first=True).as_matrix()
+            views.append((normals(depth, camera.intrinsics), R_world_frame @ R_frame_camera))
+    up = upward(views)  # (3,) unit vector upwards in the world of the given poses; None without any ground
+    if up is None:
+        return path, 0.0
+    angle = math.acos(min(1.0, max(-1.0, float(up[2]))))  # between `up` and the z axis, rad
+    if angle < _TILT_RAD:
         return path, 0.0
     rotation = _rotation_onto_z(up)
     upright_path = Trajectory(
@@ -194,7 +204,7 @@ def _set_upright(recording: Recording, path: Trajectory, frame: str) -> tuple[Tr
 
 def _rotation_onto_z(up: Array) -> Rotation:
     """The shortest rotation of a unit vector onto the z axis."""
-    axis = np.cross(up, [0.0, 0.0, 1.0])
+    axis = np.cross(up, [0.0, 0.0, 1.0])  # its length is the sine of the angle
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:  # parallel or opposite to z: the axis is undefined
         return Rotation.identity() if up[2] > 0.0 else Rotation.from_rotvec([math.pi, 0.0, 0.0])

@@ -50,7 +50,7 @@ class LiveTable(LiveOutput):
 
     def __init__(self, columns: Sequence[str], file: Path | None) -> None:
         self._columns, self._file = columns, file
-        self._kept: dict[int, Sequence[str]] = {}
+        self._kept: dict[int, Sequence[str]] = {}  # cells of each row of the table, by the row's number
 
     def keep(self, number: int, cells: Sequence[str]) -> None:
         """Keeps a row for the table; it replaces an earlier one of the same number."""
@@ -58,7 +58,11 @@ class LiveTable(LiveOutput):
             self._kept[number] = cells
 
     def finish(self, estimator: AnyEstimator) -> dict[Path, int]:
-        """Writes the table, in the order of the numbers."""
+        """Writes the kept rows in the order of their numbers, whatever the estimator's state is.
+
+        Returns:
+            The file with its number of rows; empty if no file was requested.
+        """
         if self._file is None:
             return {}
         write_table(self._columns, [self._kept[number] for number in sorted(self._kept)], self._file)

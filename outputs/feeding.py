@@ -39,7 +39,11 @@ class Instance:
         return self.estimator_class.declaration
 
     def build(self, rig: Rig) -> AnyEstimator:
-        """The estimator; raises StrideTwinError where the rig lacks a sensor or its calibration."""
+        """Builds the estimator.
+
+        Raises:
+            StrideTwinError: The rig lacks a sensor or its calibration.
+        """
         if self.parameters is None:
             return self.estimator_class(rig, options=self.options)
         return self.estimator_class(rig, options=self.options, parameters=self.parameters)
@@ -102,16 +106,16 @@ def runnable_on(estimator_class: EstimatorClass, defaults: Options, rig: Rig, to
     elif declaration.mounts:
         variants = [replace(defaults, mount=mount) for mount in declaration.mounts]
     instances = []
-    for options in variants:
+    for options in variants:  # one per foot or mount
         try:
             streams = estimator_class.streams(rig, options)
-        except ConfigError:
+        except ConfigError:  # invalid metadata is the user's error, and not a lack of a sensor
             raise
         except StrideTwinError:  # the rig lacks what this foot or mount needs
             continue
         if not missing_topics(streams, topics):
             instances.append(Instance(estimator_class=estimator_class, options=options, streams=streams))
-    return instances[:1] if declaration.mounts else instances
+    return instances[:1] if declaration.mounts else instances  # the mounts are alternatives
 
 
 def missing_topics(streams: Iterable[Stream], available_topics: Container[str]) -> list[str]:
@@ -123,16 +127,18 @@ def missing_topics(streams: Iterable[Stream], available_topics: Container[str]) 
         streams: Streams of an estimator; only those that are required count.
         available_topics: Topics that there are.
     """
-    roles: dict[str, list[str]] = {}
+    topics_by_role: dict[str, list[str]] = {}
     for stream in streams:
         if stream.required and stream.topic != POSES:
-            roles.setdefault(stream.role, []).append(stream.topic)
-    return [" or ".join(topics) for topics in roles.values() if not any(t in available_topics for t in topics)]
+            topics_by_role.setdefault(stream.role, []).append(stream.topic)
+    unfilled = [topics for topics in topics_by_role.values() if not any(t in available_topics for t in topics)]
+    return [" or ".join(topics) for topics in unfilled]
 
 
 def check_topics(instance: Instance, recording: Recording) -> None:
     """Raises RecordingError if a recording lacks a stream that an instance requires."""
     if missing := missing_topics(instance.streams, recording.topics):
+        # advice to give another topic the missing name, for the first topic that has such advice
         hint = next(filter(None, map(recording.map_hint, missing)), "")
         name = instance.declaration.name
         contents = recording.describe_topics()
@@ -149,5 +155,6 @@ def start(instance: Instance, recording: Recording) -> tuple[AnyEstimator, Itera
         RecordingError: The recording lacks a required stream.
     """
     check_topics(instance, recording)
+    # streams that are not live are read by `follow` alone
     topics = [s.topic for s in instance.streams if s.live and s.topic in recording.topics]
     return instance.build(rig_of(recording)), iter(recording.samples(topics))

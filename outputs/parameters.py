@@ -60,12 +60,14 @@ def parse_parameters(texts: Iterable[str]) -> dict[str, dict[str, object]]:
 
 
 def to_texts(values: ParameterValues) -> list[str]:
-    """The texts that `parse_parameters` reads as these values."""
-    return [
-        f"{estimator}.{name}={yaml.safe_dump(value, default_flow_style=True).removesuffix(_END).strip()}"
-        for estimator, changes in values.items()
-        for name, value in changes.items()
-    ]
+    """The texts `ESTIMATOR.PARAMETER=VALUE` that `parse_parameters` reads as these values."""
+    texts = []
+    for estimator, changes in values.items():
+        for name, value in changes.items():
+            # in one line; `_END` is the end mark that YAML adds after a number or word
+            value_text = yaml.safe_dump(value, default_flow_style=True).removesuffix(_END).strip()
+            texts.append(f"{estimator}.{name}={value_text}")
+    return texts
 
 
 def _read_value(text: str, at: FieldLocation) -> Any:
@@ -77,7 +79,7 @@ def _read_value(text: str, at: FieldLocation) -> Any:
     if isinstance(value, str):  # YAML 1.1 takes 1e-3 for a word
         try:
             return float(value)
-        except ValueError:
+        except ValueError:  # a word indeed
             return value
     return value
 
@@ -86,11 +88,11 @@ def check_used(values: ParameterValues, names: Iterable[str]) -> None:
     """Refuses values of an estimator that does not run, because they would have no effect.
 
     Args:
-        values: Of `--set`.
-        names: Of the estimators that run.
+        values: The values of `--set`, by estimator.
+        names: Names of the estimators that run.
 
     Raises:
-        ConfigError: The message has the names.
+        ConfigError: One of the values is of another estimator; the message lists `names`.
     """
     valid = sorted(names)
     if unused := next((estimator for estimator in values if estimator not in valid), None):
@@ -98,7 +100,9 @@ def check_used(values: ParameterValues, names: Iterable[str]) -> None:
 
 
 def with_parameters(instance: Instance, values: ParameterValues) -> Instance:
-    """An instance with the values of its estimator, if there are any.
+    """An instance whose parameters are those of its method with the given values in place of some.
+
+    The instance comes back unchanged if no value is for its estimator.
 
     Raises:
         ConfigError: No such parameter, or an invalid value.
@@ -114,7 +118,7 @@ def with_parameters(instance: Instance, values: ParameterValues) -> Instance:
 @contextmanager
 def use_parameters(values: ParameterValues) -> Iterator[None]:
     """Context manager: inside it, `parameter_keywords` gives these values; for experiments, which build estimators."""
-    token = _IN_USE.set(values)
+    token = _IN_USE.set(values)  # restores the values of an outer block in the end
     try:
         yield
     finally:
@@ -153,7 +157,8 @@ def change_parameters(
         at: Where they are given, for errors.
 
     Raises:
-        ConfigError: No such parameter, or an invalid value; the message has the valid ones.
+        ConfigError: No such parameter, or an invalid value, or the estimator has no parameters; the message has the
+            valid ones.
     """
     hint = get_type_hints(estimator_class.__init__).get("parameters")
     # the classes of parameters in the hint, which may be a union with None
@@ -161,8 +166,9 @@ def change_parameters(
     if not kinds:
         name = estimator_class.declaration.name
         raise at.error(dict(values), f"no parameters, as the constructor of {name} declares no class of them")
-    default = getattr(estimator_class, "default_parameters", None)
-    group = kinds[0]() if default is None else default(method)
+    # an estimator whose defaults depend on the method has the function `default_parameters`
+    default_parameters = getattr(estimator_class, "default_parameters", None)
+    group = kinds[0]() if default_parameters is None else default_parameters(method)
     for name, value in values.items():
         group = _replace_value(group, name.split("."), value, at.key(name))
     return group
@@ -185,16 +191,17 @@ def _replace_value(group: Any, keys: list[str], value: Any, at: FieldLocation) -
     Raises:
         ConfigError: No such parameter, or an invalid value.
     """
-    name, *below = keys
-    if name not in _fields(group):
+    name, *inner_keys = keys
+    if name not in _fields(group):  # a plain value, such as a number, has no fields at all: then nothing is suggested
         raise at.error(name, suggest(name, _fields(group)) or "no key below a value")
     try:
-        if below:
-            new = _replace_value(getattr(group, name), below, value, at)
+        if inner_keys:
+            new = _replace_value(getattr(group, name), inner_keys, value, at)
         else:
             new = validate(get_type_hints(type(group))[name], value, at.source, at=at.path)
+        # a named tuple has `_replace`, a dataclass needs the function `replace`
         return group._replace(**{name: new}) if hasattr(group, "_replace") else replace(group, **{name: new})
     except ConfigError as error:  # every error is located at the full name of the parameter
         raise at.error(error.value, error.valid) from error
-    except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:
+    except (StrideTwinError, ValueError, TypeError, RuntimeError) as error:  # refused by the class of the group itself
         raise at.error(value, f"what {type(group).__name__} accepts ({error})") from error

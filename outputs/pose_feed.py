@@ -62,17 +62,18 @@ def merge_poses(
     """Poses and samples of a recording in time order; each pose comes before the sample of the same instant.
 
     Args:
-        poses: The poses, under `POSES`.
+        poses: The poses, which become samples of the topic `POSES`.
         recording: Holds the samples.
-        topics: Its streams.
-        camera: Poses of the camera in the frame, under `CAMERA_POSES`; see `PathEstimate.camera`.
+        topics: Topics of the recording that are read.
+        camera: Poses of the camera in the odometry's frame, which become samples of the topic `CAMERA_POSES`; None
+            without any. See `PathEstimate.camera`.
     """
     streams = [] if camera is None else [_pose_samples(camera, CAMERA_POSES)]
     return heapq.merge(*streams, _pose_samples(poses, POSES), recording.samples(topics), key=lambda s: s.t_ns)
 
 
 def _pose_samples(path: Trajectory, topic: str) -> Iterator[Sample]:
-    """The poses of a path as samples of a topic."""
+    """The poses of a path as samples of a topic, in time order."""
     return map(pose_sample, path.t_ns.tolist(), path.p_frame_in_world, path.q_world_frame, repeat(topic))
 
 
@@ -121,18 +122,22 @@ def replay(
         StrideTwinError: The rig lacks a sensor or calibration.
     """
     numbered = list(instances)
-    running: dict[int, _RunningEstimator] = {}
+    running: dict[int, _RunningEstimator] = {}  # by the number of the instance
     inner: dict[type, AnyEstimator] = {}  # by class, the estimators that others run themselves
-    for i, (kind, instance) in reversed(list(enumerate(numbered))):  # kinds that use others come after these
+    # from the last instance to the first: an outer estimator, such as a predictor of modes, comes after the inner one
+    # that it runs, such as a map, in the order of the kinds, and must be built first
+    for i, (kind, instance) in reversed(list(enumerate(numbered))):
+        # an estimator that an outer one already runs, unless this instance has parameters of its own
         shared = inner.get(instance.estimator_class) if instance.parameters is None else None
         estimator = shared or instance.build(rig_of(recording))
         inner |= {type(e): e for e in getattr(estimator, "inner_estimators", ())}
+        # its outer estimator feeds a shared one, so that it takes no topic by itself
         topics = () if shared else (POSES, CAMERA_POSES, *(s.topic for s in instance.streams))
         collector = kind.collector(estimator, instance, walk)
         running[i] = _RunningEstimator(kind=kind, estimator=estimator, collector=collector, topics=topics)
     outermost_first = list(running.values())
     topics_of_all = dict.fromkeys(t for r in outermost_first for t in r.topics if t in recording.topics)
-    reported_ns = -1
+    reported_ns = -1  # time of the recording at the last report of the progress
     for sample in merge_poses(poses, recording, list(topics_of_all), camera):
         for r in outermost_first:
             if not r.topics:  # an inner estimator: its outer one, earlier in the list, has just fed it
@@ -155,7 +160,7 @@ class PoseFeed:
     """Turns what an odometry returned into the samples that estimators of terrain and modes take."""
 
     def __init__(self) -> None:
-        self._camera: Pose | None = None
+        self._camera: Pose | None = None  # the camera's pose that was passed on last
 
     def samples(self, estimate: object) -> Iterator[Odometry]:
         """The samples in an estimate of the odometry: the camera's pose if it is new, and the pose if it is valid."""
@@ -189,7 +194,7 @@ class OdometryDriven:
         # `poses_of` is for the estimator alone: the frame of the odometry's poses, that of its IMU
         odometry_options = replace(options, method=odometry_class.declaration.methods[0], poses_of="")
         streams = [s for s in odometry_class.streams(rig, odometry_options) if s.live]
-        frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")
+        frame = next(s.topic for s in streams if s.role == "imu").removeprefix("/")  # such as `head/imu`
         options = replace(options, poses_of=frame)
         self._feed = PoseFeed()
         self.odometry = odometry_class.declaration.name

@@ -57,13 +57,26 @@ def all_scores() -> dict[str, Score]:
 
 @cache
 def _all_scores(path: tuple[str, ...]) -> dict[str, Score]:
-    """Every declared score by name; cached for a search path of modules."""
+    """Every declared score by name.
+
+    Args:
+        path: The search path of modules, which is only the key of the cache: another one may have other packages.
+    """
     return {score.name: score for kind in kinds().values() for score in kind.scores}
 
 
 def kind_with_scores(scores: Scores) -> AnyKind:
-    """The kind that declares most of some scores, for scores whose estimator is not known."""
-    return max(kinds().values(), key=lambda kind: sum(score.name in scores for score in kind.scores))
+    """The kind that declares most of some scores, for scores whose estimator is not known.
+
+    Args:
+        scores: Scores of one output, of which only the names count.
+    """
+
+    def count_declared(kind: AnyKind) -> int:
+        """How many of the scores a kind declares."""
+        return sum(score.name in scores for score in kind.scores)
+
+    return max(kinds().values(), key=count_declared)
 
 
 def _entry_points() -> dict[str, EntryPoint]:
@@ -73,15 +86,19 @@ def _entry_points() -> dict[str, EntryPoint]:
 
 @cache
 def _entry_points_on(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Finds the entry points of kinds of output; cached for a search path of modules.
+    """Finds the entry points of kinds of output, by name.
+
+    Args:
+        path: The search path of modules, which is only the key of the cache: another one may have other packages.
 
     Raises:
         StrideTwinError: Two packages offer the same name.
     """
     points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=OUTPUT_GROUP), key=lambda p: p.name):
-        if point.value != points.setdefault(point.name, point).value:  # the same class twice is no conflict
-            both = f"{points[point.name].value} and {point.value}"
+        first = points.setdefault(point.name, point)
+        if point.value != first.value:  # the same class twice is no conflict
+            both = f"{first.value} and {point.value}"
             raise StrideTwinError(f"{OUTPUT_GROUP}: {point.name}: two packages offer it, {both}; uninstall one")
     return points
 

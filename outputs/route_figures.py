@@ -38,6 +38,7 @@ def draw_profile(plot: Plot, profile: Iterable[Strip], span: Range, floor: float
     for terrain, color in GROUND.items():
         outlines = []
         for strip in profile:
+            # begin and end of the visible part along the route, and the heights there, m
             s0, s1 = np.clip([strip.s0, strip.s1], *span)
             if strip.terrain == terrain and s1 > s0:
                 z0, z1 = np.interp([s0, s1], [strip.s0, strip.s1], [strip.z0, strip.z1])
@@ -56,11 +57,13 @@ def draw_slabs(plot: Plot, layout: Layout | None, x: Range, y: Range) -> None:
     """
     for terrain, color in GROUND.items():
         slabs = [slab for slab in (layout.slabs if layout else ()) if slab.terrain == terrain]
+        # (4, 3) m, the corners of each slab in the world: distances along its axis, and to the left of it
         corners = [
             slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
             for slab in slabs
         ]
-        plot.areas([np.clip(c[:, :2], [x[0], y[0]], [x[1], y[1]]) for c in corners], color, label=terrain)
+        low, high = [x[0], y[0]], [x[1], y[1]]  # corners of the figure
+        plot.areas([np.clip(slab_corners[:, :2], low, high) for slab_corners in corners], color, label=terrain)
 
 
 def outline(footprint: Footprint) -> Array:
@@ -69,8 +72,9 @@ def outline(footprint: Footprint) -> Array:
     # horizontal unit vectors: from heel to toes (the foot's x axis, which is shorter on a slope), and to the left
     toes = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z)])
     aside = np.array([-toes[1], toes[0]])
+    # m from the footprint's position to each corner, forward and to the left
     local = [(0.0, -_HALF_FOOT_M), (FOOT_M, -_HALF_FOOT_M), (FOOT_M, _HALF_FOOT_M), (0.0, _HALF_FOOT_M)]
-    return np.array([footprint.p_foot_in_world[:2] + u * toes + v * aside for u, v in local])
+    return np.array([footprint.p_foot_in_world[:2] + forward * toes + left * aside for forward, left in local])
 
 
 class StraightenedRoute:
@@ -103,13 +107,21 @@ class StraightenedRoute:
         return np.array([[c, s], [-s, c]])
 
     def rows(self, span: Range) -> list[Range]:
-        """A span of the route cut into rows of equal length that a page shows to scale, m."""
+        """Cuts a span of the route into rows of equal length, of about `_ROW_M`, that a page shows to scale.
+
+        Args:
+            span: Begin and end along the route, m.
+
+        Returns:
+            Begin and end of each row, m; at most `_MAX_ROWS` rows.
+        """
         count = max(1, min(_MAX_ROWS, math.ceil((span[1] - span[0]) / _ROW_M)))
         return list(pairwise(np.linspace(*span, count + 1).tolist()))
 
     def footprints_within(self, span: Range) -> list[int]:
         """Numbers of the footprints whose middle lies within a span of the route, m."""
-        return [i for i, f in enumerate(self.footprints) if span[0] < f[:, 0].mean() < span[1]]
+        middles_m = [corners[:, 0].mean() for corners in self.footprints]  # along the route
+        return [i for i, middle_m in enumerate(middles_m) if span[0] < middle_m < span[1]]
 
     def plot_row(self, title: str, number: int, rows: list[Range]) -> Plot:
         """An empty plot of one row, to scale.

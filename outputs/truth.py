@@ -44,13 +44,12 @@ class TruePath:
         """
         if len(block) < 2:
             raise RecordingError(f"{block.topic}: {len(block)} samples are no path; at least 2 are needed")
-        c = block.columns
-        p, v, q = c["p_frame_in_world"], c["v_frame_in_world"], c["q_world_frame"]
-        bad = ~(np.isfinite(p).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(q).all(axis=1))
-        if bad.any():
-            raise RecordingError(
-                f"{block.topic}: not finite at {block.t_ns[bad.argmax()] / 1e9:.3f} s; truth must be finite"
-            )
+        # (N, 3) m, (N, 3) m/s and (N, 4): the arrays of `TruePath`
+        p, v, q = (block.columns[name] for name in ("p_frame_in_world", "v_frame_in_world", "q_world_frame"))
+        is_invalid = ~(np.isfinite(p).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(q).all(axis=1))
+        if is_invalid.any():
+            first_s = block.t_ns[is_invalid.argmax()] / 1e9  # argmax of booleans: the first that is True
+            raise RecordingError(f"{block.topic}: not finite at {first_s:.3f} s; truth must be finite")
         return cls(t_ns=block.t_ns, p_frame_in_world=p, v_frame_in_world=v, q_world_frame=q)
 
     @property
@@ -60,12 +59,12 @@ class TruePath:
 
     def since(self, t_ns: int) -> TruePath:
         """The path from a time (ns) on; at least its last two samples stay."""
-        i = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
+        first = min(int(np.searchsorted(self.t_ns, t_ns)), len(self.t_ns) - 2)
         return TruePath(
-            t_ns=self.t_ns[i:],
-            p_frame_in_world=self.p_frame_in_world[i:],
-            v_frame_in_world=self.v_frame_in_world[i:],
-            q_world_frame=self.q_world_frame[i:],
+            t_ns=self.t_ns[first:],
+            p_frame_in_world=self.p_frame_in_world[first:],
+            v_frame_in_world=self.v_frame_in_world[first:],
+            q_world_frame=self.q_world_frame[first:],
         )
 
     @property
@@ -90,6 +89,7 @@ class TruePath:
         h = (self.t_ns[i + 1] - self.t_ns[i]) * 1e-9
         s = ((t_ns - self.t_ns[i]) * 1e-9 / h)[:, None]
         h = h[:, None]
+        # cubic Hermite polynomials weigh position and velocity at the begin (i) and at the end (i + 1) of the interval
         p = (
             (1 + 2 * s) * (1 - s) ** 2 * self.p_frame_in_world[i]
             + s * (1 - s) ** 2 * h * self.v_frame_in_world[i]
@@ -114,16 +114,18 @@ def true_path(recording: Recording, frame: str) -> TruePath:
     frame, frames = frame.lstrip("/"), true_frames(recording.topics)
     if frame in frames:
         return TruePath.of(recording.block(f"/truth/{frame}/odometry"))
-    mounts = _mounts(recording.rig) if recording.has_rig else {}
-    for recorded_frame in mounts if frame in mounts else ():
+    # not recorded: take the first frame on the same body whose path is
+    mounts = _mounts_by_frame(recording.rig) if recording.has_rig else {}
+    for recorded_frame in mounts if frame in mounts else ():  # without a mount of the frame nothing can be derived
         if recorded_frame in frames and mounts[recorded_frame].body == mounts[frame].body:
+            # pose of the frame in the recorded one, (4, 4), over the body that carries both
             T_recorded_frame = np.linalg.inv(mounts[recorded_frame].T_body_sensor) @ mounts[frame].T_body_sensor
             return _derive_path(recording.block(f"/truth/{recorded_frame}/odometry"), T_recorded_frame)
     raise RecordingError(f"{recording.path}: no truth of frame {frame!r}; it has {', '.join(frames) or 'none'}")
 
 
-def _mounts(rig: Rig) -> dict[str, Mount]:
-    """Mounts of IMUs and cameras, by their frames."""
+def _mounts_by_frame(rig: Rig) -> dict[str, Mount]:
+    """Mounts of all IMUs and cameras, by their frames, such as `foot_r/imu`: topics without the leading slash."""
     mounts = {topic: imu.mount for topic, imu in rig.imus.items()}
     mounts |= {topic: camera.mount for topic, camera in rig.cameras.items()}
     return {topic.removeprefix("/"): mount for topic, mount in mounts.items()}
@@ -132,7 +134,8 @@ def _mounts(rig: Rig) -> dict[str, Mount]:
 def _derive_path(recorded: Block[Sample], T_recorded_frame: Array) -> TruePath:
     """The path of a frame that is rigidly mounted in the recorded one.
 
-    p = p_r + R_r a and v = v_r + R_r (ω × a), with the arm a in the recorded frame.
+    p = p_r + R_r a and v = v_r + R_r (ω × a). Here p_r, v_r and R_r are position, velocity and attitude of the recorded
+    frame, ω is its angular rate, and a is the arm, the position of the derived frame in the recorded one.
 
     Args:
         recorded: True path of the recorded frame.
@@ -140,7 +143,7 @@ def _derive_path(recorded: Block[Sample], T_recorded_frame: Array) -> TruePath:
     """
     path, arm = TruePath.of(recorded), T_recorded_frame[:3, 3]
     attitude = Rotation.from_quat(path.q_world_frame, scalar_first=True)
-    relative = np.cross(recorded.columns["angular_rate"], arm)  # m/s in the axes of the recorded frame
+    relative = np.cross(recorded.columns["angular_rate"], arm)  # ω × a: (N, 3) m/s in the axes of the recorded frame
     return TruePath(
         t_ns=path.t_ns,
         p_frame_in_world=path.p_frame_in_world + attitude.apply(arm),
@@ -150,7 +153,7 @@ def _derive_path(recorded: Block[Sample], T_recorded_frame: Array) -> TruePath:
 
 
 def true_frames(topics: Iterable[str]) -> list[str]:
-    """Frames whose true path is among the topics."""
+    """Frames, such as `foot_r/imu`, whose true path `/truth/FRAME/odometry` is among the topics; sorted."""
     prefix, suffix = "/truth/", "/odometry"
     return sorted(t[len(prefix) : -len(suffix)] for t in topics if t.startswith(prefix) and t.endswith(suffix))
 
@@ -167,9 +170,17 @@ def true_footprints(recording: Recording) -> list[Footprint]:
 
 
 def project_on_way(p_feet_in_world: ArrayLike, layout: Layout) -> Array:
-    """(F,) m along the route, from (F, 3) m: all footprints of a walk in order.
+    """Places of all footprints of a walk along its route.
 
-    The order resolves where a route passes a place twice.
+    Each footprint is searched only within the longest step of the previous one (`_REACH_M`), so that the right place
+    comes out where a route passes a point twice.
+
+    Args:
+        p_feet_in_world: (F, 3) m, positions of the footprints in order of time.
+        layout: The true terrain with the route.
+
+    Returns:
+        (F,) m along the route.
     """
     return layout.way.project(np.asarray(p_feet_in_world, float).reshape(-1, 3)[:, :2], _REACH_M)
 
@@ -178,9 +189,9 @@ def scoring_time_ns(s: float, t_ns: Array, places: Array) -> float:
     """When a terrain change is scored: `SCORED_AHEAD_S` before the first foot lands beyond it.
 
     Args:
-        s: Its arc length, m.
-        t_ns: (F,) touch-downs, in order.
-        places: (F,) m along the route.
+        s: Arc length of the change along the route, m.
+        t_ns: (F,) touch-downs of the footprints, ns, in order.
+        places: (F,) m along the route, of the same footprints.
 
     Returns:
         ns; infinite if no foot lands beyond it.
@@ -221,14 +232,15 @@ def edges(profile: Sequence[Strip], min_m: float = 1e-6) -> list[tuple[float, fl
 def flights(profile: Sequence[Strip], min_m: float = 1e-6) -> list[Flight]:
     """The flights of a route, in order; height steps below `min_m` are ignored.
 
-    A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair.
+    A flight begins with the first edge after other terrain, and ends with the edge onto a strip that is no stair. A
+    flight that the route does not leave again is left out.
     """
     route_flights: list[Flight] = []
     s, heights = [], []  # places and heights of the edges of the present flight
     for place, height, onto in edges(profile, min_m):
         s.append(place)
         heights.append(height)
-        if onto.terrain == "stair":
+        if onto.terrain == "stair":  # a tread follows: the flight goes on
             continue
         tread = (s[-1] - s[0]) / (len(s) - 1) if len(s) > 1 else 0.0
         route_flights.append(Flight(s=s[0], end=s[-1], riser=float(np.mean(heights)), tread=tread, risers=len(s)))

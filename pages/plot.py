@@ -38,7 +38,7 @@ def data_range(*values: ArrayLike, include: Sequence[float] = (), margin: float 
     finite = everything[np.isfinite(everything)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
     # equal values have no span: a tenth of their size is taken
-    pad = margin * (high - low) or max(abs(high), 1.0) * 0.1
+    pad = margin * (high - low) or max(abs(high), 1.0) * 0.1  # a margin of 0 counts as no span, too
     return low - pad, high + pad
 
 
@@ -56,27 +56,29 @@ def thin(x: Array, y: Array, buckets: int) -> tuple[Array, Array]:
     if len(x) <= 2 * buckets:
         return x, y
     edges = np.linspace(0, len(x), buckets + 1).astype(int)
-    kept = {0, len(x) - 1}
-    for a, b in pairwise(edges.tolist()):
-        part = y[a:b]
-        if np.isfinite(part).any():
-            kept |= {a + int(np.nanargmin(part)), a + int(np.nanargmax(part))}
-        if not np.isfinite(part).all():
-            # one point without a value keeps the gap
-            kept.add(a + int(np.argmin(np.isfinite(part))))
-    index = sorted(kept)
-    return x[index], y[index]
+    kept = {0, len(x) - 1}  # numbers of the points that stay
+    for begin, end in pairwise(edges.tolist()):
+        bucket = y[begin:end]
+        if np.isfinite(bucket).any():
+            kept |= {begin + int(np.nanargmin(bucket)), begin + int(np.nanargmax(bucket))}
+        if not np.isfinite(bucket).all():
+            # the first point without a value keeps the gap
+            kept.add(begin + int(np.argmin(np.isfinite(bucket))))
+    numbers = sorted(kept)
+    return x[numbers], y[numbers]
 
 
 def join_curves(parts: Iterable[ArrayLike]) -> Array:
     """The (N, 2) rows of all parts, each followed by NaN: separate curves or polygons in one trace."""
     gap = np.full((1, 2), np.nan)
-    return np.concatenate([rows for part in parts for rows in (np.asarray(part, float), gap)] or [gap])
+    pieces = [rows for part in parts for rows in (np.asarray(part, float), gap)]
+    return np.concatenate(pieces or [gap])  # without any part, one gap
 
 
 def faint(color: str, opacity: float = 0.15) -> str:
-    """A hexadecimal colour, translucent."""
-    return "rgba({},{},{},{:g})".format(*(int(color[i : i + 2], 16) for i in (1, 3, 5)), opacity)
+    """A hexadecimal colour, such as `#0f1c2e`, made translucent: as CSS text `rgba(...)`."""
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
 
 
 @dataclass(kw_only=True)
@@ -143,6 +145,7 @@ class Plot:
     ) -> None:
         """Fills the area between curves `low` and `high` over x, (N,) each, with an outline if `stroke` is a colour."""
         xs = np.asarray(x, float)
+        # along `low` to the right, then along `high` back to the left
         outline = np.column_stack([np.r_[xs, xs[::-1]], np.r_[low, np.asarray(high)[::-1]]])
         self.areas([outline], color, label=label, stroke=stroke)
 
@@ -184,8 +187,10 @@ class Plot:
             color: CSS colour.
             label: In the legend; "" leaves it out.
         """
+        # four arrays of the same length
         sides = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (left, right, low, high)))
-        self.areas([[(a, c), (b, c), (b, d), (a, d)] for a, b, c, d in zip(*sides)], color, label=label)
+        rectangles = [[(x0, y0), (x1, y0), (x1, y1), (x0, y1)] for x0, x1, y0, y1 in zip(*sides)]
+        self.areas(rectangles, color, label=label)
 
     def dots(
         self,
@@ -279,11 +284,10 @@ class Plot:
 
     def _add(self, label: str, **trace: Any) -> None:
         """Adds a trace of Plotly; the first one with a label has the entry in the legend."""
-        # no earlier trace has the label
-        first = bool(label) and all(t.get("name") != label for t in self._traces)
+        is_first = bool(label) and all(trace.get("name") != label for trace in self._traces)
         # traces of one group are shown and hidden together
         named = {"name": label, "legendgroup": label} if label else {"hoverinfo": trace.get("hoverinfo", "x+y")}
-        self._traces.append({"type": "scatter", "showlegend": first, **trace, **named})
+        self._traces.append({"type": "scatter", "showlegend": is_first, **trace, **named})
 
     @property
     def is_stretched(self) -> bool:

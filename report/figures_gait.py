@@ -56,12 +56,14 @@ def level_strides(footprints: list[Footprint]) -> list[Stride]:
     """
     steady = footprints[1:-1]
     strides = []
-    for a, b, c in zip(steady, steady[1:], steady[2:]):
+    for first, other, last in zip(steady, steady[1:], steady[2:]):
         # a stride of one foot with one step of the other within it
-        if a.foot == c.foot != b.foot and all(p.mode == "LG" and p.terrain == "level" for p in (a, b, c)):
-            length = float(np.linalg.norm(c.p_foot_in_world - a.p_foot_in_world))
-            seconds = (c.t_ns - a.t_ns) * 1e-9
-            strides.append(Stride(foot=a.foot, start_ns=a.t_ns, end_ns=c.t_ns, speed_mps=length / seconds))
+        is_stride = first.foot == last.foot != other.foot
+        if is_stride and all(p.mode == "LG" and p.terrain == "level" for p in (first, other, last)):
+            length_m = float(np.linalg.norm(last.p_foot_in_world - first.p_foot_in_world))
+            seconds = (last.t_ns - first.t_ns) * 1e-9
+            stride = Stride(foot=first.foot, start_ns=first.t_ns, end_ns=last.t_ns, speed_mps=length_m / seconds)
+            strides.append(stride)
     return strides
 
 
@@ -86,12 +88,13 @@ def joint_figures(recording: Recording, strides: list[Stride]) -> list[Markup]:
     if "/truth/joints" not in recording.topics or not strides:
         return []
     block = recording.block("/truth/joints")
+    # (N,) degrees, by the name of the joint, such as `hip_flexion_l`
     angles = dict(zip(block.constants["names"], np.degrees(block.columns["position"]).T))
     # people's curves at the mean speed of the walk
     group = speed_group(float(np.mean([s.speed_mps for s in strides])))
     figures = []
     for joint, title in _JOINTS.items():
-        x, mean, sd = level_norm(group, f"{joint}_deg")
+        x, mean, sd = level_norm(group, f"{joint}_deg")  # gait cycle, %; mean and standard deviation, degrees
         plot = Plot(title=f"{title} over the gait cycle", x=(0, 100), x_label="gait cycle, %", y_label=f"{title}, °")
         for within, opacity in ((2, 0.1), (1, 0.2)):
             plot.band(x, mean - within * sd, mean + within * sd, faint(MUTED, opacity), label=f"people, ±{within} SD")
@@ -111,7 +114,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         strides: Strides on the level.
         mass_kg: Mass that the feet carry: of the person and of the exoskeleton.
     """
-    loads = {}
+    loads = {}  # by foot, stamps, ns, and vertical load as a share of the carried weight
     for foot in FOOT_NAMES:
         topic = f"/truth/foot_{foot}/wrench"
         if topic in recording.topics and any(s.foot == foot for s in strides):
@@ -126,6 +129,7 @@ def ground_reaction_figure(recording: Recording, strides: list[Stride], mass_kg:
         x_label="gait cycle, %",
         y_label="force / carried weight",
     )
+    # "Free" is the comfortable speed in the reference, the only one for which it has these ranges
     if speed_group(float(np.mean([s.speed_mps for s in strides]))) == "Free":
         level_norms: Any = read_reference("gait_norms")["level_walking"]
         norms = level_norms["vertical_grf_bw"]
@@ -173,11 +177,14 @@ def pressure_figure(recording: Recording, footprints: list[Footprint]) -> str:
         paths = []
         for i, p in enumerate(prints[:-1]):
             rows = np.flatnonzero(of_print == i)
-            ahead = _in_footprint(block.columns["p_in_world"][rows], p)
-            inside = (np.abs(ahead[:, 1]) < _SOLE_M[1]) & (ahead[:, 0] > -0.05) & (ahead[:, 0] < _SOLE_M[0])
+            local = _in_footprint(block.columns["p_in_world"][rows], p)
+            ahead, left = local.T
+            sole_length_m, half_width_m = _SOLE_M
+            inside = (np.abs(left) < half_width_m) & (ahead > -0.05) & (ahead < sole_length_m)
+            # where a part begins after a pause
             breaks = np.flatnonzero(np.diff(block.t_ns[rows][inside]) > _PAUSE_NS) + 1
             # at most some 120 points of each part
-            paths += [part[:: max(1, len(part) // 60)] for part in np.split(ahead[inside], breaks) if len(part)]
+            paths += [part[:: max(1, len(part) // 60)] for part in np.split(local[inside], breaks) if len(part)]
         if paths:
             plot.curves(paths, COLORS[foot], width=0.8, label=f"{FOOT_NAMES[foot]} foot")
     return plot.html() if plot.drawn else ""

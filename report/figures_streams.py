@@ -65,20 +65,22 @@ _CURVES: Mapping[type[Sample], tuple[tuple[str, tuple[str, ...], float, tuple[st
 
 def curves_of(block: Block[Sample]) -> list[Curves]:
     """The curves of one stream of small samples, in the units of a report; none for kinds that have no figure."""
-    name, c = describe_topic(block.topic), block.columns
+    name = describe_topic(block.topic)
     if block.kind is Ahrs:
-        euler = Rotation.from_quat(c["q_world_sensor"], scalar_first=True).as_euler("ZYX", degrees=True)
+        attitudes = Rotation.from_quat(block.columns["q_world_sensor"], scalar_first=True)
+        euler = attitudes.as_euler("ZYX", degrees=True)
         return [Curves(title=f"{name}: attitude, °", values=euler, labels=("yaw", "pitch", "roll"))]
-    return [
-        Curves(title=f"{name}: {quantity}", values=np.column_stack([c[n] for n in columns]) * factor, labels=labels)
-        for quantity, columns, factor, labels in _CURVES.get(block.kind, ())
-    ]
+    stream_curves = []
+    for quantity, columns, factor, labels in _CURVES.get(block.kind, ()):
+        values = np.column_stack([block.columns[column] for column in columns]) * factor  # (N, K)
+        stream_curves.append(Curves(title=f"{name}: {quantity}", values=values, labels=labels))
+    return stream_curves
 
 
 def describe_topic(topic: str) -> str:
     """The sensor behind a topic, such as `Left foot IMU` or `Exoskeleton, right knee encoder`."""
     *places, sensor = topic.strip("/").split("/")
-    names = [_describe_place(place) for place in places]
+    names = [_describe_place(place) for place in places]  # such as `exoskeleton` and `right knee`
     text = f"{', '.join(names)} {_SENSOR_NAMES.get(sensor, sensor.replace('_', ' '))}".strip()
     return text[:1].upper() + text[1:]
 
@@ -108,19 +110,21 @@ def stream_figures(recording: Recording, topics: list[str], window: tuple[float,
             continue
         for curves in curves_of(block):
             values = curves.values[inside]
-            quantity = curves.title.split(": ", 1)[1]
+            quantity = curves.title.split(": ", 1)[1]  # with its unit, such as `force, N`
             span = data_range(values)
             plot = Plot(
                 title=curves.title, x=window, y=span, x_label="time, s", y_label=quantity, height=220, hover="x"
             )
-            _shade(plot, [f for f in faults if f.topic == topic], window, span)
+            _shade_faults(plot, [f for f in faults if f.topic == topic], window, span)
             for column, label, color in zip(values.T, curves.labels, PALETTE):
                 plot.line(t[inside], column, color, label=label, width=1.2)
             figures.append(plot.html())
     return figures
 
 
-def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float], span: tuple[float, float]) -> None:
+def _shade_faults(
+    plot: Plot, faults: list[InjectedFault], window: tuple[float, float], span: tuple[float, float]
+) -> None:
     """Shades the times of faults within the window; the legend names their kinds.
 
     Args:
@@ -130,9 +134,11 @@ def _shade(plot: Plot, faults: list[InjectedFault], window: tuple[float, float],
         span: Lower and upper end of the figure's y axis.
     """
     # a very short fault is drawn wide enough to be seen
-    least = 0.004 * (window[1] - window[0])
+    first_s, last_s = window
+    least_s = 0.004 * (last_s - first_s)
     for fault in faults:
-        begin, end = max(fault.from_s, window[0]), min(max(fault.until_s, fault.from_s + least), window[1])
+        begin = max(fault.from_s, first_s)
+        end = min(max(fault.until_s, fault.from_s + least_s), last_s)
         if begin < end:
             plot.bars(begin, end, *span, faint(ERROR), label=f"fault: {fault.kind}")
 

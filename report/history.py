@@ -28,6 +28,7 @@ def history_page(lines: Sequence[HistoryLine], title: str) -> str:
 
 def _plots(name: str, lines: Sequence[HistoryLine]) -> str:
     """One small plot for each score of an estimator that the gate compares."""
+    # each score once; the gate compares those that have a scale
     metrics = dict.fromkeys(m for line in lines for m in line["estimators"].get(name, {}) if scale_of(m) is not None)
     return multiples(_plot(name, metric, lines) for metric in metrics)
 
@@ -66,19 +67,26 @@ def _plot(name: str, metric: str, lines: Sequence[HistoryLine]) -> str:
 
 
 def _labels(lines: Sequence[HistoryLine]) -> list[str]:
-    """Names of evenly spaced versions including the last one."""
-    every = -(-len(lines) // _NAMES)
-    return [str(x["label"])[:8] if (len(lines) - 1 - i) % every == 0 else "" for i, x in enumerate(lines)]
+    """Short names for the axis of a plot, one per version.
+
+    Only evenly spaced versions have one, at most `_NAMES`, including the last one; the others have "".
+    """
+    every = -(-len(lines) // _NAMES)  # rounded up
+    from_last = reversed(range(len(lines)))  # how many versions come after each one
+    return [str(line["label"])[:8] if later % every == 0 else "" for later, line in zip(from_last, lines)]
 
 
 def _verdicts(lines: Sequence[HistoryLine]) -> str:
     """A table of the versions, the latest first, with what became worse or failed."""
     head = ("version", "verdict", "walks", "what became worse, or failed")
-    rows = [(x["label"], x["verdict"], x["walks"], Markup("<br>").join(_bad(x))) for x in reversed(lines)]
+    rows = [
+        (line["label"], line["verdict"], line["walks"], Markup("<br>").join(_describe_problems(line)))
+        for line in reversed(lines)
+    ]
     return table(head, rows, (2,))
 
 
-def _bad(line: HistoryLine) -> list[str]:
+def _describe_problems(line: HistoryLine) -> list[str]:
     """Sentences on what became worse or failed in one version."""
     failed = line.get("failed", 0)
     return [*line["regressions"], *([f"an estimator failed on {failed} of {line['walks']} walks"] if failed else [])]

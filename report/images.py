@@ -17,7 +17,7 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Depth, Image
 
-NEAR_M, FAR_M = 0.4, 6.0
+NEAR_M, FAR_M = 0.4, 6.0  # depths at the two ends of the colour scale
 _AT_ONCE = 16  # images that are decoded together
 _LEAST_GREY = 8  # difference from the grey of pixels that are not rendered; more than JPEG leaves in them
 _SEARCHED_S, _SEARCH_STEP_S = 1.4, 0.1  # for the next image with a rendered part: more than a stride
@@ -88,6 +88,7 @@ def camera_views(
         count: Images of each camera.
         width: Of an image, pixels.
     """
+    # name of the camera's part, by the topics of its images and of its depth
     parts = {t: c.part for c in recording.rig.cameras.values() for t in (c.topic, c.depth_topic)}
     views = []
     for topic in camera_topics(recording):
@@ -95,12 +96,12 @@ def camera_views(
         # `count` times inside the walk, without its ends
         moments = np.linspace(info.first_ns, info.last_ns, count + 2)[1:-1].astype(np.int64).tolist()
         if topic in partly:
-            images, scale = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
+            images, note = _find_rendered_parts(recording, topic, moments, width), ", cropped to the rendered part"
         else:
             images = [(p.t_ns / 1e9, scale_image(p, width)) for p in recording.images(topic, t_ns=moments)]
-            scale = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
+            note = f", {NEAR_M:g}-{FAR_M:g} m" if info.kind is Depth else ""
         if images:
-            views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){scale}", images=images))
+            views.append(CameraView(title=f"{topic.strip('/')} ({parts[topic]}){note}", images=images))
     return views
 
 
@@ -132,18 +133,18 @@ def _find_rendered_parts(
 
 def crop_to_rendered(pixels: NDArray[np.uint8]) -> NDArray[np.uint8] | None:
     """Crops a grey image (H, W) to the smallest part of 4:3 around all that is rendered; None if a border cuts it."""
-    high, wide = pixels.shape
-    drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY
-    x, y, width, height = cv2.boundingRect(drawn.astype(np.uint8))
+    image_height, image_width = pixels.shape
+    drawn = np.abs(pixels.astype(np.int16) - BLANK) > _LEAST_GREY  # (H, W) pixels that differ from the blank grey
+    x, y, width, height = cv2.boundingRect(drawn.astype(np.uint8))  # left, top and size of the rendered part
     # nothing is rendered, or the rendered part touches a border of the image
-    if min(width, height, x, y, wide - x - width, high - y - height) == 0:
+    if min(width, height, x, y, image_width - x - width, image_height - y - height) == 0:
         return None
     # the smallest 4:3 around it, centred on it and then shifted into the image
-    h = max(height, round(width / _ASPECT))
-    w = min(round(h * _ASPECT), wide)
-    left = min(max(x + (width - w) // 2, 0), wide - w)
-    top = min(max(y + (height - h) // 2, 0), high - h)
-    return pixels[top : top + h, left : left + w]
+    crop_height = max(height, round(width / _ASPECT))
+    crop_width = min(round(crop_height * _ASPECT), image_width)
+    left = min(max(x + (width - crop_width) // 2, 0), image_width - crop_width)
+    top = min(max(y + (height - crop_height) // 2, 0), image_height - crop_height)
+    return pixels[top : top + crop_height, left : left + crop_width]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +177,7 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
     webm = io.BytesIO()
     with av.open(webm, "w", format="webm", options={"fflags": "+bitexact"}) as film:  # no random identifiers
         stream = film.add_stream("libvpx-vp9", rate=FPS, options=_VP9)
-        stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1
+        stream.pix_fmt, stream.codec_context.thread_count = "yuv420p", 1  # one thread, for equal bytes
         for t, rgb in frames:
             if not stream.codec_context.is_open:  # the first frame sets the size
                 stream.height, stream.width = rgb.shape[:2]
@@ -185,7 +186,7 @@ def make_film(frames: Iterable[tuple[float, NDArray[np.uint8]]], duration_s: flo
                 stills.append((t, rgb.copy()))
         if not stream.codec_context.is_open:
             raise StrideTwinError("the film has no frames")
-        film.mux(stream.encode())
+        film.mux(stream.encode())  # the frames that the encoder still holds
     return Film(webm=webm.getvalue(), stills=stills)
 
 

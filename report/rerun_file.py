@@ -40,7 +40,8 @@ def recording_id(recording: Recording) -> str:
     The digest distinguishes walks that differ in more than seed and physics, and imported ones, which have neither.
     """
     metadata = recording.metadata
-    spans = {topic: (i.count, i.first_ns, i.last_ns) for topic, i in recording.topics.items()}
+    # number of samples, first and last stamp of each topic
+    spans = {topic: (info.count, info.first_ns, info.last_ns) for topic, info in recording.topics.items()}
     digest = hashlib.sha256(json.dumps([dict(metadata), spans], sort_keys=True).encode()).hexdigest()
     names = (metadata.get("scenario", "walk"), metadata.get("seed", ""), metadata.get("physics", ""))
     return "-".join(["stridetwin", *filter(None, names), digest[:12]])
@@ -84,6 +85,7 @@ def _log_terrain(rr: ModuleType, stream: RecordingStream, layout: Layout | None)
         return
     floor = min(min(s.z0, s.z1) for s in layout.slabs) - 0.1
     for i, slab in enumerate(layout.slabs):
+        # (4, 3) m, corners of the top in order around it, and those below them on the floor; then the four sides
         tops = slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left])
         under = np.column_stack([tops[:, :2], np.full(4, floor)])
         sides = [(under[j], under[k], tops[k], tops[j]) for j, k in ((0, 1), (1, 2), (2, 3), (3, 0))]
@@ -140,6 +142,7 @@ def _blueprint(recording: Recording, of_kinds: Sequence[KindEvaluations]) -> Any
         for name in ("foot_l/imu", "foot_r/imu", "foot_l/insole", "foot_r/insole")
         if f"/{name}" in recording.topics
     ]
+    # walk above cameras, or the walk alone where there are none
     left = rrb.Vertical(rrb.Spatial3DView(origin="world", name="walk"), rrb.Grid(*cameras), row_shares=[3, 2])
     world = left if cameras else rrb.Spatial3DView(origin="world", name="walk")
     return rrb.Blueprint(rrb.Horizontal(world, rrb.Vertical(*series), column_shares=[3, 2]), collapse_panels=True)

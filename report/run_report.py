@@ -62,28 +62,29 @@ def render_report(data: ReportData) -> str:
         "ideal sensors" if config.ideal else "data-sheet sensors",
     ]
     if _RESIDUAL in data.recording.topics and config.physics == "dynamic":
-        chips.append(_root_help(data.recording, config.person.mass_kg))
+        chips.append(_describe_root_help(data.recording, config.person.mass_kg))
     if "fell_at_s" in data.recording.metadata:
         chips.append(f"FELL after {data.recording.metadata['fell_at_s']} s")
     sections = [
         *(part.summary for part in parts),
-        _film(data.film),
-        _views(data),
+        _film_section(data.film),
+        _view_section(data),
         *(part.figures for part in parts),
-        _gait(data),
-        _streams(data),
-        _faults(data),
+        _gait_section(data),
+        _stream_section(data),
+        _fault_section(data),
         *(part.scores for part in parts),
-        _sensors(data),
-        _reproduce(data),
+        _sensor_section(data),
+        _reproduce_section(data),
     ]
     name = config.name.replace("_", " ")
     footer = "Everything on this page comes from one recording; the estimators never had access to the truth."
     return page(name[:1].upper() + name[1:], data.scenario.description, chips, sections, footer)
 
 
-def _root_help(recording: Recording, mass_kg: float) -> str:
-    """Text on the external force at a simulated walker's pelvis, besides the ground's."""
+def _describe_root_help(recording: Recording, mass_kg: float) -> str:
+    """Text on the external force at a simulated walker's pelvis, besides the ground's, in % of the body weight."""
+    # (N,) size of the force as a share of the body weight
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1) / (
         mass_kg * NOMINAL_GRAVITY_MPS2
     )
@@ -91,17 +92,18 @@ def _root_help(recording: Recording, mass_kg: float) -> str:
     return f"external force at the pelvis {mean:.2f} % of body weight (95th percentile {p95:.2f}, maximum {most:.2f})"
 
 
-def _film(film: Film | None) -> str:
+def _film_section(film: Film | None) -> str:
     """The section with the film and its stills; empty without a film."""
     if film is None:
         return ""
     stills = [(f"{t:.0f} s", jpeg_uri(rgb)) for t, rgb in film.stills]
-    source, poster = data_uri(film.webm, "video/webm"), stills[len(stills) // 3][1]
+    source = data_uri(film.webm, "video/webm")
+    _, poster = stills[len(stills) // 3]  # the picture that is shown before the film plays
     body = render_template("film", source=source, poster=poster, stills=stills)
     return section("The walk", "In real time, seen from outside.", body, "card film")
 
 
-def _views(data: ReportData) -> str:
+def _view_section(data: ReportData) -> str:
     """The section with images of each camera; empty without cameras."""
     # shoe cameras that render nothing but the other shoe's board
     boards = data.scenario.config.fittings.get("foot_camera", SensorConfig()).frames == "board"
@@ -119,7 +121,7 @@ def _views(data: ReportData) -> str:
     return section("Camera views", lead, render_template("views", views=views)) if views else ""
 
 
-def _gait(data: ReportData) -> str:
+def _gait_section(data: ReportData) -> str:
     """The section with joint angles, ground reaction and centre of pressure; empty without true footprints."""
     if FOOTPRINTS not in data.recording.topics:
         return ""
@@ -147,7 +149,7 @@ def _describe_load(data: ReportData) -> str:
     return f"person and exoskeleton, {person_kg:.1f} + {data.total_mass_kg - person_kg:.1f} kg"
 
 
-def _streams(data: ReportData) -> str:
+def _stream_section(data: ReportData) -> str:
     """The section with the middle seconds of every sensor stream; empty without any."""
     middle = data.duration_s / 2
     window = (middle - WINDOW_S / 2, middle + WINDOW_S / 2)
@@ -158,22 +160,24 @@ def _streams(data: ReportData) -> str:
     return section("Sensor streams", lead, multiples(figures))
 
 
-def _faults(data: ReportData) -> str:
+def _fault_section(data: ReportData) -> str:
     """The section with the times of the injected faults; empty without any."""
-    times: dict[tuple[str, str], list[str]] = {}
+    times: dict[tuple[str, str], list[str]] = {}  # spans as text, by kind of fault and topic
     for fault in read_injected_faults(data.recording.metadata):
         times.setdefault((fault.kind, fault.topic), []).append(f"{fault.from_s:.2f}\N{EN DASH}{fault.until_s:.2f}")
     rows = []
     for (kind, topic), spans in times.items():
+        # the first six spans are written out
         more = f" and {len(spans) - 6} more" if len(spans) > 6 else ""
         rows.append((kind, code(topic), f"{', '.join(spans[:6])}{more}"))
     lead = "Faults injected between sensor and recorder; shaded in the streams above."
     return section("Injected faults", lead, table(("Fault", "Stream", "Time, s"), rows, ())) if rows else ""
 
 
-def _sensors(data: ReportData) -> str:
+def _sensor_section(data: ReportData) -> str:
     """The section with the part, mount and rate of each sensor, and the number of its samples."""
     recording, rig = data.recording, data.recording.rig
+    # part, rate in Hz, and body that carries it, of the sensor of each topic
     parts: Mapping[str, tuple[str, float, str]] = {
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.imus.items()},
         **{t: (s.part, s.rate_hz, s.mount.body) for t, s in rig.cameras.items()},
@@ -189,7 +193,7 @@ def _sensors(data: ReportData) -> str:
     return section("Sensors", "The rig as the recording declares it.", sensor_table) if rows else ""
 
 
-def _reproduce(data: ReportData) -> str:
+def _reproduce_section(data: ReportData) -> str:
     """The section with the command that makes the same run again."""
     lead = "The scenario and the seed fix every byte of the recording and of scores.json."
     return section("Reproduce", lead, Markup("<pre>{}</pre>").format(data.command), "")

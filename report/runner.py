@@ -103,7 +103,7 @@ def run_scenario(
         if parameters:
             document["parameters"] = {name: dict(values) for name, values in parameters.items()}
         (out / "scores.json").write_text(to_json(document), encoding="utf-8")
-        frames = _reporting(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
+        frames = _report_frames(twin.film(FPS, WIDTH, HEIGHT), twin.duration_s, progress)
         film_of_walk = make_film(frames, twin.duration_s) if film else None
         progress("report", 0.0)
         data = ReportData(
@@ -148,8 +148,8 @@ def scores_document(
     return {"recordings": [walk], "estimators": scores}
 
 
-def _reporting(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
-    """Yields the frames of the film, and reports the progress."""
+def _report_frames(frames: Iterator[Frame], duration_s: float, progress: Progress) -> Iterator[Frame]:
+    """Yields the frames of the film as they are rendered, each after a report of the progress (0-1)."""
     for t, rgb in frames:
         progress("film", t / duration_s)
         yield t, rgb

@@ -51,8 +51,8 @@ def _compile_estimators(stop: Event, names: Sequence[str], metadata: Mapping[str
 
 
 def _is_uncompiled(estimator_class: EstimatorClass, rig: Rig, metadata: Mapping[str, str]) -> bool:
-    """Whether a rig feeds an estimator of whose package Numba's cache has no kernel."""
-    package = ".".join(estimator_class.__module__.split(".")[:3])
+    """Whether a rig feeds an estimator of whose package Numba's cache has no kernel yet."""
+    package = ".".join(estimator_class.__module__.split(".")[:3])  # such as `stridetwin.estimators.foot_ins`
     if not is_uncompiled(package):
         return False
     options = Options(method=estimator_class.declaration.methods[0], metadata=metadata)
@@ -76,7 +76,7 @@ def compile_estimator(name: str, metadata: Mapping[str, str]) -> None:
             return
         options = Options(method=estimator_class.declaration.methods[0], metadata=metadata)
         takes = {s.topic: s.kind for s in estimator_class.streams(rig, options) if s.live and s.topic != POSES}
-    except StrideTwinError:
+    except StrideTwinError:  # the synthetic rig lacks a sensor
         return
     with TemporaryDirectory() as folder:
         recording = write_synthetic_recording(Path(folder) / "synthetic.mcap", takes, metadata)

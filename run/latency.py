@@ -8,7 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 
-_SHORTEST_S, _LONGEST_S, _GROWTH = 1e-6, 1e3, 1.01
+_SHORTEST_S, _LONGEST_S, _GROWTH = 1e-6, 1e3, 1.01  # limits of the histogram, and ratio of a bin's two limits
 _BINS = math.ceil(math.log(_LONGEST_S / _SHORTEST_S) / math.log(_GROWTH)) + 1
 
 
@@ -65,8 +65,8 @@ class Times:
 
     def add(self, seconds: float) -> None:
         """Adds a time; the quantiles do not resolve times below one microsecond."""
-        place = int(math.log(seconds / _SHORTEST_S) / math.log(_GROWTH)) if seconds > _SHORTEST_S else 0
-        self._counts[min(place, _BINS - 1)] += 1
+        bin_number = int(math.log(seconds / _SHORTEST_S) / math.log(_GROWTH)) if seconds > _SHORTEST_S else 0
+        self._counts[min(bin_number, _BINS - 1)] += 1  # the last bin also has all longer times
         self.count += 1
         self._sum += seconds
         self.least_s, self.most_s = min(self.least_s, seconds), max(self.most_s, seconds)
@@ -83,8 +83,9 @@ class Times:
         """
         if not self.count:
             return 0.0
-        place = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
-        return min(_SHORTEST_S * _GROWTH ** (place + 1), self.most_s)
+        # the first bin up to whose end the requested number of times lies
+        bin_number = int(np.searchsorted(np.cumsum(self._counts), math.ceil(share * self.count)))
+        return min(_SHORTEST_S * _GROWTH ** (bin_number + 1), self.most_s)
 
     def figures(self) -> TimeFigures:
         """Mean, quantiles and maximum in ms."""
@@ -167,18 +168,20 @@ class Latency:
         heads = ("mean ms", "p50", "p95", "p99", "max")
         data, lines = self.data(), list[str]()
         if self._whole:
-            lines.append(_row("from arrival to estimate", ("samples", "estimates", *heads, "work mean", "work p99")))
+            lines.append(
+                _format_row("from arrival to estimate", ("samples", "estimates", *heads, "work mean", "work p99"))
+            )
         for estimator, topics in data["arrival_to_estimate"].items():
             for topic, row in topics.items():
                 work = [f"{row['work_mean_ms']:.2f}", f"{row['work_p99_ms']:.2f}"]
-                cells = _row(f"{estimator} {topic}", [row["samples"], row["estimates"], *_cells(row), *work])
-                lines.append(cells + ("" if row["within_budget"] else "  over budget"))
+                line = _format_row(f"{estimator} {topic}", [row["samples"], row["estimates"], *_cells(row), *work])
+                lines.append(line + ("" if row["within_budget"] else "  over budget"))
         if self._whole:
             lines.append(f"budget: 99 % within {1e3 * self.budget_s:g} ms: {'kept' if self.within else 'not kept'}")
         if self._travel:
-            lines.append(_row("from stamp to arrival", ("samples", "min", *heads)))
+            lines.append(_format_row("from stamp to arrival", ("samples", "min", *heads)))
         for topic, times in data["stamp_to_arrival"].items():
-            lines.append(_row(topic, [self._travel[topic].count, f"{times['min_ms']:.2f}", *_cells(times)]))
+            lines.append(_format_row(topic, [self._travel[topic].count, f"{times['min_ms']:.2f}", *_cells(times)]))
         return lines
 
 
@@ -187,6 +190,6 @@ def _cells(row: TimeFigures) -> list[str]:
     return [f"{ms:.2f}" for ms in (row["mean_ms"], row["p50_ms"], row["p95_ms"], row["p99_ms"], row["max_ms"])]
 
 
-def _row(name: str, cells: Sequence[object]) -> str:
+def _format_row(name: str, cells: Sequence[object]) -> str:
     """A line of a table of text: a name and the cells, aligned at the right."""
     return f"{name:<36}" + "".join(f"{c:>11}" for c in cells)

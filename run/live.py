@@ -26,7 +26,7 @@ WINDOW_S = 0.01
 """How long a sample waits for older samples of other streams if no estimator runs."""
 SLOW_START_S = 5.0
 """Compiled functions are loaded within this time; if the warm-up takes longer, they are being compiled."""
-_IDLE_S = 0.1
+_IDLE_S = 0.1  # longest time that a round waits for arrivals
 
 Say = Callable[[str], None]
 
@@ -118,15 +118,15 @@ class _Live:
         self._given = Rig() if request.rig is None else read_rig(request.rig)
         self._rig, self._metadata = self._given, dict[str, str]()  # merged with those of the senders so far
         self._chain: Chain | None = None  # None until the rig is sufficient
-        self._compiled = False
+        self._compiled = False  # whether the warm-up is done
         self._recorder: LiveRecorder | None = None
-        # why the estimator has not started yet; topics and problems that have been reported
-        self._start_error, self._warned = "", set[tuple[str, str]]()
+        self._start_error = ""  # why the estimator has not started yet
+        self._warned = set[tuple[str, str]]()  # topics and problems that have been reported
         self._span: tuple[int, int] | None = None  # arrival of the first and of the last sample, `perf_counter_ns`
         self._input_check = InputCheck({}, Rig())
         # samples that were not used, by reason and topic
         self._counts = {name: Counter[str]() for name in ("before_start", "other_kind", "other_size", "skipped")}
-        self._refusals_reported = 0
+        self._refusals_reported = 0  # how many refused senders have been reported
 
     def run(self) -> Outcome:
         """Compiles the estimator, listens until the senders have ended, and writes the files.
@@ -204,8 +204,9 @@ class _Live:
     def _on_hello(self, hello: Hello) -> None:
         """Merges a sender's rig and metadata into those known, warns where two senders differ, and tries to start."""
         self._rig, differing = _merge_rigs(self._rig, hello.calibration)
-        known = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
-        for name in differing - known:
+        # the rig of the request takes precedence on purpose, so that no warning is due for its sensors
+        given = {*self._given.imus, *self._given.cameras, *self._given.boards, *self._given.others}
+        for name in differing - given:
             self._say(f"warning: another sender describes {name} differently; the first description is used")
         self._metadata = hello.metadata | self._metadata
         if self._recorder is not None:
@@ -257,11 +258,11 @@ class _Live:
         """Records a sample that has arrived, and queues it by its stamp if the estimator reads it and it fits."""
         topic = arrival.sample.topic
         self._span = (self._span[0] if self._span else arrival.since_ns, arrival.since_ns)
-        if arrival.travel_ns is not None:
+        if arrival.travel_ns is not None:  # None if the sender's clock is not known
             self._latency.add_travel(topic, arrival.travel_ns * 1e-9)
         if self._recorder is not None:
             self._recorder.write(arrival.message, arrival.sample.t_ns)
-        if self._chain is None:
+        if self._chain is None:  # counted if an estimator is wanted, but has not started
             self._counts["before_start"][topic] += self._request.chain is not None
         elif topic in self._chain.takes:
             if (wrong := self._input_check.find_problem(arrival.sample)) is None:
@@ -275,22 +276,22 @@ class _Live:
         """Gives samples to the estimator in order, measures the latency of each, and emits its rows."""
         for arrival in arrivals:
             assert self._chain is not None
-            topic, before = arrival.sample.topic, time.perf_counter_ns()
-            if self._is_stale(arrival, before):
+            topic, begin_ns = arrival.sample.topic, time.perf_counter_ns()
+            if self._is_stale(arrival, begin_ns):
                 self._counts["skipped"][topic] += 1
                 continue
             for estimator, line in self._chain.update(arrival.sample):  # yields when an estimator has finished
-                now = time.perf_counter_ns()
+                now_ns = time.perf_counter_ns()
                 self._latency.add(
                     estimator,
                     topic,
-                    whole_s=(now - arrival.since_ns) * 1e-9,
-                    work_s=(now - before) * 1e-9,
+                    whole_s=(now_ns - arrival.since_ns) * 1e-9,
+                    work_s=(now_ns - begin_ns) * 1e-9,
                     estimated=line is not None,
                 )
-                if line:
+                if line:  # an odometry before the estimator gives "" for a new pose
                     self._emit(line)
-                before = time.perf_counter_ns()
+                begin_ns = time.perf_counter_ns()  # of the next estimator's work
 
     def _is_stale(self, arrival: Arrival, now_ns: int) -> bool:
         """Whether an image has waited longer than allowed; other samples are never skipped."""
@@ -338,6 +339,7 @@ def _merge_rigs(first: Rig, second: Rig) -> tuple[Rig, set[str]]:
         (first.others, second.others),
     )
     for one, two in pairs:
+        # compared as text, because entries hold arrays
         differing |= {name for name in one.keys() & two.keys() if repr(one[name]) != repr(two[name])}
     merged = Rig(
         imus={**second.imus, **first.imus},

@@ -87,7 +87,8 @@ class Chain:
                 estimator.
         """
         if self._driven is not None and self._driven.feeds_odometry(sample):
-            yield self._driven.odometry, None if self._driven.update_odometry(sample) is None else ""
+            pose = self._driven.update_odometry(sample)
+            yield self._driven.odometry, None if pose is None else ""  # its poses are not shown as rows
         if self._driven is None or self._driven.feeds_estimator(sample):
             yield self._name, self._output.add(self._estimator.update(sample))
 
@@ -116,15 +117,16 @@ class InputCheck:
             self._cameras |= {camera.topic: camera, camera.depth_topic: camera}
 
     def find_problem(self, sample: Sample) -> tuple[str, str, str] | None:
-        """Finds what is wrong with a sample of an accepted topic; None if it fits.
+        """Finds what is wrong with a sample of an accepted topic.
 
         Returns:
-            The problem in general, in this case, and the name under which such samples are counted.
+            The problem in general, in this case, and the name under which such samples are counted; None if the sample
+            fits.
         """
         kind, camera = self._takes[sample.topic], self._cameras.get(sample.topic)
         if not isinstance(sample, kind):
             return _KIND, f"{type(sample).__name__}, not {kind.__name__}", "other_kind"
-        if camera is None or not isinstance(sample, Image | Depth):
+        if camera is None or not isinstance(sample, Image | Depth):  # only images can be of a wrong size
             return None
         height, width, *channels = (sample.pixels if isinstance(sample, Image) else sample.depth).shape
         if (height, width) != (camera.height, camera.width):

@@ -44,15 +44,16 @@ class Selection:
 
     def instances(self, kind: str, recording: Recording) -> list[Instance]:
         """The selected estimators of one kind of output that the recording feeds, each with its options."""
-        return [
-            with_parameters(self._with_backend(instance), self.parameters)
+        selected = [
+            estimator_class
             for name, estimator_class in estimator_registry.estimators(kind).items()
             if self.only is None or name in self.only
-            for instance in runnable_instances(estimator_class, recording)
         ]
+        runnable = [instance for chosen in selected for instance in runnable_instances(chosen, recording)]
+        return [with_parameters(self._with_backend(instance), self.parameters) for instance in runnable]
 
     def _with_backend(self, instance: Instance) -> Instance:
-        """The instance with the selected backend, if its estimator has that one."""
+        """The instance with the selected backend, or as it is if its estimator does not have that backend."""
         if self.backend not in instance.declaration.backends:
             return instance
         return replace(instance, options=replace(instance.options, backend=self.backend))
@@ -112,6 +113,7 @@ def run_recording(
     """
     selection = selection or Selection()
     with ExitStack() as stack:
+        # runs estimators of paths on the recording; further keywords of `all_paths` select some
         find_paths: Callable[..., list[PathEstimate]] = partial(
             all_paths, recording, only=selection.only, parameters=selection.parameters
         )
@@ -119,14 +121,14 @@ def run_recording(
         if in_two_processes and recording.is_mcap and has_two_image_estimators(recording, selection.only):
             # the other process estimates the paths of those that supply no poses; this one odometry and what it drives
             pool = stack.enter_context(open_pool(1))
-            future = pool.submit(_other_paths, recording.path, recording.lenient, selection)
+            future = pool.submit(_find_other_paths, recording.path, recording.lenient, selection)
             odometries = find_paths(supplies_poses=True)
             driven = _run_driven(recording, selection, odometries, progress)
             paths = future.result() + odometries
         else:
             paths = find_paths()
         for name, kind in kinds().items():
-            if kind.takes_poses or not kind.has_truth(recording):
+            if kind.takes_poses or not kind.has_truth(recording):  # those that take poses come last
                 continue
             if name == PATH:
                 frames = selection.frames
@@ -139,7 +141,7 @@ def run_recording(
         yield from _run_driven(recording, selection, paths, progress) if driven is None else driven
 
 
-def _other_paths(path: Path, lenient: bool, selection: Selection) -> list[PathEstimate]:
+def _find_other_paths(path: Path, lenient: bool, selection: Selection) -> list[PathEstimate]:
     """Runs the estimators of paths that supply no poses, in a process that opens the recording itself."""
     recording = Recording(path, lenient)
     return all_paths(recording, supplies_poses=False, only=selection.only, parameters=selection.parameters)
@@ -182,12 +184,11 @@ def run_driven(
         Each kind with its outputs.
     """
     selection = selection or Selection()
-    instances = [
-        (kind, instance.with_poses_of(odometry.frame))
-        for name, kind in kinds().items()
-        if kind.takes_poses
-        for instance in selection.instances(name, recording)
-    ]
+    instances = []
+    for name, kind in kinds().items():
+        if kind.takes_poses:
+            selected = selection.instances(name, recording)
+            instances += [(kind, instance.with_poses_of(odometry.frame)) for instance in selected]
     walk = align_walk(recording, odometry)
     by_kind: dict[AnyKind, list[Output[Any]]] = {}
     for kind, outputs in replay(instances, recording, walk.poses, walk.camera, walk, progress):
@@ -204,6 +205,7 @@ def has_two_image_estimators(recording: Recording, only: Container[str] | None =
         recording: The recording.
         only: Names of the estimators to run; None stands for all.
     """
+    # whether the estimators with images supply poses: {True, False} if there is an odometry and another one
     supplies_poses = {
         estimator_class.declaration.supplies_poses
         for name, estimator_class in estimator_registry.estimators(PATH).items()

@@ -22,10 +22,10 @@ from stridetwin.streams.samples import Ahrs, Depth, Encoder, Image, Imu, Insole,
 _SECONDS, _HZ, _IMAGES_HZ = 6.0, 100.0, 4.0
 """Long enough to fill an odometry's window: at rest it keeps one image every 0.4 s, ten in all."""
 _TREMOR_S, _TREMOR = 0.6, np.array([0.0, 0.0, 0.3])  # rad/s, at first: an odometry starts differently at rest
-_WIDTH, _HEIGHT, _FOCAL = 640, 480, 380.0
-_SQUARES = 6, 9
+_WIDTH, _HEIGHT, _FOCAL = 640, 480, 380.0  # px, of all cameras
+_SQUARES = 6, 9  # columns and rows of a board
 _EYE_HEIGHT_M, _WALL_M = 1.6, 4.0  # above the floor; distance of the wall that ends the view
-_STAIR_M, _RISER_M, _TREAD_M, _RISERS = 1.5, 0.17, 0.3, 5
+_STAIR_M, _RISER_M, _TREAD_M, _RISERS = 1.5, 0.17, 0.3, 5  # distance of the stair, its sizes and number of risers
 _AXES = {
     "head": ((0.0, -1.0, 0.0), (-0.6, 0.0, -0.8), (0.8, 0.0, -0.6)),
     "foot_l": ((-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, -1.0, 0.0)),
@@ -89,10 +89,9 @@ def synthetic_samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     """
     encoder, decoders = messages.MessageEncoder(synthetic_rig()), dict[str, messages.MessageDecoder]()
     for synthetic in _samples(takes):
-        # Kernels are compiled for the memory layout of each array, and arrays from messages have their own layout.
         message = encoder.encode(synthetic)
         decoder = decoders.setdefault(message.topic, messages.MessageDecoder(message.topic, message.typename))
-        if (sample := decoder.decode(message)) is not None:
+        if (sample := decoder.decode(message)) is not None:  # None if a number is not finite
             yield sample
 
 
@@ -119,7 +118,7 @@ def write_synthetic_recording(
 
 def _with_image_rates(rig: Rig, samples: Sequence[Sample]) -> Rig:
     """The rig with the rates at which the synthetic images come, because a recording is checked against its rig."""
-    seconds = samples[-1].t_ns * 1e-9
+    seconds = samples[-1].t_ns * 1e-9  # the samples begin at 0
     counts = Counter(sample.topic for sample in samples)
     cameras = {
         topic: replace(camera, rate_hz=max(counts[topic], counts[camera.depth_topic], 1) / seconds)
@@ -136,7 +135,8 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     Args:
         takes: The kind of sample by topic.
     """
-    pixels, depth = _colours() if Depth in takes.values() else _board(), _depths()
+    # with depth the camera is that of the head, in colour; else it is a shoe's, which sees a board
+    pixels, depth = _draw_blobs() if Depth in takes.values() else _draw_board(), _draw_stair_depths()
     rates = {topic: _IMAGES_HZ if kind in (Image, Depth) else _HZ for topic, kind in takes.items()}
     # time (ns), topic and number of every sample
     due = ((round(1e9 * (i + 1) / hz), topic, i) for topic, hz in rates.items() for i in range(int(_SECONDS * hz)))
@@ -151,18 +151,20 @@ def _samples(takes: Mapping[str, type[Sample]]) -> Iterator[Sample]:
     }
     for t_ns, topic, i in sorted(due):
         kind: Any = takes[topic]
+        # the rate of an IMU changes its sign from sample to sample, and is 0 after `_TREMOR_S`
         tremor = {"angular_rate": _TREMOR * (-1) ** i * (t_ns < _TREMOR_S * 1e9)} if kind is Imu else {}
         if kind in constant:
             yield kind(topic=topic, t_ns=t_ns, **constant[kind], **tremor)
 
 
-def _board() -> NDArray[np.uint8]:
+def _draw_board() -> NDArray[np.uint8]:
     """An image (H, W) of the other shoe's board, as either shoe camera sees it from 0.2 m.
 
     A square has 9 pixels, a white margin of one square is around the board, and the rest is grey. The board's columns
     run against those of the image, as it faces the camera.
     """
     columns, rows = _SQUARES
+    # a dark square where row and column add up to an even number; then a margin of one square on each side
     dark = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 0
     squares = np.pad(np.where(dark, 30, 220).astype(np.uint8)[:, ::-1], 1, constant_values=220)
     board = np.kron(squares, np.ones((9, 9), np.uint8))
@@ -172,19 +174,19 @@ def _board() -> NDArray[np.uint8]:
     return cv2.GaussianBlur(grey, (0, 0), 0.7).astype(np.uint8)
 
 
-def _colours() -> NDArray[np.uint8]:
+def _draw_blobs() -> NDArray[np.uint8]:
     """A colour image (H, W, 3) of smooth blobs: among equal pixels, a corner detector finds no maximum."""
     blobs = np.random.default_rng(0).integers(40, 215, (_HEIGHT // 8, _WIDTH // 8), np.uint8)
     return np.repeat(cv2.resize(blobs, (_WIDTH, _HEIGHT), interpolation=cv2.INTER_CUBIC)[..., None], 3, axis=2)
 
 
-def _depths() -> NDArray[np.float32]:
+def _draw_stair_depths() -> NDArray[np.float32]:
     """Depth (H, W) m of a floor and a stair, seen by the head's camera.
 
     All pixels of a row see the same depth, as nothing changes sideways: a ray per row is followed until it meets the
     ground.
     """
-    _, down, forward = _AXES["head"]
+    _, down, forward = _AXES["head"]  # each has x (forward) and z (up) in the body's frame at 0 and 2
     rows = (np.arange(_HEIGHT) - (_HEIGHT - 1) / 2) / _FOCAL  # (H,) downward slope of each row's ray in the camera
     # (H,) by how much a ray goes forward and up, for a depth of 1
     ahead, rise = rows * down[0] + forward[0], rows * down[2] + forward[2]

@@ -104,9 +104,12 @@ class CameraClock:
 
 
 def moving_board(rig: Rig, camera: CameraCalibration) -> Board | None:
-    """The board on the other shoe that fills the images of a shoe's camera; None for any other camera.
+    """The board on the other shoe that fills the images of a shoe's camera.
 
     Such images show the motion of both shoes, so that the gyro of one does not explain them.
+
+    Returns:
+        The board; None for a camera that is on no shoe or measures depth, and without a board on the other shoe.
     """
     if camera.mount.body not in _SHOES or camera.depth_topic:
         return None
@@ -127,7 +130,7 @@ def camera_clock(recording: Recording, camera: CameraCalibration, gyro: Block[Im
     Returns:
         None where the two rates have no clear common peak (little rotation or texture, or a scene that moves along).
     """
-    # rates of the gyro in the camera's axes, (M, 3) rad/s
+    # rates of the gyro in the axes of the camera as it is nominally mounted, (M, 3) rad/s
     T_body_imu = recording.rig.imu(camera.imu_topic).mount.T_body_sensor
     R_cam_imu = camera.mount.T_body_sensor[:3, :3].T @ T_body_imu[:3, :3]
     rate = gyro.columns["angular_rate"] @ R_cam_imu.T
@@ -174,13 +177,14 @@ def _estimate_clock(
         rate: (M, 3) rates of the gyro in the camera's nominal axes, rad/s.
         rates: Rates from the images, by segment.
     """
-    blocks = [
-        half for r in rates for half in np.array_split(np.arange(len(r.rate)), max(1, round(len(r.rate) / _BLOCK)))
-    ]
-    if len(blocks) < _MIN_BLOCKS:
+    # each segment is split into blocks of about `_BLOCK` pairs of images; `block_sizes` is the number of pairs of each
+    block_sizes: list[int] = []
+    for segment in rates:
+        pairs = np.arange(len(segment.rate))
+        block_sizes += [len(part) for part in np.array_split(pairs, max(1, round(len(pairs) / _BLOCK)))]
+    if len(block_sizes) < _MIN_BLOCKS:
         return None
-    # `blocks` only tells how many pairs each block has; `block` is the number of the block of each pair (N,)
-    block = np.repeat(np.arange(len(blocks)), [len(b) for b in blocks])
+    block = np.repeat(np.arange(len(block_sizes)), block_sizes)  # (N,) number of the block of each pair
     visual = np.concatenate([r.rate for r in rates])
     shifts = camera.timeshift_cam_imu_s + np.arange(-LARGEST_SHIFT_S, LARGEST_SHIFT_S + _STEP_S / 2, _STEP_S)
     # (S, N, 3) at S shifts
@@ -189,7 +193,8 @@ def _estimate_clock(
     # with wrong nominal mounts the two rates may correlate only after a rotation of one of them
     # (S, 3, 3) best rotation at each shift, and its cost
     rotations, costs = _align_mounts(measured, visual)
-    if _angle_deg(rotations[int(np.argmin(costs)) if fit is None else fit.at]) > MOUNT_OFF_DEG:
+    likely_shift = int(np.argmin(costs)) if fit is None else fit.at  # number of the most likely shift
+    if _angle_deg(rotations[likely_shift]) > MOUNT_OFF_DEG:
         rotated = _fit_shift(shifts, measured @ rotations.transpose(0, 2, 1), visual, block)
         off = 0.0 if rotated is None else _angle_deg(rotations[rotated.at])
         if rotated is not None and off > MOUNT_OFF_DEG and (fit is None or rotated.cost * _BETTER < fit.cost):
@@ -216,10 +221,11 @@ def _gyro_rates(spans: NDArray[np.int64], shifts: Array, t_ns: NDArray[np.int64]
         t_ns: (M,) stamps of the gyro, ns.
         rate: (M, 3) rates of the gyro, rad/s.
     """
-    t = (t_ns - t_ns[0]) * 1e-9
+    t = (t_ns - t_ns[0]) * 1e-9  # (M,) s
     # (M, 3) integral of the rates: a mean rate is its difference over an interval
     angle = np.vstack((np.zeros(3), np.cumsum(rate[1:] * np.diff(t)[:, None], axis=0)))
     at = (spans - t_ns[0]) * 1e-9 + shifts[:, None, None]  # (S, N, 2)
+    # (S, N, 2, 3) integral at the start and the end of each interval
     ends = np.stack([np.interp(at, t, angle[:, k]) for k in range(3)], axis=-1)
     return np.asarray((ends[:, :, 1] - ends[:, :, 0]) / (at[:, :, 1] - at[:, :, 0])[..., None])
 
@@ -255,22 +261,23 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
         visual: (N, 3) rates from the images, rad/s.
         block: (N,) number of the block of each pair.
     """
-    # (S, N); a minimum at the end of the range may lie beyond it
+    # (S, N) squared differences, the number of the best shift, and its mean difference
     squared, at, cost = _robust_residuals(measured, visual)
     if at in (0, len(shifts) - 1):
-        return None
-    count = int(block[-1]) + 1
+        return None  # the minimum may lie beyond the range
+    count = int(block[-1]) + 1  # of the blocks
     # (B, S) cost of each block at each shift
     by_block = np.zeros((count, len(shifts)))
     np.add.at(by_block, block, squared.T)
     total = by_block.sum(axis=0)
     at = int(np.argmin(total))
     correlation = _correlation(measured[at], visual)
+    # unique means that every shift far from the best one costs significantly more than that
     is_far = np.abs(shifts - shifts[at]) > _PEAK_S
     if correlation < _MIN_CORRELATION or not _are_significantly_worse(by_block - by_block[:, [at]])[is_far].all():
         return None
     # jackknife: the minimum without each of the blocks
-    left_out = np.array([_parabola_minimum(shifts, total - one) for one in by_block])
+    left_out = np.array([_parabola_minimum(shifts, total - block_cost) for block_cost in by_block])
     sd = math.hypot(math.sqrt((count - 1) * float(np.var(left_out))), _MODEL_SD_S)
     half = _student_quantile(count - 1) * sd
     if half > _MAX_HALF_WIDTH_S:
@@ -279,15 +286,23 @@ def _fit_shift(shifts: Array, measured: Array, visual: Array, block: NDArray[np.
 
 
 def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float]:
-    """(S, N) squared differences without the gyro's bias; number of the shift with the least, and their mean there.
+    """Squared differences between gyro and images at S shifts, without the gyro's bias and limited for outliers.
 
-    Each axis is weighted by its spread (not in the mean); a difference counts at most `_OUTLIER` times the median.
+    Args:
+        measured: (S, N, 3) rates of the gyro over N pairs of images at each shift, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+
+    Returns:
+        (S, N) squared differences, each axis divided by its variance at the best shift, and limited to `_OUTLIER` times
+        the median there; the number of the shift with the least mean difference; and this mean, (rad/s)², whose axes
+        are not divided by a variance.
     """
     residual = measured - visual
     # the median is the gyro's bias, as seen at each shift
     residual = residual - np.median(residual, axis=1, keepdims=True)
     squared = np.sum(residual**2, axis=2)
-    means = np.mean(np.minimum(squared, _OUTLIER * np.median(squared, axis=1, keepdims=True)), axis=1)
+    most = _OUTLIER * np.median(squared, axis=1, keepdims=True)  # that one difference counts, at each shift
+    means = np.mean(np.minimum(squared, most), axis=1)
     at = int(np.argmin(means))
     # (3,) variance of each axis, from the median of its squares, which outliers hardly change
     variance = np.median(residual[at] ** 2, axis=0) / _MEDIAN_OF_SQUARED_NORMAL + 1e-12
@@ -296,7 +311,15 @@ def _robust_residuals(measured: Array, visual: Array) -> tuple[Array, int, float
 
 
 def _are_significantly_worse(additional: Array) -> NDArray[np.bool_]:
-    """(S,) whether the additional costs (B, S) of B blocks have a mean above 0, by Student's test."""
+    """Whether each shift costs significantly more than the best one, by Student's test of the mean over the blocks.
+
+    Args:
+        additional: (B, S) cost of each of B blocks at each of S shifts, minus that at the best shift.
+
+    Returns:
+        (S,) booleans.
+    """
+    # (S,) standard error of the mean
     error = additional.std(axis=0, ddof=1) / math.sqrt(len(additional))
     return np.asarray(additional.mean(axis=0) > _student_quantile(len(additional) - 1) * error)
 
@@ -313,11 +336,15 @@ def _student_quantile(freedom: int) -> float:
 
 
 def _parabola_minimum(shifts: Array, cost: Array) -> float:
-    """Position of the minimum of the parabola through the least of (S,) costs and its two neighbours, s."""
+    """Position of the minimum of the parabola through the least of (S,) costs and its two neighbours, s.
+
+    If the three costs do not curve upwards, it is the middle one.
+    """
     best = int(np.clip(np.argmin(cost), 1, len(shifts) - 2))
     before, here, after = cost[best - 1 : best + 2]
     curvature = before - 2 * here + after
-    return float(shifts[best] + (0.5 * _STEP_S * (before - after) / curvature if curvature > 0 else 0.0))
+    offset = 0.5 * _STEP_S * (before - after) / curvature if curvature > 0 else 0.0
+    return float(shifts[best] + offset)
 
 
 def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
@@ -334,18 +361,19 @@ def _align_mounts(measured: Array, visual: Array) -> tuple[Array, Array]:
         (S, 3, 3) rotations, and (S,) costs: mean squared differences, each limited, (rad/s)².
     """
     a, b = measured - np.median(measured, axis=1, keepdims=True), visual - np.median(visual, axis=0)
-    weight = np.ones(a.shape[:2])
+    weight = np.ones(a.shape[:2])  # (S, N) 0 for a pair that is left out
     for _ in range(_ROUNDS):
         size = np.sum(weight * np.linalg.norm(a, axis=2) * np.linalg.norm(b, axis=1), axis=1)
+        # (S, 3, 3) sum of the products, with the small weight of the nominal mount on the diagonal
         H = np.einsum("sn,ni,snj->sij", weight, b, a) + (_PRIOR_SHARE * size + 1e-12)[:, None, None] * np.eye(3)
         U, _, Vt = np.linalg.svd(H)
         # a rotation, not a reflection
         U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
         R = U @ Vt
         squared = np.sum((a @ R.transpose(0, 2, 1) - b) ** 2, axis=2)
-        least = np.median(squared, axis=1, keepdims=True)
-        weight = (squared <= _OUTLIER * least).astype(float)
-    return R, np.mean(np.minimum(squared, _OUTLIER * least), axis=1)
+        most = _OUTLIER * np.median(squared, axis=1, keepdims=True)
+        weight = (squared <= most).astype(float)
+    return R, np.mean(np.minimum(squared, most), axis=1)
 
 
 def _angle_deg(R: Array) -> float:
@@ -354,10 +382,14 @@ def _angle_deg(R: Array) -> float:
 
 
 def _correlation(measured: Array, visual: Array) -> float:
-    """Correlation of (N, 3) rates without their medians; pairs with a large difference are left out."""
+    """Correlation of the rates of gyro and images without their medians; pairs with a large difference are left out.
+
+    Args:
+        measured: (N, 3) rates of the gyro, rad/s.
+        visual: (N, 3) rates from the images, rad/s.
+    """
     a, b = measured - np.median(measured, axis=0), visual - np.median(visual, axis=0)
     squared = np.sum((a - b) ** 2, axis=1)
     is_inlier = squared <= _OUTLIER * np.median(squared)
-    return float(
-        np.sum(a[is_inlier] * b[is_inlier]) / np.sqrt(np.sum(a[is_inlier] ** 2) * np.sum(b[is_inlier] ** 2) + 1e-30)
-    )
+    a, b = a[is_inlier], b[is_inlier]
+    return float(np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2) + 1e-30))  # 0 / 0 without motion becomes 0

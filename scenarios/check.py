@@ -41,6 +41,7 @@ def range_hits_pct(block: Block[S], rig: Rig | None) -> float | None:
     if block.kind is not Imu or not len(block):
         return None
     part = rig.imus[block.topic].part if rig is not None and block.topic in rig.imus else ""
+    # full scale by field: of the library's part, else of the part whose name contains a known one, else empty
     limits = full_scales(part) or next((scales for name, scales in _FURTHER_FULL_SCALES.items() if name in part), {})
     is_at_limit = np.zeros(len(block), bool)
     for field in ("angular_rate", "specific_force"):
@@ -49,9 +50,17 @@ def range_hits_pct(block: Block[S], rig: Rig | None) -> float | None:
 
 
 def _at_limit(magnitude: Array, limit: float | None) -> Array:
-    """(N,) whether an axis of (N, 3) magnitudes is at the limit.
+    """Whether each sample of an IMU is at the end of its range.
 
-    Without a known limit, at a magnitude that many samples share.
+    Without a known limit, an axis counts as at the limit at its largest magnitude, if at least `_MIN_PLATEAU` samples
+    share that magnitude and it is not 0.
+
+    Args:
+        magnitude: (N, 3) absolute values of the axes, rad/s or m/s².
+        limit: Full scale in the same unit; None if it is not known.
+
+    Returns:
+        (N,) whether any axis is at the limit.
     """
     if limit is not None:
         return np.asarray((magnitude >= _SHARE_OF_RANGE * limit).any(axis=1))
@@ -66,7 +75,7 @@ CLIPPED_PCT, RANGE_HITS_PCT = 5.0, 20.0
 smaller ranges, the foot's error stays within a factor of 1.2 up to the first (median), doubles by the second, and grows
 more than fivefold above it (`python -m benchmarks.foot_ins_clipping`)."""
 _MIN_SAMPLES = 10
-_SHARE_OF_CLOCKS = 0.5  # of the progress
+_SHARE_OF_CLOCKS = 0.5  # part of the progress that the check of the cameras' clocks takes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,9 +203,11 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
         topics[topic], topic_findings = _check_topic(recording, topic, inertial.get(topic))
         findings += topic_findings
     gyros = {topic: block.as_kind(Imu) for topic, block in inertial.items() if block.kind is Imu}
-    clocks, about_clocks = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
-    findings += about_clocks
-    unread = {f: t for f, t in recording.unread.items() if not f.endswith("/camera_info")}
+    # the clocks are the second half of the progress
+    clocks, clock_findings = _check_clocks(recording, gyros, lambda share: progress(_SHARE_OF_CLOCKS * (1 + share)))
+    findings += clock_findings
+    # topics that were not read, with the type of their messages; the calibration of cameras is read elsewhere
+    unread = {topic: kind for topic, kind in recording.unread.items() if not topic.endswith("/camera_info")}
     findings += [Finding(topic=t, what=f"not read: {kind}", is_error=False) for t, kind in sorted(unread.items())]
     data: CheckData = {
         "recording": str(recording.path),
@@ -213,7 +224,7 @@ def check_recording(recording: Recording, progress: Callable[[float], None] = la
 def check_table(check: Check) -> list[str]:
     """The result of a check as lines of text: one line per topic and camera, then the findings and the verdict."""
     heads = ("topic", "kind", "samples", "Hz", "declared", "jitter ms", "gaps", "longest s", "at limit %")
-    lines = [f"{_line(heads)}  remarks"]
+    lines = [f"{_format_line(heads)}  remarks"]
     for topic, row in check.data["topics"].items():
         declared, hits = row["declared_hz"], row["range_hits_pct"]
         cells = (
@@ -227,7 +238,7 @@ def check_table(check: Check) -> list[str]:
             f"{row['longest_gap_s']:.3f}",
             "-" if hits is None else f"{hits:.2f}",
         )
-        lines.append(f"{_line(cells)}  {_remark(row)}".rstrip())
+        lines.append(f"{_format_line(cells)}  {_remark(row)}".rstrip())
     for topic, clock in check.data["camera_clocks"].items():
         shift = f"{clock['shift_s'] * 1e3:+.1f} ± {clock['half_s'] * 1e3:.1f} ms (95 %)"
         lines.append(
@@ -239,20 +250,23 @@ def check_table(check: Check) -> list[str]:
     return lines
 
 
-def _line(cells: Sequence[str]) -> str:
-    """A line of the table that `check` prints."""
+def _format_line(cells: Sequence[str]) -> str:
+    """A line of the table that `check` prints: topic and kind to the left of their columns, numbers to the right."""
     return f"{cells[0]:<32}{cells[1]:<14}" + "".join(f"{c:>12}" for c in cells[2:])
 
 
 def _remark(row: CheckedTopic) -> str:
-    """Mean specific force of an IMU or accelerometer as text, "" for other streams."""
-    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}" if "force_m_s2" in row else ""
+    """The typical size of the specific force as text, and whether it is that at rest; "" for streams without it."""
+    if "force_m_s2" not in row:
+        return ""
+    return f"|f| {row['force_m_s2']:.2f} m/s²{' at rest' if row['rests'] else ''}"
 
 
 def _decode_images(recording: Recording) -> None:
     """Decodes the images so that damaged ones become problems; those of an MCAP file are protected by its CRCs."""
     if not recording.is_mcap:
-        for _ in recording.samples([t for t, i in recording.topics.items() if i.kind in (Image, Depth)]):
+        image_topics = [topic for topic, info in recording.topics.items() if info.kind in (Image, Depth)]
+        for _ in recording.samples(image_topics):  # a damaged image is added to `recording.problems` as it is read
             pass
 
 
@@ -338,19 +352,22 @@ def _check_topic(recording: Recording, topic: str, block: Block[S] | None) -> tu
     if block is not None and not topic.startswith("/truth/"):
         row["range_hits_pct"] = hits = range_hits_pct(block, recording.rig if recording.has_rig else None)
         if hits is not None and hits > CLIPPED_PCT:
-            is_error = hits > RANGE_HITS_PCT
+            is_error = hits > RANGE_HITS_PCT  # else a warning
             most = RANGE_HITS_PCT if is_error else CLIPPED_PCT
             what = f"{hits:.1f} % of the samples at the end of the range: expected up to {most:g} %"
             findings.append(Finding(topic=topic, what=what, is_error=is_error))
     if block is not None and info.count >= _MIN_SAMPLES:
         row["force_m_s2"], row["rests"] = force_at_rest(t_ns, block.columns["specific_force"])
         findings += [Finding(topic=topic, what=str(one)) for one in find_implausible_values(block)]
+        if topic.startswith("/foot_") and block.kind is Imu and not row["rests"]:
+            what = "never rests as a foot does in every stance, so that foot_ins has no path; is it worn on a foot?"
+            findings.append(Finding(topic=topic, what=what, is_error=False))
     return row, [f for f in findings if not _is_known(recording, f)]
 
 
 def _is_known(recording: Recording, finding: Finding) -> bool:
-    """Whether the recording's own problems already include it."""
-    return any(p.topic == finding.topic and finding.what in p.what for p in recording.problems)
+    """Whether the problems that were found when the recording was opened already include a finding."""
+    return any(problem.topic == finding.topic and finding.what in problem.what for problem in recording.problems)
 
 
 def _timing(t_ns: NDArray[np.int64]) -> Timing:
@@ -362,7 +379,7 @@ def _timing(t_ns: NDArray[np.int64]) -> Timing:
         return {"jitter_ms": 0.0, "gaps": 0, "longest_gap_s": 0.0, "longest_gap_at_s": 0.0}
     step = np.diff(t_ns)
     period = float(np.median(step))
-    at = int(np.argmax(step))
+    at = int(np.argmax(step))  # the sample before the longest step
     return {
         # 1.4826 times the median absolute deviation is the standard deviation of a normal distribution
         "jitter_ms": 1.4826 * float(np.median(np.abs(step - period))) * 1e-6,
@@ -373,7 +390,12 @@ def _timing(t_ns: NDArray[np.int64]) -> Timing:
 
 
 def _rate_from_rig(recording: Recording, topic: str) -> tuple[float, bool | None]:
-    """Rate that the rig declares (0: none), and whether the rig has the sensor (None: not required)."""
+    """What the calibration of a recording says about a topic.
+
+    Returns:
+        The rate that it declares, Hz, or 0 if there is none; and whether it has the sensor. None in place of the latter
+        stands for a stream of the truth, which needs no calibration.
+    """
     if topic.startswith("/truth/"):
         return 0.0, None
     if not recording.has_rig:

@@ -9,6 +9,7 @@ from datetime import timedelta
 from stridetwin.sim.config import TwinConfig
 from stridetwin.sim.world.route import lay_out
 
+# MB and CPU time per second of walking: of each camera, and of everything else
 _MB_PER_S = {"head_camera": 7.7, "foot_camera": 0.3}
 _REST_MB_PER_S = 0.45
 _CPU_PER_S = {"head_camera": 0.85, "foot_camera": 0.25}
@@ -43,6 +44,7 @@ class Cost:
     def describe(self, workers: int = 1) -> str:
         """The cost as text, such as `3 walks: about 60 s of walking, 380 MB, 0:01:20 with 1 process`."""
         size = f"{self.size_mb / 1000:.1f} GB" if self.size_mb >= 1000 else f"{self.size_mb:.0f} MB"
+        # a long time is rounded to ten seconds
         time = timedelta(seconds=round(_START_CPU_S + self.cpu_s / workers, -1 if self.is_long else 0))
         walks = f"{self.walks} walk{'s' * (self.walks != 1)}"
         names = f"{workers} process{'es' * (workers != 1)}"

@@ -41,11 +41,12 @@ def true_geometry(size: Wearer, rig: Rig) -> geometry.Exoskeleton:
         raise StrideTwinError("the wearer has no exoskeleton, or one of the user's own, without a D-H table")
 
     def mount(topic: str, frame: int) -> geometry.Attitude:
+        """The mount of the AHRS of a topic in the frame of the D-H table that carries it."""
         return geometry.Attitude(
             topic=topic, frame=frame, R_frame_sensor=R_DH_BODY[frame] @ rig.others[topic].mount.T_body_sensor[:3, :3]
         )
 
-    # pose of the sole in the D-H frame of the foot
+    # (4, 4) pose of the sole in the D-H frame of the foot; the body's axes are rotated into those of the D-H frame
     T_foot_sole = np.eye(4)
     T_foot_sole[:3, :3] = R_DH_BODY[_FOOT]
     T_foot_sole[:3, 3] = R_DH_BODY[_FOOT] @ [links.ankle1 - size.ankle_x, 0.0, -size.body.ankle_height_m]
@@ -89,12 +90,15 @@ def _stops(side: str, joint: int | None) -> tuple[float, float]:
     """Range of a joint in the sign of the D-H table, rad; unlimited for a frame without a joint."""
     if joint is None:
         return -math.inf, math.inf
+    # a negative sign exchanges the ends of the range
     low, high = sorted((DH_SIGNS[side][joint] * RANGE_RAD[joint]).tolist())
     return low, high
 
 
 def geometry_metadata(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] = ()) -> dict[str, str]:
-    """The text of `nominal_geometry` for a recording's metadata; empty without the exoskeleton or one of its sensors.
+    """The geometry of the exoskeleton that an estimator gets, as text under its key of a recording's metadata.
+
+    It is empty without the exoskeleton, or without one of the kinds of sensors that the estimator needs (`_SENSORS`).
 
     Args:
         size: The wearer.
@@ -119,6 +123,7 @@ def nominal_geometry(size: Wearer, rig: Rig, seed: int, faults: Iterable[Fault] 
         faults: Those of the walk; errors of links among them apply.
     """
     exo = simulate_measurement(true_geometry(size, rig), np.random.default_rng([seed, _MEASUREMENT]))
+    # a miscalibration of a knee's encoder also falsifies the lengths of that leg's thigh and shank
     legs = dict(exo.legs)
     for fault in faults:
         for side, leg in legs.items():

@@ -36,12 +36,12 @@ def stage_files(folder: Path) -> Iterator[Path]:
 
 
 def _remove_unfinished(folder: Path) -> None:
-    """Removes the folders of killed processes; those of running processes are locked and stay."""
-    for left in folder.glob(f"{_PREFIX}*"):
+    """Removes the temporary folders of killed processes; those of running processes are locked and stay."""
+    for temporary in folder.glob(f"{_PREFIX}*"):
         try:
-            with lock_folder(left):
-                shutil.rmtree(left)
-        except BlockingIOError:
+            with lock_folder(temporary):
+                shutil.rmtree(temporary)
+        except BlockingIOError:  # locked: in use
             continue
 
 

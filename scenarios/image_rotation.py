@@ -33,6 +33,8 @@ class _FlowOptions(TypedDict):
 
 _WIDTH = 400  # px of the images that are tracked
 _FEATURES, _REPLACED_BELOW, _MIN_TRACKS = 150, 100, 20
+"""Most features that are looked for, the number below which new ones replace them, and the number below which no
+rotation is estimated."""
 _CORNER_QUALITY, _CORNER_SPACING_PX = 0.01, 8
 _LK: _FlowOptions = {"winSize": (15, 15), "maxLevel": 3}
 _STATIONARY_PX, _ROTATION_PX, _INLIER_PX = 0.1, 0.15, 0.7
@@ -67,36 +69,38 @@ def rotation_rates(recording: Recording, camera: CameraCalibration, first: int, 
     """
     times = recording.image_times(camera.topic)[first : first + count].tolist()
     depth_at = _depth_numbers(recording, camera)
-    # `before`: stamp, grey image and depth of the previous image
     features, spans, rates, before = _Features(camera), [], [], None
     try:
-        for number, t in enumerate(times, first):
-            grey = _grey(recording.images(camera.topic, [number])[0])
-            if before is not None and (rotation := features.rotation(before[1], grey, before[2])) is not None:
-                spans.append((before[0], t))
-                rates.append(rotation * 1e9 / (t - before[0]))
-            before = t, grey, _depth(recording, camera, depth_at.get(t))
-    except StrideTwinError:
+        for number, t_ns in enumerate(times, first):
+            grey = _to_small_grey(recording.images(camera.topic, [number])[0])
+            if before is not None:
+                before_ns, before_grey, before_depth = before
+                rotation = features.rotation(before_grey, grey, before_depth)
+                if rotation is not None:
+                    spans.append((before_ns, t_ns))
+                    rates.append(rotation * 1e9 / (t_ns - before_ns))
+            before = t_ns, grey, _read_depth(recording, camera, depth_at.get(t_ns))
+    except StrideTwinError:  # a damaged image
         return None
     return Rates(t_ns=np.array(spans, np.int64), rate=np.array(rates)) if spans else None
 
 
 def _depth_numbers(recording: Recording, camera: CameraCalibration) -> dict[int, int]:
-    """Numbers of the depth images by the stamps of the colour images that they are registered to."""
+    """Numbers of the depth images by their stamps, ns, which are those of the colour images that they belong to."""
     if camera.depth_topic not in recording.topics:
         return {}
     return {t: i for i, t in enumerate(recording.image_times(camera.depth_topic).tolist())}
 
 
-def _depth(recording: Recording, camera: CameraCalibration, number: int | None) -> DepthImage | None:
+def _read_depth(recording: Recording, camera: CameraCalibration, number: int | None) -> DepthImage | None:
     """(H, W) depth image by its number, m; None without a number."""
     image = None if number is None else recording.images(camera.depth_topic, [number])[0]
     return image.depth if isinstance(image, Depth) else None
 
 
-def _grey(image: Image | Depth) -> Grey:
-    """A grey image of at most `_WIDTH` pixels across."""
-    assert isinstance(image, Image)
+def _to_small_grey(image: Image | Depth) -> Grey:
+    """The image in grey, reduced to at most `_WIDTH` pixels across."""
+    assert isinstance(image, Image)  # a camera's topic has no depth images
     pixels = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, _WIDTH / pixels.shape[1])
     return np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
@@ -128,6 +132,7 @@ class _Features:
             self._tracked = np.asarray([] if corners is None else corners, np.float32).reshape(-1, 1, 2)
         if len(self._tracked) < _MIN_TRACKS:
             return None
+        # pixels of the features in the next image, and 1 for each one that was tracked
         tracked, is_found, _ = cv2.calcOpticalFlowPyrLK(a, b, self._tracked, np.zeros_like(self._tracked), **_LK)
         is_tracked = np.ravel(is_found) == 1
         before, self._tracked = self._tracked[is_tracked], tracked[is_tracked]
@@ -135,7 +140,7 @@ class _Features:
             return None
         scale = a.shape[1] / self._camera.width  # the tracked images are smaller than the camera's
         x, y = (_rays(points, self._camera, scale) for points in (before, self._tracked))
-        # size of a pixel in normalised coordinates, which x and y are
+        # x and y are (N, 2) normalised coordinates of the features in both images, and a pixel has this size in them
         pixel = 1.0 / (self._camera.intrinsics[0] * scale)
         if float(np.median(np.linalg.norm(x - y, axis=1))) < _STATIONARY_PX * pixel:
             return np.zeros(3)  # at rest the essential matrix is not defined
@@ -154,12 +159,13 @@ def _fit_rotation(x: Array, y: Array, pixel: float) -> Array | None:
         y: (N, 2) in the second image.
         pixel: Size of a pixel in normalised coordinates.
     """
+    # (N, 3) unit vectors along the rays of both images
     a, b = (np.column_stack((rays, np.ones(len(rays)))) for rays in (x, y))
     a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
     U, _, Vt = np.linalg.svd(b.T @ a)
     U[:, 2] *= np.linalg.det(U @ Vt)  # a rotation, not a reflection
     R = U @ Vt
-    residual = np.linalg.norm(a @ R.T - b, axis=1)
+    residual = np.linalg.norm(a @ R.T - b, axis=1)  # of unit rays: about an angle, rad
     return np.asarray(R, float) if float(np.median(residual)) < _ROTATION_PX * pixel else None
 
 
@@ -172,7 +178,7 @@ def _rotation_from_essential(x: Array, y: Array, pixel: float) -> Array | None:
         pixel: Size of a pixel in normalised coordinates.
     """
     E, inliers = cv2.findEssentialMat(x, y, np.eye(3), cv2.RANSAC, 0.999, _INLIER_PX * pixel)
-    if E is None or E.shape != (3, 3):
+    if E is None or E.shape != (3, 3):  # OpenCV stacks several solutions
         return None
     count, R, _, _ = cv2.recoverPose(E, x, y, np.eye(3), mask=inliers)
     return np.asarray(R, float) if count >= _MIN_TRACKS else None
@@ -192,6 +198,7 @@ def _rotation_from_pnp(x: Array, y: Array, z: Array, pixel: float) -> Array | No
     has_depth = z > 0
     if has_depth.sum() < _MIN_TRACKS:
         return None
+    # (P, 3) m, the features in space, in the axes of the first image
     points = np.column_stack((x, np.ones(len(x))))[has_depth] * z[has_depth, None]
     is_solved, rotation, _, inliers = cv2.solvePnPRansac(
         points, y[has_depth], np.eye(3), np.zeros(4), reprojectionError=_INLIER_PX * pixel
@@ -207,6 +214,7 @@ def _depth_at(depth: DepthImage, corners: NDArray[np.float32], scale: float) -> 
         corners: (N, 1, 2) pixels of the features in the tracked, smaller image.
         scale: Width of that image relative to the depth image; pixel centres are at whole numbers.
     """
+    # (N, 2) column and row in the depth image; 0.5 moves from the centre of a pixel to its corner and back
     at = np.rint((corners.reshape(-1, 2) + 0.5) / scale - 0.5).astype(int)
     height, width = depth.shape
     return np.asarray(depth[at[:, 1].clip(0, height - 1), at[:, 0].clip(0, width - 1)], float)
@@ -220,6 +228,7 @@ def _rays(pixels: NDArray[np.float32], camera: CameraCalibration, scale: float) 
         camera: Calibration of the camera.
         scale: Width of that image relative to the camera's own; pixel centres are at whole numbers.
     """
+    # 0.5 moves from the centre of a pixel to its corner and back
     points = (pixels.reshape(-1, 1, 2).astype(np.float64) + 0.5) / scale - 0.5
     undistort = cv2.fisheye.undistortPoints if camera.distortion_model == "equidistant" else cv2.undistortPoints
     return np.asarray(undistort(points, camera.K, np.array(camera.distortion)), float).reshape(-1, 2)

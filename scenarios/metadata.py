@@ -25,11 +25,19 @@ class InjectedFault:
 
 
 def fault_metadata(planned: Sequence[tuple[Fault, Events]]) -> dict[str, str]:
-    """The events of planned faults as metadata, in time order; also the restarts of an odometry for `pose_restart`."""
+    """The events of planned faults as metadata, in time order, and the restarts of an odometry, which replays apply.
+
+    Args:
+        planned: Each fault of a walk with its events by topic.
+
+    Returns:
+        JSON by key: rows with kind, topic, begin and end of each event; and, if there are any, the restarts
+        (`pose_restart.RESTARTS`).
+    """
     events = [event for _, by_topic in planned for topic_events in by_topic.values() for event in topic_events]
     events.sort(key=lambda e: (e.from_ns, e.topic, e.kind))
     rows = [{"kind": e.kind, "topic": e.topic, "from_s": e.from_ns / 1e9, "until_s": e.until_ns / 1e9} for e in events]
-    # begin and end, ns, yaw and translation of each restart of an odometry
+    # of each restart of an odometry: begin and end, ns; rotation about the vertical, rad; and translation x, y, z, m
     restarts = [
         (e.from_ns, e.until_ns, fault.yaw_rad, *fault.translation_m)
         for fault, by_topic in planned

@@ -26,7 +26,7 @@ Progress = Callable[[str, float], None]
 
 
 def make_twin(scenario: Scenario | TwinConfig | str | Path, seed: int = 0) -> Twin:
-    """The twin of a walk; see `twin_class`.
+    """Builds the twin, which simulates the walk of a scenario with all its sensors.
 
     Args:
         scenario: A scenario, the configuration of a walk, a name in the catalogue, or the path of a file.
@@ -50,7 +50,11 @@ def twin_class() -> type[Twin]:
 
 
 def without_cameras(scenario: Scenario | TwinConfig | str | Path) -> Scenario:
-    """The scenario (see `make_twin`) with all cameras off."""
+    """A scenario with the groups of sensors `CAMERAS` off and all others as they were.
+
+    Args:
+        scenario: A scenario, the configuration of a walk, a name in the catalogue, or the path of a file.
+    """
     scenario = to_scenario(scenario)
     sensors = tuple(s for s in scenario.config.sensors if s not in CAMERAS)
     return replace(scenario, config=replace(scenario.config, sensors=sensors))
@@ -59,12 +63,18 @@ def without_cameras(scenario: Scenario | TwinConfig | str | Path) -> Scenario:
 def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, share: None) -> None:
     """Runs the twin and writes the truth and the sensor samples that arrive as one recording.
 
+    Args:
+        twin: The twin, with the faults of its scenario in its configuration.
+        path: The recording to write.
+        progress: Receives the stage and its progress (0-1).
+
     Raises:
         ConfigError: A fault begins after the walk's end, or the first argument is no twin.
     """
     if isinstance(twin, str | Path | Scenario | TwinConfig):
         raise ConfigError("record", "twin", type(twin).__name__, "a Twin, such as make_twin(SCENARIO)")
     config = twin.config
+    # the faults: which samples they drop, change or delay, and the calibration that they falsify
     plan = FaultPlan.of(config.faults, twin.rig, twin.seed, twin.duration_s)
     metadata = _walk_metadata(twin, plan.rig)
     if twin.fell_at is None:  # a fall may end the walk before a fault begins
@@ -74,6 +84,7 @@ def record(twin: Twin, path: str | Path, progress: Progress = lambda stage, shar
     if plan.planned:
         metadata |= fault_metadata(plan.planned)
     with RecordingWriter(path, plan.rig, metadata) as writer:
+        # blocks and samples in the order in which they reach the recorder, each with its time of arrival
         for arrival in plan.arrivals(_with_progress(twin, progress)):
             writer.write(arrival.item, arrival.log_ns)
 
@@ -115,9 +126,10 @@ def _walk_metadata(twin: Twin, rig: Rig) -> dict[str, str]:
 
 def _with_progress(twin: Twin, progress: Progress) -> Iterator[Block[Sample] | Sample]:
     """Blocks and samples of the twin in the order in which it gives them, with the progress of the walk (0-1)."""
-    t_ns = 0
+    t_ns = 0  # latest stamp so far
     for blocks in twin.blocks():
         for item in blocks:
+            # a block has an array of stamps, which may be empty; a sample has one
             last = item.t_ns if isinstance(item.t_ns, int) else item.t_ns[-1:].max(initial=0)
             t_ns = max(t_ns, int(last))
             yield item

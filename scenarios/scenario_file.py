@@ -96,7 +96,7 @@ def scenario_of(node: object, path: Path) -> Scenario:
         ConfigError: An invalid value; the message names file, field, value and what is valid.
     """
     file = validate(ScenarioFile, node, path, context={"folder": path.parent})
-    terrain: Any = file.terrain
+    terrain: Any = file.terrain  # a tuple of segments, or a mesh, from which the segments are found
     notes: tuple[str, ...] = ()
     if isinstance(terrain, MeshWay):
         terrain, summary = mesh_terrain(terrain, file.width_m)
@@ -106,7 +106,8 @@ def scenario_of(node: object, path: Path) -> Scenario:
     if "sensors" in file.model_fields_set:
         values |= {"sensors": file.sensors.groups, "fittings": file.sensors.configs}
     config = TwinConfig(name=path.stem, route=route, **values)
-    # the second checks lay out route and rig, which needs what the first ones check
+    # each call raises all errors of its checks together; the second one lays out route and rig, which needs what the
+    # first one checks
     _run_checks(
         lambda: _check_order(path, route.segments),
         lambda: _check_physics(path, config),
@@ -129,7 +130,11 @@ def _run_checks(*checks: Callable[[], None]) -> None:
 
 
 def _check_things(path: Path, route: Route) -> None:
-    """Raises ConfigError for an object that does not fit on the route."""
+    """Refuses objects that do not fit on the route.
+
+    Raises:
+        ConfigError: The place of an object is invalid; the error names the key of the file, `terrain`, for `segments`.
+    """
     from stridetwin.sim.world.obstacles import check_things  # compiled functions, so imported when it is needed
 
     try:
@@ -149,7 +154,12 @@ def _check_physics(path: Path, config: TwinConfig) -> None:
 
 
 def _check_order(path: Path, segments: tuple[Segment, ...]) -> None:
-    """Raises ConfigError if segments cannot follow each other, or the walk does not begin and end on level ground."""
+    """Refuses segments that cannot follow each other, and a walk that does not begin and end on level ground.
+
+    Raises:
+        ConfigError: The first or the last segment is not level, a stair follows a stair without a landing, or the last
+            segment is tilted sideways.
+    """
     for i, segment in enumerate(segments):
         kind = type(segment).__name__.lower()
         if i in (0, len(segments) - 1) and kind != "level":

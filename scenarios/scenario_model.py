@@ -242,9 +242,9 @@ _Thing = OneKey(
 
 
 def _check_times(fault: Fault) -> Fault:
-    """Returns a fault.
+    """Returns a fault; refuses one whose times are not clear.
 
-    Refuses one with times that has neither or both of a time and a rate, or a rate without duration.
+    A fault with times needs either a time (`at_s`) or a rate (`rate_per_min`), and with a rate also a duration.
     """
     if not isinstance(fault, TimedFault):
         return fault
@@ -333,7 +333,7 @@ def _valid_parts(group: str, near: str = "") -> str:
 
 
 def _check_uncalibrated(clock: Clock) -> Clock:
-    """Returns a clock's errors; refuses a calibrated offset where no calibration can hold it."""
+    """Returns the errors of a clock; refuses `calibrated` for a group whose clock no calibration can hold."""
     if clock.calibrated:
         raise field_error(
             "calibrated", "keys offset_s, drift_ppm, jitter_s, latency_s: no calibration holds this clock"
@@ -342,15 +342,12 @@ def _check_uncalibrated(clock: Clock) -> Clock:
 
 
 def _seat(facing: Facing) -> Seat:
-    """Where a seated person is, and which way they face."""
+    """Position and direction of a board or sensor, from the keys of a file that give no roll about the direction."""
     return Seat(position_m=facing.position_m, faces_rad=facing.faces_rad)
 
 
 def _check_direction(options: Any) -> Any:
-    """Returns the options of the head camera.
-
-    Refuses both `mount` and `pitch_down_deg`, which set the same direction.
-    """
+    """Returns the options of the head camera; refuses `mount` beside `pitch_down_deg`, as both set the direction."""
     if {"mount", "pitch_down_rad"} <= options.model_fields_set:
         raise field_error(
             round(options.pitch_down_rad / DEG, 6), "no pitch_down_deg, as mount sets the direction", "pitch_down_deg"
@@ -367,7 +364,7 @@ def _check_on_shoe(position_m: tuple[float, float, float] | None) -> tuple[float
 
 def _group_type(group: str) -> Any:
     """Pydantic type of a sensor group in a file: `true`, `false`, the name of a part, or a mapping of options."""
-    hints = get_type_hints(SensorConfig, include_extras=True)
+    hints = get_type_hints(SensorConfig, include_extras=True)  # type of each option, some of them narrowed below
     if group not in _CALIBRATED_CLOCKS:
         hints["clock"] = Annotated[Clock, AfterValidator(_check_uncalibrated)]
     hints["board"] = Annotated[Facing, AfterValidator(_seat)]
@@ -398,7 +395,7 @@ def _part_as_keys(node: object) -> object:
 
 
 def _sensor_config(options: BaseModel) -> SensorConfig:
-    """Options of a group from its part and the keys that the file sets."""
+    """The configuration of a group: that of its part, with the keys that the file sets in place of the part's."""
     values = {name: getattr(options, name) for name in options.model_fields_set}
     part: SensorConfig = values.pop("part", SensorConfig())
     return replace(part, **values)
@@ -411,6 +408,7 @@ def _sensors_of_names(names: tuple[str, ...]) -> Sensors:
 
 def _sensors_of_groups(groups: BaseModel) -> Sensors:
     """The sensors of a mapping of groups; groups that it does not name are as in `TwinConfig`."""
+    # what the file says of each group: True, False, or a mapping of options, which also switches it on
     values = {name: getattr(groups, name) for name in KIND if name in groups.model_fields_set}
     return Sensors(
         groups=tuple(g for g in KIND if values.get(g, g in TwinConfig.sensors) is not False),

@@ -34,7 +34,8 @@ def estimators_of(names: Iterable[str], source: str = "only") -> frozenset[str]:
     estimators: set[str] = set()
     for name in names:
         output = name.partition(".")[0]  # an estimator, or one with its part, such as `foot_ins_l`
-        estimator = next((n for n in (output, output.rpartition("_")[0]) if n in registry.names()), None)
+        without_part = output.rpartition("_")[0]
+        estimator = next((n for n in (output, without_part) if n in registry.names()), None)
         if estimator is None:
             raise ConfigError(source, "estimator", name, ", ".join(registry.names()))
         estimators.add(estimator)
@@ -49,8 +50,9 @@ def sensors_of(estimators: Iterable[str], config: TwinConfig) -> tuple[str, ...]
     Raises:
         StrideTwinError: An estimator cannot run with the walk's sensors; the message names it.
     """
-    worn = sensor_rig(config)
+    worn = sensor_rig(config)  # the sensors of this walk, by topic
     topics = {topic for name in estimators for topic in _topics(registry.estimator(name), config, worn)}
+    # a sensor counts if its own topic is read, or that of its depth images
     groups = {
         sensor.group
         for topic, sensor in worn.sensors.items()

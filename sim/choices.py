@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 PHYSICS = ("kinematic", "dynamic")
+# kind of part and default part of each group of sensors
 _GROUPS = {
     "foot_imu": ("imu", "ADIS16485"),
     "foot_camera": ("camera", "acA800-200gc"),

@@ -16,7 +16,7 @@ from stridetwin.sim.parts.sensor_config import SensorConfig
 from stridetwin.sim.people import Person as Person
 from stridetwin.streams.fields import DEGREES, MILLIMETRES, Number, OneOf, ReadAs
 
-SIDES = ("l", "r")
+SIDES = ("l", "r")  # left, right
 DIRECTIONS = {"up": False, "down": True}
 SPEED_RANGE_MPS = (0.05, 2.1)
 MAX_ASYMMETRY = 0.4
@@ -213,12 +213,12 @@ class Gaze:
 
 
 def _expand_gaze(node: object) -> object:
-    """A gaze by its kind alone, as a mapping."""
+    """Mapping of a gaze that a scenario file gives by its kind alone, such as `terrain`; other values are unchanged."""
     return {"kind": node} if isinstance(node, str) else node
 
 
 def _bool_to_share(node: object) -> object:
-    """`true` or `false` as a share."""
+    """A share: 1 for `true` and 0 for `false` in a scenario file; other values are unchanged."""
     return float(node) if isinstance(node, bool) else node
 
 
@@ -258,6 +258,7 @@ class Gait:
     @classmethod
     def of_pattern(cls, pattern: str = "walk", **values: Any) -> Gait:
         """Gait with the speed and variability of its pattern, except for the given `values`."""
+        # the given values replace those of the pattern
         return cls(pattern=pattern, **(PATTERNS[pattern] | values))
 
 

@@ -75,13 +75,13 @@ class Link:
         name: Name of its body.
         joint: Name of its hinge.
         offset: (3,) m, origin in the parent's frame.
-        axis: (3,) unit vector.
-        stops: (2,) rad.
-        damping: N m s/rad.
-        friction: N m.
-        armature: kg m².
+        axis: (3,) unit vector, axis of the hinge.
+        stops: (2,) rad, least and largest angle of the hinge.
+        damping: N m s/rad, of the hinge.
+        friction: N m, dry friction of the hinge.
+        armature: kg m², inertia of its rotor at the joint.
         mass: kg.
-        com: (3,) m.
+        com: (3,) m, centre of mass in the link's frame.
         inertia: (3, 3) kg m² about the centre of mass.
         shapes: Visual shapes.
     """
@@ -115,8 +115,9 @@ class Cuff:
     Attributes:
         body: Body of the wearer, such as `thigh_l`.
         link: Name of the link's body.
-        p_in_link: (3,) m.
-        law: (4, 3, 3) stiffness, damping, rotational stiffness and damping, as in `Coupling`.
+        p_in_link: (3,) m, its place in the link's frame.
+        law: (4, 3, 3) stiffness, N/m, damping, N s/m, rotational stiffness, N m/rad, and rotational damping,
+            N m s/rad (`Coupling`).
         force_cells: Whether it has the force-cell pair of the interaction sensors.
     """
 
@@ -163,7 +164,7 @@ class OwnExo:
         return (self.base.name, *(link.name for leg in self.legs.values() for link in leg))
 
     def body_moved_by(self, name: str) -> str:
-        """Body that the joint with a short name moves."""
+        """Name of the body that the joint with the short name `name`, such as `knee_l`, moves."""
         return next(link.name for leg in self.legs.values() for link in leg if link.joint == hinge_of(name))
 
 

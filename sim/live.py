@@ -28,7 +28,7 @@ from stridetwin.streams.samples import Sample
 
 LATENCY_S = 0.008
 """Delay from an instant to its samples, besides the time of an image; more with an IMU of narrow bandwidth."""
-_WINDOW_S = 0.1
+_WINDOW_S = 0.1  # motion before the samples that the filters need
 
 
 class LiveTwin:
@@ -59,6 +59,7 @@ class LiveTwin:
         self._suite = SensorSuite(twin.sensor_rig, twin.terrain, twin.crowd, twin.seed)
         self._cameras = CameraProcesses(twin.model, twin.sensor_rig, twin.crowd, twin.seed, processes=1)
         self._latency_s = max(LATENCY_S, self._suite.latency_s + MARGIN_S)
+        # Hz, rates at which the motion of the whole body is needed: sensors, cameras and ground truth
         self._rates = self._suite.rates | {c.rate_hz for c in twin.rig.cameras.values()} | {truth.RATE_HZ}
         self._open = ExitStack()
         self._delivered_ns = -1  # samples up to this instant have been returned
@@ -83,9 +84,9 @@ class LiveTwin:
         """
         while self.simulation.time_s < until_s and not self.simulation.is_over:
             self.simulation.step()
-        until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)
+        until_ns = math.floor((self.simulation.time_s - self._latency_s) * 1e9)  # true time of the latest samples
         if until_ns <= self._delivered_ns:
-            return []
+            return []  # nothing new has arrived
         after_ns, self._delivered_ns = self._delivered_ns, until_ns
         return sorted(self._read_samples(self.simulation, after_ns, until_ns), key=lambda sample: sample.t_ns)
 
@@ -97,13 +98,13 @@ class LiveTwin:
             after_ns: True time after which the samples are taken.
             until_ns: True time up to which they are taken.
         """
-        # long enough for the samples, and for the motion before them that filters need
+        # part of the walk that is played: long enough for the samples, and for the motion before them that filters need
         window_s = max(_WINDOW_S, (until_ns - after_ns) * 1e-9 + _WINDOW_S)
         player = Replay(self._twin.model, simulation.recent(window_s + self._latency_s + MARGIN_S))
         t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in self._rates]))
         loads_ns = instants(truth.RATE_HZ, after_ns, until_ns)
         if not len(t_ns):
-            return
+            return  # no sensor has a sample in this time
         motion = player.motion(t_ns)
         images = self._cameras.request(motion, after_ns, until_ns)
         loads = player.loads(loads_ns, motion)

@@ -22,7 +22,7 @@ class Noise:
     """
 
     def __init__(self, seeds: np.random.SeedSequence | None) -> None:
-        """Starts the sequence of random numbers; without seeds all functions return their silent values."""
+        """Starts the sequence of random numbers; without `seeds` all functions return their silent values."""
         self._seeds = seeds
         self._rng = None if seeds is None else np.random.default_rng(seeds)
 
@@ -40,20 +40,25 @@ class Noise:
         return np.ones(shape) if self._rng is None else self._rng.random(shape)
 
     def at(self, t_ns: int) -> Noise:
-        """Noise of one image or other event by its time, independent of the draws before it."""
+        """Noise of one image or other event by its time `t_ns`, independent of the draws before it.
+
+        Other whole numbers select further independent sequences of a sensor. A silent source stays silent.
+        """
         if self._seeds is None:
             return self
         return Noise(np.random.SeedSequence(self._seeds.entropy, spawn_key=(*self._seeds.spawn_key, t_ns)))
 
     def integers(self, high: tuple[int, ...]) -> tuple[int, ...]:
         """One random whole number from 0 to below each of `high`; zeros where silent."""
-        return tuple(int(i) for i in self._rng.integers(high)) if self._rng is not None else (0,) * len(high)
+        if self._rng is None:
+            return (0,) * len(high)
+        return tuple(int(i) for i in self._rng.integers(high))
 
 
 FLOOR = math.sqrt(2 * math.log(2) / math.pi)
 """Flat bottom of the Allan deviation over the bias instability coefficient B (IEEE Std 952-1997, C.1.3)."""
 
-_SPREAD = 4.0
+_SPREAD = 4.0  # ratio r of neighbouring correlation times
 _TIMES_S = 0.125 * _SPREAD ** np.arange(10)  # 0.1 s to 9 h
 
 
@@ -92,7 +97,9 @@ class Wander:
         walked = self._walked + np.cumsum(white[:, -1] * self._walk, axis=0)
         total = walked.copy()
         for i, keep in enumerate(self._keep):
-            flicker, _ = lfilter([1.0], [1.0, -keep], white[:, i] * self._step[i], axis=0, zi=[keep * self._flicker[i]])
+            # one process of every bias: x_k = keep x_(k-1) + step; `zi` carries the last value over
+            innovation = white[:, i] * self._step[i]
+            flicker, _ = lfilter([1.0], [1.0, -keep], innovation, axis=0, zi=[keep * self._flicker[i]])
             total += flicker
             self._flicker[i] = flicker[-1]
         self._walked = walked[-1]

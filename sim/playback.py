@@ -36,7 +36,7 @@ class FootLoad:
         force: (N, 3) N, world.
         torque: (N, 3) N m about the foot frame's origin, world axes.
         cop: (N, 3) m, centre of pressure in the world; undefined while the foot is lifted.
-        loaded: (N,) whether the foot bears load.
+        loaded: (N,) whether the foot bears load, so that its centre of pressure is defined.
     """
 
     force: Array
@@ -67,14 +67,14 @@ def split_wrench(
         p_foot: (N, 3) m, foot frame's origin by foot, world.
 
     Returns:
-        Loads by foot, and the residual force (N, 3) and torque (N, 3) that they do not explain.
+        Loads by foot; and the force (N, 3), N, and the moment about `origin` (N, 3), N m, that they do not explain.
     """
     # a lifted foot bears nothing; the shares of the others are scaled to the sum 1
     kept = {f: np.where(s > LIFTED_SHARE, s, 0.0) for f, s in shares.items()}
     total_share = np.sum(list(kept.values()), axis=0)
     shares = {f: s / total_share for f, s in kept.items()}
     middle = np.sum([shares[f][:, None] * planned[f] for f in shares], axis=0)  # mean planned centre of pressure
-    arm_z = middle[:, 2] - origin[:, 2]
+    arm_z = middle[:, 2] - origin[:, 2]  # m, height of the ground relative to the origin
     lift = np.maximum(force[:, 2], 1.0)  # in free fall there is no zero-moment point
     x = origin[:, 0] + (arm_z * force[:, 0] - torque[:, 1]) / lift
     y = origin[:, 1] + (arm_z * force[:, 1] + torque[:, 0]) / lift
@@ -84,6 +84,7 @@ def split_wrench(
     for foot, share in shares.items():
         foot_force = share[:, None] * force
         cop = planned[foot] + shift
+        # the foot's share of the moment about the vertical, which acts beside the force
         free = np.column_stack([np.zeros((len(share), 2)), share * twist[:, 2]])
         loads[foot] = FootLoad(
             force=foot_force, torque=cross(cop - p_foot[foot], foot_force) + free, cop=cop, loaded=share > 0.0
@@ -131,6 +132,7 @@ class Motion:
         for name in (foot for foot in UPPERS if foot in self.uppers):
             upper, foot = self.uppers[name], self.tracks[name]
             R_foot_world = foot.rotation[rows].inv()
+            # translation and rotation of the upper, in the axes of the foot
             shift = R_foot_world.apply(upper.p_body_in_world[rows] - foot.p_body_in_world[rows])
             turn = (R_foot_world * upper.rotation[rows]).as_quat(scalar_first=True)
             poses[name] = np.hstack([shift, turn])
@@ -163,7 +165,7 @@ AnyWalk = TypeVar("AnyWalk", bound=WalkMotion, covariant=True)
 
 
 class Player(Generic[AnyWalk]):
-    """Poses, velocities and cuff forces of a walk on a model.
+    """Gives poses, velocities and cuff forces of a walk at any instants.
 
     Args:
         model: Compiled model of the wearer on the terrain.
@@ -183,7 +185,7 @@ class Player(Generic[AnyWalk]):
         """Poses, velocities and cuff forces at (N,) instants."""
         walk = self._walk
         q, v = walk.position_velocity(t_ns * 1e-9)
-        names, layout = walk.coordinates.names[6:], walk.coordinates
+        names, layout = walk.coordinates.names[6:], walk.coordinates  # names of the hinges
         tracks = self._tracks(bodies_to_track(walk.size), self._tree, t_ns, q, v)
         return Motion(
             t_ns=t_ns,
@@ -207,7 +209,7 @@ class Player(Generic[AnyWalk]):
             q: (N, nq) positions.
             v: (N, nv) velocities.
         """
-        p, quat, speed, w = rigid_tree.body_motion(tree, q, v)
+        p, quat, speed, w = rigid_tree.body_motion(tree, q, v)  # (N, B, ...) of all bodies of the tree
         rows = {body: tree.index_of(self._model.body(body).id) for body in bodies}
         return {
             body: Track(
@@ -223,6 +225,7 @@ class Player(Generic[AnyWalk]):
         """
         if self._state is None or not np.array_equal(self._state[0], t_ns):
             self._state = (t_ns, *self._walk.position_velocity(t_ns * 1e-9))
+        # the bodies that carry this one are enough for its motion
         chain = self._tree.subtree([self._tree.index_of(self._model.body(body).id)])
         track = self._tracks([body], chain, *self._state)[body]
         return self._uppers[body].upper_track(track) if body in self._uppers else track
@@ -244,6 +247,7 @@ class Playback(Player[Reference]):
         model, tree, reference = self._model, self._tree, self._walk
         q, v, a = reference.state(t_ns * 1e-9)
         rows = motion.rows(t_ns)
+        # (N, 3) force and moment about the root that the ground has to provide
         total, torque, _ = rigid_tree.root_wrench(tree, q, v, a, model.opt.gravity)
         planned = reference.loads(t_ns * 1e-9)
         feet, residual_force, residual_torque = split_wrench(
@@ -255,6 +259,7 @@ class Playback(Player[Reference]):
             {side: planned[:, 4 * k + 1 : 4 * k + 4] for k, side in enumerate(SIDES)},
             {side: motion.tracks[f"foot_{side}"].p_body_in_world[rows] for side in SIDES},
         )
+        # external wrenches on bodies: (body, (N, 3) force, (N, 3) moment about the body's origin), world axes
         applied = [(f"foot_{side}", load.force, load.torque) for side, load in feet.items()]
         # each coupling acts on its exoskeleton body, and with the opposite sign on the wearer's; moments are moved from
         # the coupling's point to the origin of each body
@@ -265,7 +270,8 @@ class Playback(Player[Reference]):
                 arm = point - motion.tracks[body].p_body_in_world[rows]
                 applied.append((body, sign * force, sign * (moment + cross(arm, force))))
         bodies = np.array([tree.index_of(model.body(body).id) for body, _, _ in applied])
-        forces, moments = (np.stack([load[k] for load in applied]) for k in (1, 2))
+        forces = np.stack([force for _, force, _ in applied])
+        moments = np.stack([moment for _, _, moment in applied])
         joint_torque = rigid_tree.hinge_torques(tree, q, v, a, model.opt.gravity, bodies, forces, moments)
         # rotors and damping, which `hinge_torques` leaves out
         joint_torque += model.dof_armature[tree.dof] * a[:, tree.dof] + model.dof_damping[tree.dof] * v[:, tree.dof]

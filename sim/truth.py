@@ -18,9 +18,9 @@ from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Block, FootPhase, Footprint, Joints, Odometry, Point, Sample, Wrench
 
-RATE_HZ = 200.0
-SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3
-_FLAT_RAD = 0.01
+RATE_HZ = 200.0  # of the ground truth
+SWING, CONTACT, FLAT, HEEL_OFF = 0, 1, 2, 3  # phases of a foot
+_FLAT_RAD = 0.01  # pitch below which a foot counts as flat
 
 
 def truth(
@@ -59,7 +59,7 @@ def truth(
     for side in SIDES:
         load = loads.feet[side]
         yield _wrench(f"/truth/foot_{side}/wrench", t_ns, load.force, load.torque)
-        on = load.loaded
+        on = load.loaded  # only then is there a centre of pressure
         if on.any():
             yield Block(
                 topic=f"/truth/foot_{side}/cop",
@@ -90,16 +90,17 @@ def foot_phase(walk: WalkMotion, side: str, t: NDArray[np.floating]) -> NDArray[
     """
     steps = walk.steps[side]
     pitch = walk.pitch(side, t)
-    # the last footstep that has begun; in stance, a foot that is not flat is in the phase of the nearer end
+    # number of the last footstep that has begun, and the times of its touch-down and toe-off
     i = np.clip(np.searchsorted([s.t_touch for s in steps], t, side="right") - 1, 0, len(steps) - 1)
     touch = np.array([s.t_touch for s in steps])[i]
     off = np.array([s.t_off for s in steps])[i]
+    # in stance, a foot that is not flat is in the phase of the nearer end
     phase = np.where(np.abs(pitch) < _FLAT_RAD, FLAT, np.where(t - touch < off - t, CONTACT, HEEL_OFF))
     return np.where(t > off, SWING, phase).astype(np.uint8)
 
 
 def _odometry(topic: str, track: Track) -> Block[Odometry]:
-    """Block of a track as odometry."""
+    """Block of odometry samples on a topic, with the poses and velocities of a track at its instants."""
     return Block(
         topic=topic,
         kind=Odometry,

@@ -37,8 +37,8 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Sample
 
-CHUNK_S = 2.0
-_FILM_SMOOTHING_S = 0.6
+CHUNK_S = 2.0  # length of a chunk of samples
+_FILM_SMOOTHING_S = 0.6  # SD of the filter of the film camera's path
 _STEPS, _JOINT_TORQUE, _SHOE, _CROWD, _CASE = range(5)  # streams of random numbers of a walk
 
 
@@ -49,7 +49,7 @@ class Twin:
         config: Scenario.
         seed: Seed of the walk: steps and sensor noise.
         plan: Plans the motion; another function than `plan_reference` may look it up.
-        plan_control: Plans the control of a forward simulation, likewise.
+        plan_control: Plans the control of a forward simulation; another function may look it up, too.
 
     Attributes:
         config: Configuration.
@@ -94,13 +94,16 @@ class Twin:
             config.route.bystanders,
             self.terrain,
             grid,
-            (paths["l"].s + paths["r"].s) / 2,
-            self.reference.splines(grid)[:, :2],
+            (paths["l"].s + paths["r"].s) / 2,  # arc length of the walker
+            self.reference.splines(grid)[:, :2],  # x and y of the pelvis
             self._rng(_CROWD),
         )
 
     def _rng(self, *stream: int) -> np.random.Generator:
-        """Random numbers of one part of the walk, independent of those of the others."""
+        """Random numbers of one part of the walk, independent of those of the others.
+
+        `stream` is the number of the part, such as `_STEPS`, and for shoes the number of the side.
+        """
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=stream))
 
     def with_sensors(self, sensors: tuple[str, ...], fittings: Mapping[str, SensorConfig]) -> Twin:
@@ -110,7 +113,7 @@ class Twin:
 
         Args:
             sensors: Groups of this twin's sensors.
-            fittings: Differences from the standard by group, as in `TwinConfig`; those that move an IMU have no effect.
+            fittings: Differences from the standard sensors by group; those that move an IMU have no effect.
         """
         _ = self.walk  # computed before the copy, so that both share it
         # a shallow copy: motion, model and terrain are common to both twins
@@ -123,7 +126,7 @@ class Twin:
     @property
     def total_mass_kg(self) -> float:
         """Mass of the wearer with everything worn: person, exoskeleton and its motors, kg."""
-        return float(self.model.body_subtreemass[1])
+        return float(self.model.body_subtreemass[1])  # body 1 is the root of the wearer
 
     @property
     def duration_s(self) -> float:
@@ -201,7 +204,7 @@ class Twin:
 
         It is empty without an IMU in the case, and if strikes do not reach it.
         """
-        mounted = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")
+        mounted = self.sensor_rig.sensors.get(f"/{self.config.rig_mount}/imu")  # the IMU beside the RGB-D camera
         if mounted is None or not mounted.sensor_config.strike:
             return {}
         steps = sorted((step for side in SIDES for step in self.walk.steps[side]), key=lambda step: step.t_touch)
@@ -248,7 +251,7 @@ class Twin:
                 until_ns = min(after_ns + int(CHUNK_S * 1e9), end_ns)
                 t_ns = np.unique(np.concatenate([instants(rate, after_ns, until_ns) for rate in rates]))
                 truth_ns = instants(truth.RATE_HZ, after_ns, until_ns)
-                if len(truth_ns):
+                if len(truth_ns):  # otherwise the last chunk is too short for any sample
                     motion = playback.motion(t_ns)
                     loads = playback.loads(truth_ns, motion)
                     requested = rendering.request(motion, after_ns, until_ns)  # before waiting for the last ones
@@ -281,6 +284,7 @@ class Twin:
         times = np.arange(0.0, self.duration_s, 1.0 / fps)
         q, _ = self.walk.position_velocity(times)
         # the camera follows the walker on a smooth path: it neither sways nor turns with the pelvis
+        # coordinates of the root: x, y, z and yaw
         rail = gaussian_filter1d(self.walk.splines(times)[:, :4], _FILM_SMOOTHING_S * fps, axis=0, mode="nearest")
         x, y, _, heading = rail.T
         with FilmCamera(self.model, width, height) as camera:

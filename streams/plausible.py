@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stridetwin.streams.gravity import NOMINAL_GRAVITY_MPS2, STANDARD_GRAVITY_MPS2
+from stridetwin.streams.rate_consistency import find_rate_fault
 from stridetwin.streams.samples import Array, Block, Sample, Stamps
 
 IMU_RATES_HZ = (20.0, 5000.0)
@@ -21,6 +23,9 @@ _REST_S, _REST_SD, _FEWEST_AT_REST = 0.25, 0.3, 5
 _MOVING_SPREAD = (0.5, 2.0)
 """Least and largest median force in motion, in multiples of gravity."""
 _FASTEST = 60.0  # rad/s: 3400 °/s, beyond what foot-worn gyros measure
+_LEAST_FAR_M, _MOST_FAR_M, _USUAL_FAR_M = 0.6, 15.0, 3.0
+_DEPTH_FACTORS = (5.0, 0.2, 10.0, 0.1, 2.0, 0.5, 1000.0, 0.001)
+"""Factors between usual units of depth: 1/5000, 1/1000, 1/10000 and 1/2000 m, mm and m."""
 _HINTS = (
     ((0.8, 1.2), f"; is it in g? Multiply by {STANDARD_GRAVITY_MPS2}"),
     ((800.0, 1200.0), f"; is it in milli-g? Multiply by {STANDARD_GRAVITY_MPS2 / 1000}"),
@@ -89,7 +94,8 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
     """Yields what is implausible in the samples of an IMU or an accelerometer, as wrong units cause.
 
     Checked are the sample rate, the magnitude of the specific force (gravity ± 15 % at rest, 0.5 to 2 times gravity in
-    motion), and the angular rate (up to 60 rad/s in 99.9 % of the values).
+    motion), the angular rate (up to 60 rad/s in 99.9 % of the values), and whether rates and forces of a sensor that
+    rests now and then agree, which shows a wrong unit, order, sign or clock of the rates.
     """
     yield from find_implausible_rates(block.t_ns, IMU_RATES_HZ)
     force, rests = force_at_rest(block.t_ns, block.columns["specific_force"])
@@ -102,3 +108,33 @@ def find_implausible_values(block: Block[Sample]) -> Iterator[Implausible]:
         fastest = float(np.percentile(np.abs(block.columns["angular_rate"]), 99.9))
         if fastest > _FASTEST:
             yield Implausible("gyro", f"up to {fastest:.0f}", "rad/s; is it in °/s? Multiply by 0.0174533")
+        elif fault := find_rate_fault(block.t_ns, block.columns["specific_force"], block.columns["angular_rate"]):
+            yield Implausible(
+                "gyro",
+                f"rates that leave {fault.misfit_mps2:.2g} m/s² of the forces over from one rest to the next",
+                f"rates that agree with the forces, with {fault.corrected_mps2:.2g} m/s²; probably {fault.cause}",
+            )
+
+
+def find_implausible_depth(depths: Sequence[Array]) -> Iterator[Implausible]:
+    """Yields an `Implausible` if depth images have another unit than metres, by the distances that a person sees.
+
+    A worn or carried camera sees something beyond 0.6 m in most images, and most of it within 15 m. The advice is by
+    how much the depth would have to be multiplied, of the factors by which usual units differ.
+
+    Args:
+        depths: Some images (H, W) of one camera, m; 0 where there is none.
+    """
+    valid = [depth[depth > 0.0] for depth in depths]
+    far = [float(np.percentile(values, 95)) for values in valid if len(values)]
+    if not far:
+        return
+    seen_m = float(np.median(far))  # that 95 % of an image's pixels are within
+    if _LEAST_FAR_M <= seen_m <= _MOST_FAR_M:
+        return
+    factors = [f for f in _DEPTH_FACTORS if _LEAST_FAR_M <= f * seen_m <= _MOST_FAR_M]
+    # of several the one that puts the far end nearest to 3 m
+    factor = min(factors, key=lambda f: abs(math.log(f * seen_m / _USUAL_FAR_M)), default=None)
+    advice = "" if factor is None else f"; with {factor:g} times the depth it would be {factor * seen_m:.2g} m"
+    valid_range = f"{_LEAST_FAR_M:g} to {_MOST_FAR_M:g} m, as a person's camera sees"
+    yield Implausible("depth", f"{seen_m:.2g} m within which 95 % of the pixels lie", f"{valid_range}{advice}")

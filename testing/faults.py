@@ -21,7 +21,7 @@ FaultWindow = tuple[float, float]
 _ALL, _EACH, _LAST, _LONG = (0.30, 0.34), (0.36, 0.54), (0.54, 0.56), (0.30, 0.56)
 _GAP = (0.30, 0.72)
 _FROM_THERE, _FOR_GOOD = (0.30, 2.0), (0.60, 2.0)
-_LATE_S, _JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 0.4, 100.0
+_LATE_S, _JUMP_S, _SHORT_JUMP_S, _FAR_JUMP_S = 0.25, 1.0, 0.4, 100.0  # delay of samples, jumps of stamps
 _SHARE_OF_RANGE = 0.02  # of a part's range, at which saturated values clip
 _IMAGES = (Image, Depth)
 
@@ -38,10 +38,12 @@ class Constant(TimedFault):
     value: float
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
-        """The sample with the number for every value."""
+        """The sample with the number for every value; topic and stamp stay."""
         names = (f.name for f in fields(arrival.item) if f.name not in ("topic", "t_ns"))
         values = {name: getattr(arrival.item, name) for name in names}
-        return (arrival.with_values(**{name: np.full_like(old, self.value)[()] for name, old in values.items()}),)
+        # `[()]` turns an array without dimensions into a number, and leaves other arrays
+        constant = {name: np.full_like(old, self.value)[()] for name, old in values.items()}
+        return (arrival.with_values(**constant),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +183,7 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
         samples: Samples in time order.
         rig: Names the parts, whose ranges saturate.
     """
-    streams: dict[str, list[SampleInTransit]] = {}
+    streams: dict[str, list[SampleInTransit]] = {}  # by topic; each sample arrives at its stamp, without the fault
     for sample in samples:
         streams.setdefault(sample.topic, []).append(
             SampleInTransit(item=sample, taken_ns=sample.t_ns, log_ns=sample.t_ns)
@@ -196,9 +198,10 @@ def inject(case: FaultCase, samples: Sequence[Sample], rig: Rig) -> FaultySample
                 memory: dict[object, object] = {}  # what the fault keeps between samples; `flush` gives the rest
                 streams[topic] = [*fault.process(streams[topic], events, memory), *fault.flush(memory)]
                 # a fault that lasts beyond the walk has no end in it: the estimator has to go on with it
-                last_ns = max(last_ns, *(e.until_ns for e in events if e.until_ns <= samples[-1].t_ns), 0)
-                last_ns = max(last_ns, *(e.from_ns for e in events))
-        if not topics:
+                begins_ns = [event.from_ns for event in events]
+                ends_ns = [event.until_ns for event in events if event.until_ns <= samples[-1].t_ns]
+                last_ns = max(last_ns, *begins_ns, *ends_ns)
+        if not topics:  # one part of the fault acts on no stream
             return None
     arrivals = sorted((arrival for stream in streams.values() for arrival in stream), key=_order)
     over_at = next((i for i, arrival in enumerate(arrivals) if arrival.log_ns > last_ns), len(arrivals))
@@ -235,7 +238,7 @@ def _events(
         part: Name of the sensor's part.
     """
     begin_ns, duration_ns = samples[0].t_ns, samples[-1].t_ns - samples[0].t_ns
-    windows = list(injection.windows)
+    windows = list(injection.windows)  # as shares of the duration
     if injection.each is not None:
         begin, width = injection.each[0], injection.each[1] - injection.each[0]
         windows.append((begin + width * first, begin + width * (first + 1.0 / count)))
@@ -260,6 +263,6 @@ def _part(rig: Rig, topic: str) -> str:
 
 
 def _order(arrival: SampleInTransit) -> tuple[int, int]:
-    """Place of an arrival: by log time, then poses first, then by kind."""
+    """Sort key of arrivals: by the time of arrival, then poses first, then by kind as a recorder orders them."""
     kind = type(arrival.item)
     return arrival.log_ns, -1 if kind is Odometry else rank_of(kind)  # type: ignore[arg-type]

@@ -68,7 +68,7 @@ class Leaf:
         if isinstance(self.value, float):
             if math.isfinite(self.value):
                 return True
-        elif self.value.dtype.kind not in "fc" or np.isfinite(self.value).all():
+        elif self.value.dtype.kind not in "fc" or np.isfinite(self.value).all():  # f and c: floats, complex numbers
             return True
         if self.is_standard_deviation:
             return self.may_be_unknown or bool(np.all(np.isfinite(self.value) | (np.asarray(self.value) == np.inf)))
@@ -81,7 +81,7 @@ class Leaf:
         if isinstance(self.value, np.ndarray) and isinstance(other.value, np.ndarray):
             same_form = self.value.shape == other.value.shape and self.value.dtype == other.value.dtype
             return same_form and self.value.tobytes() == other.value.tobytes()
-        if isinstance(self.value, float) and isinstance(other.value, float):
+        if isinstance(self.value, float) and isinstance(other.value, float):  # as bytes, so that NaN equals NaN
             return np.float64(self.value).tobytes() == np.float64(other.value).tobytes()
         return self.value == other.value
 
@@ -92,7 +92,7 @@ def flatten(estimate: object) -> list[Leaf]:
 
 
 def field_of(leaf: Leaf) -> str:
-    """The leaf's path without indices and keys."""
+    """The leaf's path without indices and keys: `steps.t_sd_s` for `steps[0].t_sd_s`."""
     return re.sub(r"\[[^\]]*\]", "", leaf.path)
 
 
@@ -116,7 +116,7 @@ def _leaves(value: object, path: str, name: str, owner: type, depth: int) -> Ite
         path: Place of the object in the estimate.
         name: Name of the field that holds it.
         owner: Type of the object that has this field.
-        depth: How many objects deep it is; below `_DEEPEST` only its type is taken.
+        depth: How many objects deep it is; from `_DEEPEST` on only its type is taken.
     """
     if value is None or isinstance(value, str | bytes):
         yield Leaf(path, name, owner, value if not isinstance(value, bytes) else value.hex())

@@ -13,7 +13,7 @@ _OVERWRITTEN = 77
 
 
 def overwrite(sample: Sample) -> None:
-    """Fills the arrays of a sample with another value, as a driver does that reuses its buffers."""
+    """Fills the arrays of a sample with another value in place, as a driver does that reuses its buffers."""
     for _, array in _arrays(sample):
         array.fill(_OVERWRITTEN)
 

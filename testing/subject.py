@@ -18,7 +18,7 @@ from stridetwin.testing.leaves import Leaf, difference, field_of, flatten
 from stridetwin.testing.samples import find_changed_field, overwrite
 from stridetwin.testing.walk import Walk, find_walk
 
-_HOME = Path(__file__).resolve().parents[1]
+_HOME = Path(__file__).resolve().parents[1]  # folder of the project's packages
 
 
 class ConformanceError(AssertionError):
@@ -119,7 +119,10 @@ class Subject:
 
     @cached_property
     def fields_not_finite(self) -> frozenset[str]:
-        """Fields that are not finite on the walk without faults, which another check reports."""
+        """Paths of fields, without indices, that are not finite on the walk even without faults.
+
+        The check of finite values reports them, so that the checks with faults leave them out.
+        """
         leaves = (leaf for returned in self.reference for leaf in returned.leaves)
         return frozenset(field_of(leaf) for leaf in leaves if not leaf.is_finite)
 
@@ -130,6 +133,7 @@ class Subject:
         for i, original in enumerate(self.walk.samples):
             sample = copy_sample(original)
             estimate = call_update(estimator, sample)
+            # the first array that `update` itself has changed
             if not changed and (field := find_changed_field(sample, original)):
                 changed = f"{field} of the sample of {sample.topic} at {sample.t_ns * 1e-9:.3f} s"
             overwrite(sample)
@@ -167,9 +171,12 @@ def call_update(estimator: AnyEstimator, sample: Sample) -> object:
 def describe(error: BaseException) -> str:
     """An exception in one line: type, message, and where in the author's code it arose."""
     frames = traceback.extract_tb(error.__traceback__)
-    # frames of the stack that are not of these checks; the innermost one is last
+    # calls that are not of these checks; the innermost one is last
     outside = [f for f in frames if not Path(f.filename).resolve().is_relative_to(_HOME / "testing")]
-    place = f" ({Path(outside[-1].filename).name}:{outside[-1].lineno}, in {outside[-1].name})" if outside else ""
+    place = ""
+    if outside:
+        innermost = outside[-1]
+        place = f" ({Path(innermost.filename).name}:{innermost.lineno}, in {innermost.name})"
     return f"{type(error).__name__}: {' '.join(str(error).split())}{place}"
 
 
@@ -182,7 +189,7 @@ def require_equal(returned: list[Returned], expected: list[Returned], cause: str
         cause: What to say before the first difference.
 
     Raises:
-        ConformanceError: They differ.
+        ConformanceError: They differ in their number, in a value, or in the samples that they follow.
     """
     for one, other in zip(returned, expected):
         at = f"the estimate at {other.t_ns * 1e-9:.3f} s"
@@ -206,10 +213,11 @@ def skip(reason: str) -> SkipTest:
 
 
 def _with_interface(estimator_class: type) -> type[AnyEstimator]:
-    """The class with the interface of an estimator.
+    """The class with the whole interface of an estimator, as the checks need it.
 
-    A class with `update` alone gets a declaration of kind path, and as streams the topics that its attribute `topics`
-    names.
+    A class with `declaration` or `streams` comes back as it is, and its faults are found by the checks. One with
+    `update` alone is wrapped: it gets a declaration of kind path, and as streams the topics that its attribute
+    `topics` names, or else all of the rig.
     """
     if hasattr(estimator_class, "declaration") or hasattr(estimator_class, "streams"):  # checked as it is
         return estimator_class

@@ -103,7 +103,8 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
     if find_spec("mujoco") is None:
         return _synthetic_walk(estimator_class, options)
     problem: Exception | None = None
-    mount = options.mount or (estimator_class.declaration.mounts or ("head",))[0]
+    mounts = estimator_class.declaration.mounts or ("head",)
+    mount = options.mount or mounts[0]
     counts: list[int] = []  # per set of cameras, how many of the estimator's live streams the walk then has
     for cameras in _CAMERAS:
         rig, metadata = _nominal_rig(cameras, mount)
@@ -116,7 +117,7 @@ def find_walk(estimator_class: type[AnyEstimator], options: Options | None, reco
         ) as error:  # an estimator may raise anything for a rig without its sensors, which a check reports
             problem = error
             counts.append(0)
-    if max(counts):
+    if max(counts):  # the first set of cameras with most streams
         path = _record_twin(_CAMERAS[counts.index(max(counts))], mount)
         return replace(_select_streams(estimator_class, options, Recording(path)), is_twin=True)
     raise StrideTwinError(f"the walk lacks what the estimator needs: {_describe(problem)}") from problem
@@ -131,11 +132,11 @@ def missing_roles(streams: Iterable[Stream], topics: Iterable[str]) -> list[str]
         streams: Streams of an estimator; only those that are required count.
         topics: Available topics.
     """
-    available, roles = set(topics), dict[str, list[str]]()
+    available, topics_by_role = set(topics), dict[str, list[str]]()
     for stream in streams:
         if stream.required and stream.topic != POSES:
-            roles.setdefault(stream.role, []).append(stream.topic)
-    return [" or ".join(role) for role in roles.values() if not available.intersection(role)]
+            topics_by_role.setdefault(stream.role, []).append(stream.topic)
+    return [" or ".join(of_role) for of_role in topics_by_role.values() if not available.intersection(of_role)]
 
 
 def rig_of(recording: Recording) -> Rig:
@@ -186,7 +187,18 @@ def _describe(problem: Exception | None) -> str:
 
 
 def _find_poses(recording: Recording, streams: Sequence[Stream]) -> tuple[str, str]:
-    """Topic of true poses of the depth camera or another sensor on its body, and the frame that they are of."""
+    """Finds the true poses that take the place of an odometry's: of the depth camera or another sensor on its body.
+
+    Args:
+        recording: The recording.
+        streams: Streams of the estimator, among them that of a depth camera.
+
+    Returns:
+        Topic of the poses, and the frame that they are of, such as `head/imu`.
+
+    Raises:
+        StrideTwinError: There are no such poses.
+    """
     topics = {stream.topic for stream in streams}
     rig = rig_of(recording)
     bodies = {camera.mount.body for camera in rig.cameras.values() if camera.depth_topic in topics}
@@ -231,7 +243,12 @@ def _session_folder() -> Path:
 
 
 def _config(cameras: tuple[str, ...], mount: str) -> TwinConfig:
-    """Configuration of the twin's walk with some groups of cameras."""
+    """Configuration of the twin's walk on level ground, with some groups of cameras.
+
+    Args:
+        cameras: The groups, such as `head_camera`, whose images are fewer and smaller than those of the standard rig.
+        mount: Where the RGB-D camera is: `head` or `chest`.
+    """
     return TwinConfig(
         name=_NAME,
         route=Route(segments=(Level(length_m=_LENGTH_M),)),
@@ -286,7 +303,7 @@ def _synthetic_walk(estimator_class: type[AnyEstimator], options: Options) -> Wa
 
 @contextmanager
 def _needing_twin() -> Iterator[None]:
-    """Adds to an error that the simulator, which is not installed, would have more sensors."""
+    """Context manager: adds to an error inside it that the simulator, which is not installed, has more sensors."""
     try:
         yield
     except StrideTwinError as error:

@@ -55,12 +55,13 @@ def is_complete(grey: NDArray[np.uint8], pattern: BoardPattern, view: View, corn
     Returns:
         True if at most `_MAX_HIDDEN_CELLS` cells lack their colour; cells outside the image lack it.
     """
-    # both levels as planes over the board, evaluated at the cells' centres
+    # both levels as planes over the board, fitted to the corners and evaluated at the cells' centres, (C,) each
     plane, *_ = np.linalg.lstsq(_plane_design(corners), levels, rcond=None)
     middle, step = (_plane_design(pattern.cells) @ plane).T
+    # (C,) brightness of each cell: 1 for a bright one, -1 for a dark one, NaN outside the image
     contrast = (sample(grey, view.pixels(pattern.cells)) - middle) / np.maximum(step, 1.0)
-    right = contrast * pattern.bright.ravel() > _CLEAR_CONTRAST  # False outside the image
-    return int((~right).sum()) <= _MAX_HIDDEN_CELLS
+    has_colour = contrast * pattern.bright.ravel() > _CLEAR_CONTRAST  # False outside the image
+    return int((~has_colour).sum()) <= _MAX_HIDDEN_CELLS
 
 
 def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp], near: Array, reach_px: float) -> bool:
@@ -72,7 +73,7 @@ def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp],
     Args:
         pattern: The board.
         view: View of the board.
-        indices: (N,) detected corners.
+        indices: (N,) indices of the detected corners in `BoardPattern.corners`.
         near: (2,) predicted centre of the board, pixels.
         reach_px: Largest error of the prediction, pixels.
     """
@@ -80,9 +81,11 @@ def is_unambiguous(pattern: BoardPattern, view: View, indices: NDArray[np.intp],
     # rows and columns of the detected corners, and all shifts (i, j) that keep them on the board
     v, u = np.divmod(indices, columns)
     j, i = np.mgrid[-v.min() : rows - v.max(), -u.min() : columns - u.max()]
-    placements = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))  # the corners' indices would be greater by (i, j)
+    # the other shifts that keep the colours: the detected corners would be those i columns and j rows farther on
+    placements = ((i + j) % 2 == 0) & ((i != 0) | (j != 0))
     if not placements.any():
         return True
+    # where the board's centre would be, px
     centres = view.pixels(-np.column_stack([i[placements], j[placements]]).astype(float))
     return not (np.linalg.norm(centres - near, axis=1) <= reach_px).any()
 
@@ -112,8 +115,9 @@ class Smear:
 
         `sharp` (2,) is the blur at rest across both families of edges, squares. The known motion is included.
         """
-        motion = np.zeros(2) if self.motion is None else self.motion
-        return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + motion**2)
+        known_motion = np.zeros(2) if self.motion is None else self.motion
+        # a motion smears like a box as wide as it; variances of independent blurs add
+        return np.sqrt(_BOX * np.maximum(self.blur**2 - sharp**2, 0.0) + known_motion**2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,19 +153,19 @@ class BoardDetector:
 
     def __init__(self, board: Board, camera: CameraCalibration) -> None:
         self._pattern, self._lens = BoardPattern(board), DistortionModel(camera)
-        self._shift_ns = round(camera.timeshift_cam_imu_s * 1e9)
+        self._shift_ns = round(camera.timeshift_cam_imu_s * 1e9)  # added to an image's stamp: time on the IMUs' clock
         self.points_in_board = self._pattern.points_in_board
 
     def predict(self, T_camera_board: ArrayLike) -> Array | None:
         """(M, 2) pixels of all corners, also outside the image, of a board at a pose (4, 4) in the optical frame.
 
-        None if it is behind the camera or seen from behind.
+        None if it is behind the camera, seen from behind, or beyond the reach of the lens.
         """
         T = np.asarray(T_camera_board, dtype=float)
         if T[:3, 3] @ T[:3, 2] >= 0:  # the board's z axis points away from the camera
             return None
-        p = self.points_in_board @ T[:3, :3].T + T[:3, 3]
-        if p[:, 2].min() <= 0:
+        p = self.points_in_board @ T[:3, :3].T + T[:3, 3]  # (M, 3) m, corners in the optical frame
+        if p[:, 2].min() <= 0:  # not in front of the camera
             return None
         pixels = self._lens.pixels(p[:, :2] / p[:, 2:])
         return pixels if np.isfinite(pixels).all() else None
@@ -189,7 +193,7 @@ class BoardDetector:
             StrideTwinError: An image of another shape than the camera's, or a guess of another shape than the board's.
         """
         grey = self._read_grey(image)
-        near = None if guess is None else np.mean(guess, axis=0)
+        near = None if guess is None else np.mean(guess, axis=0)  # (2,) px, predicted centre of the board
         for rough in self._candidates(grey, guess, guess_error_px):
             fit = self._fit_board(grey, rough, motion_px)
             if fit is not None and self._is_identified(grey, fit, near, guess_error_px):
@@ -243,13 +247,15 @@ class BoardDetector:
             motion_px: (2,) motion of the board in the image during the exposure, pixels; None: not known.
         """
         corners = self._pattern.corners
-        motion = None if motion_px is None else rough.to_squares(motion_px)
+        motion = None if motion_px is None else rough.to_squares(motion_px)  # (2,) along u and v, squares
         if motion is not None and not _is_readable(np.abs(motion)):
             return None
-        first = self._fit_all_corners(grey, rough, Smear(blur=np.full(2, _BLUR_SD), motion=motion), True)
+        initial = Smear(blur=np.full(2, _BLUR_SD), motion=motion)
+        first = self._fit_all_corners(grey, rough, initial, True)  # (M, COLUMNS)
         good = first[:, saddle_points.OK] > 0
         if good.sum() < _MIN_CORNERS:
             return None
+        # largest error of a corner in the view, in units of a ray
         tolerance = _FLATNESS * np.median(rough.size_px(corners)) / self._lens.focal_px
         view = View.from_points(self._lens, corners[good], self._lens.rays(first[good, :2]), tolerance)
         if view is None:
@@ -257,17 +263,16 @@ class BoardDetector:
         blur = np.median(first[good][:, (saddle_points.BLUR_U, saddle_points.BLUR_V)], axis=0)
         # (2,) blur at rest, squares
         sharp = _SHARP_PX / np.linalg.norm(view.edges(np.zeros((1, 2)))[0], axis=1)
-        smear, fits = min(
-            (
-                (smear, self._fit_all_corners(grey, view, smear, False))
-                for smear in self._possible_smears(blur, motion, sharp)
-            ),
-            key=lambda tried: _misfit(tried[1]),
-        )
+        # of all possible smears, the one whose fits leave the least residuals
+        trials = [
+            (smear, self._fit_all_corners(grey, view, smear, False))
+            for smear in self._possible_smears(blur, motion, sharp)
+        ]
+        smear, fits = min(trials, key=lambda trial: _median_misfit(trial[1]))
         motion_uv = smear.total_motion(sharp)
         fit = self._accept_corners(view, fits, motion_uv)
         for _ in range(_PASSES):
-            if len(fit.indices) in (len(corners), 0):
+            if len(fit.indices) in (len(corners), 0):  # nothing to add, or nothing to refine from
                 break
             closer = View.from_points(self._lens, corners[fit.indices], self._lens.rays(fit.corners[:, :2]))
             if closer is None:
@@ -286,7 +291,8 @@ class BoardDetector:
             fits: (M, COLUMNS) fits of all corners.
             motion_uv: (2,) motion of equal blur along u and v, squares; it adds to the standard deviations.
         """
-        size = view.size_px(self._pattern.corners)
+        size = view.size_px(self._pattern.corners)  # (M,) of a square at each corner, px
+        # (M,) px: noise of the pixels, from the residuals; then with errors of lens and print, and of the smear
         fit_sd = fits[:, saddle_points.RMS] * np.sqrt((fits[:, saddle_points.V_XX] + fits[:, saddle_points.V_YY]) / 2)
         sd = np.sqrt(fit_sd**2 + _CORNER_SD_PX**2 + (_SMEAR_SD * np.linalg.norm(motion_uv) * size) ** 2)
         distance = np.linalg.norm(fits[:, :2] - view.pixels(self._pattern.corners), axis=1)
@@ -297,16 +303,21 @@ class BoardDetector:
     def _is_sufficient(self, fit: BoardFit, motion_uv: Array) -> bool:
         """Whether the accepted corners suffice; a smeared board resembles itself shifted and needs more.
 
-        `motion_uv` (2,) ≥ 0 is the motion of equal blur along u and v, squares.
+        A sharp board needs `_MIN_CORNERS`. A smeared one needs a share of its corners and a small misfit, and must
+        still be readable.
+
+        Args:
+            fit: View and accepted corners.
+            motion_uv: (2,) motion of equal blur along u and v, squares, ≥ 0.
         """
         count, length = len(fit.indices), np.linalg.norm(motion_uv)
         if length <= _MAX_SHARP:
             return count >= _MIN_CORNERS
         many = count >= _SMEARED_SHARE * len(self._pattern.corners)
-        return bool(many and _is_readable(motion_uv) and _misfit(fit.corners) < _SMEARED_MISFIT)
+        return bool(many and _is_readable(motion_uv) and _median_misfit(fit.corners) < _SMEARED_MISFIT)
 
     def _possible_smears(self, blur: Array, motion: Array | None, sharp: Array) -> Iterator[Smear]:
-        """Yields the smears to try, which have equal blur.
+        """The smears that explain the blur of the fitted corners equally well; all are tried.
 
         The first is the blur as it is. If the motion is not known and both families of edges are smeared, it may also
         be a motion along u and v of equal or of opposite signs; both are yielded.
@@ -338,7 +349,7 @@ class BoardDetector:
         fits = saddle_points.fit_corners(
             grey, view.pixels(corners), view.edges(corners), colour, smear.blur, motion, fit_blur
         )
-        step = fits[:, saddle_points.STEP]
+        step = fits[:, saddle_points.STEP]  # (M,) half the step in brightness
         good = (fits[:, saddle_points.OK] > 0) & (fits[:, saddle_points.RMS] < _MAX_MISFIT * step)
         usual = np.median(step[good]) if good.any() else 0.0
         fits[:, saddle_points.OK] = good & (step > _MIN_CONTRAST * usual) & (usual > _MIN_STEP)
@@ -364,7 +375,7 @@ def _is_readable(motion_uv: Array) -> bool:
     return bool(np.linalg.norm(motion_uv) <= _MAX_SMEAR and motion_uv.min() <= _MAX_STREAK)
 
 
-def _misfit(fits: Array) -> float:
+def _median_misfit(fits: Array) -> float:
     """Median RMS residual over half the step in brightness, of the OK rows of (N, COLUMNS) fits; infinite for none."""
     good = fits[:, saddle_points.OK] > 0
     return float(np.median(fits[good, saddle_points.RMS] / fits[good, saddle_points.STEP])) if good.any() else np.inf

@@ -37,12 +37,14 @@ class DistortionModel:
         if camera.distortion_model not in MODELS:
             raise ConfigError(camera.topic, "distortion_model", camera.distortion_model, ", ".join(MODELS))
         self._fisheye = camera.distortion_model == "equidistant"
+        # (3, 3) pinhole matrix, pixels; (4,) distortion: k1 to k4 of `equidistant`, k1, k2, p1, p2 of `radtan`
         self._K, self._D = camera.K, np.asarray(camera.distortion, dtype=float)
         self.size = (camera.width, camera.height)
         self.focal_px = (camera.intrinsics[0] + camera.intrinsics[1]) / 2
-        # the first length of a ray after which its distorted length no longer grows
+        # rays along x of growing length: the first one after which the distorted length no longer grows is the reach
         r = np.linspace(0.0, _TAN_MAX, _FOLD_STEPS)
-        falls = np.diff(self._distort(np.column_stack([r, np.zeros_like(r)]))[:, 0]) <= 0
+        distorted = self._distort(np.column_stack([r, np.zeros_like(r)]))[:, 0]
+        falls = np.diff(distorted) <= 0
         self.reach = float(r[falls.argmax()]) if falls.any() else _TAN_MAX
 
     def pixels(self, rays: ArrayLike) -> Array:
@@ -50,8 +52,8 @@ class DistortionModel:
         rays = np.asarray(rays, dtype=float)
         fu, fv, pu, pv = self._K[0, 0], self._K[1, 1], self._K[0, 2], self._K[1, 2]
         pixels = self._distort(rays) * (fu, fv) + (pu, pv)
-        # the comparison is False for NaN as well
-        pixels[~(np.einsum("ij,ij->i", rays, rays) <= self.reach**2)] = np.nan
+        within_reach = np.einsum("ij,ij->i", rays, rays) <= self.reach**2  # squared lengths; False for NaN
+        pixels[~within_reach] = np.nan
         return pixels
 
     def rays(self, pixels: ArrayLike) -> Array:
@@ -69,16 +71,17 @@ class DistortionModel:
         r2 = x * x + y * y
         if self._fisheye:
             r = np.sqrt(r2)
-            angle = np.arctan(r)
+            angle = np.arctan(r)  # between ray and optical axis, rad
             a2 = angle * angle
             k1, k2, k3, k4 = self._D
-            bent = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-            return rays * np.divide(bent, r, out=np.ones_like(r), where=r > 1e-9)[:, None]
+            distorted_r = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+            scale = np.divide(distorted_r, r, out=np.ones_like(r), where=r > 1e-9)  # 1 on the axis, where r is 0
+            return rays * scale[:, None]
         k1, k2, p1, p2 = self._D
         radial = 1 + r2 * (k1 + r2 * k2)
-        return np.column_stack(
-            [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y]
-        )
+        distorted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        distorted_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.column_stack([distorted_x, distorted_y])
 
 
 MARGIN = 1
@@ -116,9 +119,10 @@ class BoardPattern:
         self.square_m = board.square_m
         self.shape = (columns - 1, rows - 1)
         self.corners = lattice(columns - 1, rows - 1)
+        # the square at +u, +v of the first corner is the second one along the board's diagonal, and dark as the first
         self.corner_colour = -_checker(columns - 1, rows - 1).ravel()
         self.cells = lattice(columns + 2 * MARGIN, rows + 2 * MARGIN)
-        self.bright = np.pad(-_checker(columns, rows), MARGIN, constant_values=1.0)
+        self.bright = np.pad(-_checker(columns, rows), MARGIN, constant_values=1.0)  # the first square is dark
 
     @property
     def points_in_board(self) -> Array:
@@ -144,21 +148,25 @@ class View:
 
         Args:
             lens: Lens of the camera.
-            squares: (N, 2) points, in squares from the board's origin; N ≥ 4, else None.
+            squares: (N, 2) points, in squares from the board's centre; fewer than 4 determine no view.
             rays: (N, 2) rays of the points.
             tolerance: Largest error of an inlier (RANSAC), in units of a ray; 0: all points are inliers.
         """
         if len(squares) < 4:
             return None
-        method, limit = (cv2.RANSAC, tolerance) if tolerance else (0, 3.0)  # 0: least squares, without a limit
+        method, limit = (cv2.RANSAC, tolerance) if tolerance else (0, 3.0)  # method 0: least squares, limit not used
         H, _ = cv2.findHomography(squares, rays, method, limit)
         if H is None or not np.isfinite(H).all():
             return None
-        H = H * np.sign(H[2, 2])
-        return cls(lens=lens, H=H) if np.linalg.det(H) < 0 else None  # z of the board points at the camera
+        H = H * np.sign(H[2, 2])  # the board's centre is in front of the camera
+        seen_from_front = np.linalg.det(H) < 0  # z of the board points at the camera
+        return cls(lens=lens, H=H) if seen_from_front else None
 
     def shift(self, u: float, v: float) -> View:
-        """The view of a board that is moved by (u, v) squares along its own axes."""
+        """The view of a board that is moved by (u, v) squares along its own axes.
+
+        A point (x, y) of the moved board is where the point (x + u, y + v) of this view is.
+        """
         return View(lens=self.lens, H=self.H @ np.array([[1.0, 0.0, u], [0.0, 1.0, v], [0.0, 0.0, 1.0]]))
 
     def rays(self, squares: Array) -> Array:
@@ -166,7 +174,8 @@ class View:
         # homogeneous coordinates; the last one counts relative to that of the board's centre
         p = squares @ self.H[:, :2].T + self.H[:, 2]
         ahead = p[:, 2] > _AHEAD * self.H[2, 2]
-        return np.where(ahead[:, None], p[:, :2], np.nan) / np.where(ahead, p[:, 2], 1.0)[:, None]
+        divisor = np.where(ahead, p[:, 2], 1.0)  # 1 avoids a division by 0 where the result is NaN anyway
+        return np.where(ahead[:, None], p[:, :2], np.nan) / divisor[:, None]
 
     def pixels(self, squares: Array) -> Array:
         """(N, 2) pixels of (N, 2) points in squares; NaN behind the camera, and beyond the reach of its lens."""
@@ -182,9 +191,10 @@ class View:
             (N, 2, 2) pixels: along u in the first row, along v in the second, as central differences over one square.
         """
         n, half = len(squares), 0.5
-        ends = np.concatenate([squares + d for d in ((half, 0), (-half, 0), (0, half), (0, -half))])
-        u1, u0, v1, v0 = self.pixels(ends).reshape(4, n, 2)
-        return np.stack([u1 - u0, v1 - v0], axis=1)
+        # half a square from each point: toward +u, -u, +v and -v
+        ends = np.concatenate([squares + offset for offset in ((half, 0), (-half, 0), (0, half), (0, -half))])
+        u_end, u_start, v_end, v_start = self.pixels(ends).reshape(4, n, 2)
+        return np.stack([u_end - u_start, v_end - v_start], axis=1)
 
     def to_squares(self, way_px: Array) -> Array:
         """(2,) motion along u and v in squares, of a short motion `way_px` (2,) in pixels at the board's centre.
@@ -199,7 +209,7 @@ class View:
 
     def size_px(self, squares: Array) -> Array:
         """(N,) size of a square at (N, 2) points, pixels: the square root of its area in the image."""
-        u, v = self.edges(squares).transpose(1, 2, 0)
+        u, v = self.edges(squares).transpose(1, 2, 0)  # (2, N) each: x and y of the edges of a square
         return np.sqrt(np.abs(u[0] * v[1] - u[1] * v[0]))
 
 
@@ -207,6 +217,7 @@ def sample(image: NDArray[np.uint8], pixels: Array) -> NDArray[np.float32]:
     """(N,) brightness at (N, 2) pixels, bilinear; NaN outside the image."""
     height, width = image.shape
     inside = np.all((pixels >= 0) & (pixels <= np.array([width - 1, height - 1])), axis=1)  # false for NaN as well
+    # (N, 1, 2) places to read; outside the image any valid one, as the result is NaN there
     at = np.where(inside[:, None], pixels, 0.0).astype(np.float32).reshape(-1, 1, 2)
     grey = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel()
     return np.where(inside, grey, np.nan).astype(np.float32)

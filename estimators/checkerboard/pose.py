@@ -78,9 +78,11 @@ def find_board_poses(observation: BoardObservation) -> tuple[BoardPose, ...]:
         Two poses, or one if both solutions converge to it; none if the corners are collinear.
     """
     points, rays = observation.points_in_board, observation.rays
-    spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
-    if spread[1] < _LEAST_SPREAD * spread[0]:
+    # extents of the corners along their longest direction and across it
+    longest, shortest = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
+    if shortest < _LEAST_SPREAD * longest:
         return ()
+    # number of solutions; rotation vector, rad, and position, m, of each: board frame to optical frame
     count, rotations, positions, _ = cv2.solvePnPGeneric(
         points, rays.reshape(-1, 1, 2), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
     )
@@ -110,29 +112,32 @@ def select_poses(
     # squared residuals, plus the squared Mahalanobis distance of the rotation from the prior
     costs = [pose.chi2 for pose in poses]
     if R_camera_board is not None and np.isfinite(rotation_sd):
-        known = np.asarray(R_camera_board, dtype=float)
+        R_prior = np.asarray(R_camera_board, dtype=float)
         for i, pose in enumerate(poses):
-            off = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ known.T)[0].ravel()
-            costs[i] += float(off @ np.linalg.solve(pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3), off))
+            # (3,) rotation vector from the prior to the pose, rad, camera's axes; (3, 3) its covariance
+            off = cv2.Rodrigues(pose.T_camera_board[:3, :3] @ R_prior.T)[0].ravel()
+            covariance = pose.covariance[3:, 3:] + rotation_sd**2 * np.eye(3)
+            costs[i] += float(off @ np.linalg.solve(covariance, off))
     return tuple(pose for pose, cost in zip(poses, costs) if cost <= min(costs) + CHI2_GATE)
 
 
 def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardPose | None:
-    """The pose of least squared residuals of the rays, by Gauss-Newton; None if the board leaves the space in front.
+    """The pose of least squared residuals of the rays, by Gauss-Newton from a start.
 
     Args:
         observation: Corners of the board.
-        T_camera_board: (4, 4) start.
+        T_camera_board: (4, 4) pose to start from, m.
 
     Returns:
-        The pose with its covariance; None also if the corners do not determine it.
+        The pose with its covariance; None if a corner comes to lie behind the camera, or if the corners do not
+        determine the pose.
     """
     R, p = T_camera_board[:3, :3], T_camera_board[:3, 3]
     sd = np.broadcast_to(observation.ray_sd, len(observation.rays))
     for _ in range(_ROUNDS):
-        rotated = observation.points_in_board @ R.T
+        rotated = observation.points_in_board @ R.T  # (M, 3) m, from the board's origin, camera's axes
         x, y, z = (rotated + p).T
-        if z.min() <= 0:
+        if z.min() <= 0:  # a corner is not in front of the camera
             return None
         residual = (observation.rays - np.column_stack([x, y]) / z[:, None]) / sd[:, None]
         # derivatives of each ray (x / z, y / z) by position and rotation of the board, both in the camera's axes
@@ -142,7 +147,7 @@ def _refine_pose(observation: BoardObservation, T_camera_board: Array) -> BoardP
         by_rotation = np.cross(rotated[:, None, :], by_position)  # P moves by rotation x rotated
         J = np.concatenate([by_position, by_rotation], axis=2) / sd[:, None, None]
         J = J.reshape(-1, 6)
-        N = J.T @ J
+        N = J.T @ J  # information of position and rotation: residuals and J are in standard deviations
         if np.linalg.matrix_rank(N, hermitian=True) < 6:
             return None
         step = np.linalg.solve(N, J.T @ residual.ravel())

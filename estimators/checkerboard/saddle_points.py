@@ -16,8 +16,9 @@ from stridetwin.streams.samples import Array
 
 X, Y, MEAN, STEP, BLUR_U, BLUR_V, RMS, V_XX, V_XY, V_YY, OK = range(11)
 COLUMNS = 11
-"""Columns of a fit: pixel, mean brightness and half the step, blur across both edges (squares), RMS residual,
-covariance of the pixel for grey values of variance 1, and 1 if the fit is valid."""
+"""Number of columns of a fit: `X`, `Y`, corner, pixels; `MEAN`, `STEP`, mean brightness, and half the step from dark to
+bright squares; `BLUR_U`, `BLUR_V`, blur across both families of edges, squares; `RMS`, residual of the brightness;
+`V_XX`, `V_XY`, `V_YY`, covariance of the corner for grey values of variance 1, px²; `OK`, 1 if the fit is valid."""
 
 _UNKNOWNS = 6  # x, y, mean, contrast, blur across u, blur across v
 
@@ -39,6 +40,7 @@ _SPARSE_PX2 = 64.0  # larger squares that are smeared use every other pixel each
 
 _Z_MAX, _PER_Z = 4.0, 64
 _Z = np.linspace(-_Z_MAX, _Z_MAX, int(2 * _Z_MAX * _PER_Z) + 1)
+# an edge from -1 to 1 at z = 0, smoothed by a Gaussian of standard deviation 1, and its slope; `_PER_Z` entries a unit
 _STEP_TABLE = np.append(erf(_Z / math.sqrt(2.0)), 1.0)  # a table is exact to 3e-5 and ten times faster
 _BELL_TABLE = np.append(math.sqrt(2.0 / math.pi) * np.exp(-0.5 * _Z * _Z), 0.0)
 
@@ -86,12 +88,12 @@ def _square_wave(u: float, sd: float) -> tuple[float, float, float]:
     """
     # Edges are at whole numbers k, and rise at even ones. Only those from first to last are smoothed as far as u; the
     # others, of -2 to 2, count as ±1 in the initial value.
-    first = max(math.ceil(u - _Z_MAX * sd), -2)
+    first = max(math.ceil(u - _Z_MAX * sd), -2)  # the first edge that is smoothed as far as u
     last = min(math.floor(u + _Z_MAX * sd), 2)
     value, slope, by_sd = float((first + 2) % 2 - (2 - last) % 2), 0.0, 0.0
     sign = 1.0 if first % 2 == 0 else -1.0
     for k in range(first, last + 1):
-        z = (u - k) / sd
+        z = (u - k) / sd  # distance from the edge in standard deviations
         # linear interpolation in the tables of a smoothed edge and of its slope
         at = (min(max(z, -_Z_MAX), _Z_MAX) + _Z_MAX) * _PER_Z
         i = int(at)
@@ -131,11 +133,12 @@ def _fit_corner(
         out: (COLUMNS,) out: the fit, whose entries are `X` to `OK`; it stays 0 without one.
     """
     height, width = image.shape
-    area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]
-    if abs(area) < 1.0:
+    area = edges[0, 0] * edges[1, 1] - edges[0, 1] * edges[1, 0]  # of a square, px²
+    if abs(area) < 1.0:  # the board is seen edge-on
         return
     ux, uy = edges[1, 1] / area, -edges[1, 0] / area  # gradients of u and v in the image
     vx, vy = -edges[0, 1] / area, edges[0, 0] / area
+    # the box of pixels around the area that is fitted
     reach_x = _HALF * (abs(edges[0, 0]) + abs(edges[1, 0]))
     reach_y = _HALF * (abs(edges[0, 1]) + abs(edges[1, 1]))
     left, right = math.floor(start[0] - reach_x), math.ceil(start[0] + reach_x)
@@ -163,19 +166,20 @@ def _fit_corner(
     # Unknowns, in the order of J: 0-1 corner relative to the prediction (x, y), 2 mean, 3 contrast b, 4-5 blurs.
     x, y, contrast, blur_u, blur_v = 0.0, 0.0, 0.0, blur[0], blur[1]
     free = _UNKNOWNS if fit_blur else _UNKNOWNS - 2
+    # normal matrix JᵀJ and right side Jᵀr; J of one pixel; Cholesky factor and solution of `solve_damped`
     N, g, J = np.zeros((free, free)), np.zeros(free), np.zeros(_UNKNOWNS)
     L, step = np.zeros((free, free)), np.zeros(free)
     settled = False
     for iteration in range(_ROUNDS + 1):
         clear(g)
         clear_block(N, free)
-        squares = 0.0
+        squares = 0.0  # sum of the squared residuals
         for i in range(count):  # residual r and derivatives J of a + b s(u) s(v), averaged over the motion
             u = ux * (dx[i] - x) + uy * (dy[i] - y)
             v = vx * (dx[i] - x) + vy * (dy[i] - y)
             by_x, by_y, by_contrast, by_blur_u, by_blur_v = 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(samples):
-                share = (k + 0.5) / samples - 0.5
+                share = (k + 0.5) / samples - 0.5  # part of the motion, from -0.5 to 0.5
                 wave_u, slope_u, widen_u = _square_wave(u + share * motion[0], blur_u)
                 wave_v, slope_v, widen_v = _square_wave(v + share * motion[1], blur_v)
                 du, dv = slope_u * wave_v, wave_u * slope_v
@@ -196,7 +200,7 @@ def _fit_corner(
         for j in range(free):
             for k in range(j):
                 N[k, j] = N[j, k]
-        if iteration == 0:  # brightnesses first, as the rest depends on them
+        if iteration == 0:  # brightnesses first, by Cramer's rule, as the rest depends on them
             det = N[2, 2] * N[3, 3] - N[2, 3] ** 2
             if det < 1e-9 * N[2, 2] * N[2, 2]:
                 return
@@ -205,7 +209,7 @@ def _fit_corner(
             if contrast * colour <= 0.0:
                 return
             continue
-        if settled or iteration == _ROUNDS:
+        if settled or iteration == _ROUNDS:  # N and residuals are now those of the final values
             break
         for j in range(free):
             N[j, j] *= 1.0 + _DAMPING
@@ -226,7 +230,7 @@ def _fit_corner(
             blur_v = min(max(blur_v + step[5], 0.5 * blur_v, _MIN_BLUR), 2.0 * blur_v, _MAX_BLUR)
         if abs(ux * x + uy * y) > _HALF or abs(vx * x + vy * y) > _HALF or contrast * colour <= 0.0:
             return
-    det = N[0, 0] * N[1, 1] - N[0, 1] ** 2
+    det = N[0, 0] * N[1, 1] - N[0, 1] ** 2  # of the part of the corner's position
     if det <= 0.0 or count <= free:
         return
     out[X], out[Y] = start[0] + x, start[1] + y

@@ -13,7 +13,7 @@ from stridetwin.streams.samples import Array
 
 # The search for candidate views; hand-chosen.
 _SAMPLES_PER_SQUARE = 3  # along an edge
-_MAX_SQUARES = 6  # largest error of a guess
+_MAX_SQUARES = 6  # largest error of a guess, squares along either edge
 _MIN_CORRELATION = 0.35  # of image and pattern
 _CANDIDATES = 3  # largest number of views tried per correlation
 _RIVAL_SHARE = 0.7  # candidates below this share of the best correlation are dropped
@@ -23,7 +23,7 @@ _OPPOSED_COSINE = -0.6  # of the doubled angle between the saddles of neighbouri
 _NEIGHBOURS = 8  # nearest saddles from which the edges of a grid are chosen
 _MIN_EDGE_SINE = 0.4  # of the angle between a grid's edges
 _MAX_MISS = 0.3  # error of a point in a grid, as a share of the shorter edge
-_MIN_CROSS = 6  # grid points among the nine around a corner, itself included
+_MIN_CROSS = 6  # least number of points of a grid while it grows; in the first round of the nine around its origin
 _MIN_GRID = 14  # points of a grid
 _GRIDS = 4  # largest number of grids tried in one image
 
@@ -44,11 +44,11 @@ def find_near(grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach
     They are the guess, shifted along the board by a multiple of a third of a square, and by `_MAX_SQUARES` at most.
     Empty if nothing correlates, or if the guess has no size in the image.
     """
-    size = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)
-    if not (size > 0).all():
+    size_px = np.linalg.norm(guess.edges(np.zeros((1, 2)))[0], axis=1)  # (2,) edges of a square along u and v
+    if not (size_px > 0).all():  # 0 or NaN
         return []
-    reach = np.minimum(np.ceil(reach_px / size), _MAX_SQUARES).astype(int)
-    return [view for _, view in _correlate(grey, pattern, guess, reach[0], reach[1])]
+    reach_u, reach_v = np.minimum(np.ceil(reach_px / size_px), _MAX_SQUARES).astype(int)  # squares
+    return [view for _, view in _correlate_shifts(grey, pattern, guess, reach_u, reach_v)]
 
 
 def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: DistortionModel) -> list[View]:
@@ -60,21 +60,22 @@ def find_anywhere(grey: NDArray[np.uint8], pattern: BoardPattern, lens: Distorti
     columns, rows = pattern.shape
     some_corner = pattern.corners[(rows // 2) * columns + columns // 2]  # in the middle of the board
     for steps, places in _find_grids(grey):
-        rays, candidates = lens.rays(places), []
+        rays = lens.rays(places)
+        candidates: list[tuple[float, View]] = []  # correlation and view
         for quarter in _QUARTERS:
             guess = View.from_points(lens, some_corner + steps @ quarter, rays)
             if guess is not None:
-                candidates += _correlate(grey, pattern, guess, rows, rows)
+                candidates += _correlate_shifts(grey, pattern, guess, rows, rows)
         if candidates:
             candidates.sort(key=lambda candidate: -candidate[0])
             return [view for _, view in candidates[:_CANDIDATES]]
     return []
 
 
-def _correlate(
+def _correlate_shifts(
     grey: NDArray[np.uint8], pattern: BoardPattern, guess: View, reach_u: int, reach_v: int
 ) -> list[tuple[float, View]]:
-    """Best correlations of image and pattern, with their views, shifted by up to some squares.
+    """Compares image and pattern at all shifts of a guess by up to some squares; returns the shifts that fit best.
 
     The image is rectified by the guess, so that the board is upright and of known size in it, and compared with the
     pattern at every shift (normalised cross-correlation): 1000 shifts in a fraction of a millisecond.
@@ -89,26 +90,29 @@ def _correlate(
     Returns:
         At most `_CANDIDATES` pairs of a correlation, -1 to 1, and the shifted view, the best first.
     """
+    # columns x rows squares around the guess's centre are sampled: the board with the largest shifts on each side
     columns, rows = pattern.bright.shape[1] + 2 * reach_u, pattern.bright.shape[0] + 2 * reach_v
-    # (columns, rows) squares around the guess's centre are sampled: the board with the largest shifts on each side
     u = (np.arange(columns * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - columns / 2
     v = (np.arange(rows * _SAMPLES_PER_SQUARE) + 0.5) / _SAMPLES_PER_SQUARE - rows / 2
     squares = np.column_stack([np.tile(u, len(v)), np.repeat(v, len(u))])
+    # (., ., 2) pixel that each sample is read from; far outside the image where the guess has none
     map_px = np.nan_to_num(guess.pixels(squares), nan=-1e4).astype(np.float32).reshape(len(v), len(u), 2)
     rectified = cv2.remap(
         grey, map_px[..., 0], map_px[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128
     )
+    # the board's colours at the same resolution, averaged over 3 x 3 samples
     squares_image = np.kron(pattern.bright, np.ones((_SAMPLES_PER_SQUARE, _SAMPLES_PER_SQUARE))).astype(np.float32)
     expected = cv2.blur(squares_image, (3, 3), borderType=cv2.BORDER_REPLICATE)
+    # at (row, column): with the first sample of the board there in the rectified image
     correlation = cv2.matchTemplate(rectified.astype(np.float32), expected, cv2.TM_CCOEFF_NORMED)
     candidates: list[tuple[float, View]] = []
     for _ in range(_CANDIDATES):
         _, best, _, (column, row) = cv2.minMaxLoc(correlation)
-        if not best > (max(_MIN_CORRELATION, _RIVAL_SHARE * candidates[0][0]) if candidates else _MIN_CORRELATION):
+        least = max(_MIN_CORRELATION, _RIVAL_SHARE * candidates[0][0]) if candidates else _MIN_CORRELATION
+        if not best > least:  # also where it is NaN
             break
-        candidates.append(
-            (best, guess.shift(column / _SAMPLES_PER_SQUARE - reach_u, row / _SAMPLES_PER_SQUARE - reach_v))
-        )
+        shift_u, shift_v = column / _SAMPLES_PER_SQUARE - reach_u, row / _SAMPLES_PER_SQUARE - reach_v  # squares
+        candidates.append((best, guess.shift(shift_u, shift_v)))
         # neighbouring shifts are no other candidates
         half = _SAMPLES_PER_SQUARE // 2
         correlation[max(row - half, 0) : row + half + 1, max(column - half, 0) : column + half + 1] = -1.0
@@ -116,7 +120,7 @@ def _correlate(
 
 
 def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
-    """Yields grids of saddle points, of at least `_MIN_GRID` points; `_GRIDS` at most.
+    """Finds regular grids of saddle points, of at least `_MIN_GRID` points; `_GRIDS` at most.
 
     From the strongest saddle point on, two edges of a grid are chosen among its neighbours, and the grid grows along
     them.
@@ -125,17 +129,17 @@ def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
         (N, 2) whole steps along both edges from the first point, and (N, 2) pixels of each point.
     """
     places, directions = _find_saddle_points(grey)
-    apart = places[None] - places[:, None]  # [i, j] from i to j
+    apart = places[None] - places[:, None]  # (N, N, 2) px, [i, j] from i to j
     distance = np.linalg.norm(apart, axis=2)
-    # Neighbours on a board are rotated against each other.
+    # Neighbours on a board are rotated against each other; other pairs are no neighbours, at an infinite distance.
     distance[directions @ directions.T > _OPPOSED_COSINE] = np.inf
-    tried = 0
+    tried = 0  # number of grids yielded
     for i, order in enumerate(np.argsort(distance, axis=1)[:, :_NEIGHBOURS]):
-        near = apart[i, order[np.isfinite(distance[i, order])]]
+        near = apart[i, order[np.isfinite(distance[i, order])]]  # (K, 2) px, to the neighbours, the nearest first
         if len(near) < 2:
             continue
         # The nearest neighbour gives the first edge; the second is the nearest one at a large enough angle to it.
-        across = near[0, 0] * near[:, 1] - near[0, 1] * near[:, 0]
+        across = near[0, 0] * near[:, 1] - near[0, 1] * near[:, 0]  # (K,) cross product of the first edge with each
         length = np.linalg.norm(near, axis=1)
         beside = np.flatnonzero(np.abs(across) > _MIN_EDGE_SINE * length[0] * length)
         if not len(beside):
@@ -143,16 +147,19 @@ def _find_grids(grey: NDArray[np.uint8]) -> Iterator[tuple[Array, Array]]:
         # the board faces the camera: v is rotated against u as y against x
         second = near[beside[0]] * -np.sign(across[beside[0]])
         edges = np.array([near[0], second])
-        grid = _grow_grid(places, places[i], edges)
-        if len(grid[0]) >= _MIN_GRID:
-            yield grid
+        steps, points = _grow_grid(places, places[i], edges)
+        if len(steps) >= _MIN_GRID:
+            yield steps, points
             tried += 1
             if tried == _GRIDS:
                 return
 
 
 def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array]:
-    """A grid of `_find_grids` grown from one point, as far as there are points for it.
+    """Grows a regular grid from one saddle point along two edges, as far as there are saddle points for it.
+
+    The grid grows in rounds, to more steps on each side; after each its origin and edges are fitted to its points.
+    It has no points at all if fewer than `_MIN_CROSS` are hit in the first round.
 
     Args:
         places: (N, 2) pixels of all saddle points.
@@ -163,17 +170,18 @@ def _grow_grid(places: Array, origin: Array, edges: Array) -> tuple[Array, Array
         (K, 2) whole steps along both edges; (K, 2) pixels of each point.
     """
     steps, points = np.zeros((0, 2)), np.zeros((0, 2))
-    # steps to each side; after each round the edges are fitted anew to the points found
-    for reach in (1, 2, 4, 8):
+    for reach in (1, 2, 4, 8):  # steps to each side
         j, i = np.mgrid[-reach : reach + 1, -reach : reach + 1]
         lattice = np.column_stack([i.ravel(), j.ravel()]).astype(float)
         expected = origin + lattice @ edges
+        # px, distance from each expected point (row) to each saddle point (column); the nearest one of each row
         miss = np.linalg.norm(places[None] - expected[:, None], axis=2)
         nearest = miss.argmin(axis=1)
         hit = miss[np.arange(len(lattice)), nearest] < _MAX_MISS * np.linalg.norm(edges, axis=1).min()
         if hit.sum() < _MIN_CROSS:
             break
         steps, points = lattice[hit], places[nearest[hit]]
+        # (3, 2) px: origin, and one step along each edge
         affine, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(steps)), steps]), points, rcond=None)
         origin, edges = affine[0], affine[1:]
     return steps, points
@@ -189,7 +197,7 @@ def _find_saddle_points(grey: NDArray[np.uint8]) -> tuple[Array, Array]:
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), _SADDLE_SCALE_PX)
     xx, yy = cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2)
     xy = cv2.Sobel(smooth, cv2.CV_32F, 1, 1)
-    saddle = xy * xy - xx * yy  # positive where the second derivatives have different signs
+    saddle = xy * xy - xx * yy  # positive where the brightness curves up along one axis and down along the other
     peak = (saddle >= cv2.dilate(saddle, np.ones((5, 5)))) & (saddle > 1.0)
     rows, columns = np.nonzero(peak)
     strongest = np.argsort(-saddle[rows, columns], kind="stable")[:_SADDLES]

@@ -76,7 +76,10 @@ class TerrainSvm:
     """
 
     def __init__(self, slope: ArrayLike, elevation: ArrayLike, modes: ArrayLike) -> None:
-        """Trains the machine on N steps: slopes (N,) in rad, elevations (N,) in m, and the mode of each."""
+        """Trains the machine on N steps: slopes (N,) in rad, elevations (N,) in m, and the mode of each.
+
+        `_scale` holds the largest magnitude of slope, rad, and elevation, m, by which both are divided.
+        """
         try:
             from sklearn.svm import SVC
         except ModuleNotFoundError as error:
@@ -117,20 +120,23 @@ def mode_probabilities(
         parameters: Dimensions in the world.
     """
     riser, ramp = parameters.riser_m, parameters.ramp_rad
+    # probabilities of a riser up, of one down, and of neither
     high, low = probability_above(beyond, riser, beyond_sd), probability_above(-beyond, riser, beyond_sd)
-    plane = 1.0 - high - low
+    no_riser = 1.0 - high - low
+    # probabilities that the ground under the foot slopes up or down as a ramp does
     up, down = probability_above(slope, ramp, slope_sd), probability_above(-slope, ramp, slope_sd)
+    # the same beyond a riser, where only a greater slope is a ramp, and a lesser one a tread
     steep_up, steep_down = (
         probability_above(slope, _TREAD_RAMP_RAD, slope_sd),
         probability_above(-slope, _TREAD_RAMP_RAD, slope_sd),
     )
     tread = 1.0 - steep_up - steep_down
     return {
-        "LG": plane * (1.0 - up - down),
+        "LG": no_riser * (1.0 - up - down),
         "SA": tread * high,
         "SD": tread * low,
-        "RA": plane * up + (high + low) * steep_up,
-        "RD": plane * down + (high + low) * steep_down,
+        "RA": no_riser * up + (high + low) * steep_up,
+        "RD": no_riser * down + (high + low) * steep_down,
     }
 
 
@@ -141,7 +147,7 @@ def most_likely(probabilities: dict[str, float], probability_min: float) -> tupl
 
 
 def height_beyond_slopes(height: float, distance: float, slope: float, slope_before: float) -> float:
-    """Height that the ground between two footprints cannot explain, m (docs/contact_terrain.md (11)).
+    """Height between two footprints that no slope of the ground explains, m (docs/contact_terrain.md (11)).
 
     Ground that is level or slopes as under either footprint reaches a range of heights over the distance; this is the
     height above or, negative, below that range.
@@ -152,8 +158,10 @@ def height_beyond_slopes(height: float, distance: float, slope: float, slope_bef
         slope: Slope under the footprint, rad.
         slope_before: Slope under the previous one, rad.
     """
+    # heights that level ground, and ground with either slope, reaches over the distance, m
     reach = (0.0, distance * math.tan(slope), distance * math.tan(slope_before))
-    return height - min(max(height, min(reach)), max(reach))
+    explained = min(max(height, min(reach)), max(reach))  # the height, limited to their range
+    return height - explained
 
 
 def ramp_probability(slope: float, sd: float, ramp_rad: float) -> float:

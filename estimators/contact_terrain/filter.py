@@ -63,7 +63,8 @@ class ContactTerrain:
         """Builds the method that the options name, for the given geometry or that of the options."""
         Rig.check(rig, "ContactTerrain")
         options = options or Options()
-        method, exo = options.method, exoskeleton or _geometry(options)
+        method = options.method
+        exo = exoskeleton or _load_geometry(options)
         if method not in METHODS:
             raise ConfigError("ContactTerrain", "method", method, " or ".join(METHODS))
         self._ticks = TickBuilder(exo)
@@ -78,7 +79,7 @@ class ContactTerrain:
         Raises:
             StrideTwinError: There is no geometry, or it cannot be read.
         """
-        exo = _geometry(options)
+        exo = _load_geometry(options)
         streams = [Stream(role=exo.back.topic, topic=exo.back.topic, kind=Ahrs)]
         for leg in exo.legs.values():
             kinds = {leg.thigh.topic: Ahrs, leg.foot.topic: Ahrs, leg.knee.topic: Encoder, leg.sole.topic: Insole}
@@ -88,12 +89,15 @@ class ContactTerrain:
     def update(self, sample: Sample) -> StepEstimate | None:
         """Takes one sample; returns the new estimate of the last footprint, or None if nothing changed."""
         estimate = None
-        for tick in self._ticks.add(sample):
-            estimate = self._method.update(tick) or estimate
+        for tick in self._ticks.add(sample):  # none until the streams of an instant are complete; at most two
+            estimate = self._method.update(tick) or estimate  # the newest one
         return estimate
 
     def run(self, samples: Iterable[Sample]) -> list[StepEstimate]:
-        """Takes samples as `update` would; returns the last estimate of each step, in order, step 0 left out."""
+        """Takes all samples in turn; returns the last estimate of each step, in the order of the steps.
+
+        Step 0, the feet on the ground at the start, is left out.
+        """
         last: dict[int, StepEstimate] = {}
         for sample in samples:
             estimate = self.update(sample)
@@ -102,7 +106,7 @@ class ContactTerrain:
         return [last[step] for step in sorted(last)]
 
 
-def _geometry(options: Options) -> Exoskeleton:
+def _load_geometry(options: Options) -> Exoskeleton:
     """The exoskeleton's geometry from the options' file, else from their metadata.
 
     Raises:

@@ -44,7 +44,7 @@ class CellLoads:
         # last for two strides
         self._most = np.full((3, 4), -np.inf)
         self._rotating_s = 0.0  # rotating time in this stride
-        self._force = np.zeros(4)  # the newest readings, for `empty`
+        self._force = np.zeros(4)  # N, the newest measured force of each cell, which `empty` takes as zero
 
     def update(self, force: Array, rate: float, dt: float) -> Array:
         """Takes one tick of an insole; returns the (4,) load on each cell, N.
@@ -62,24 +62,25 @@ class CellLoads:
         if rate > _ROTATING_RADPS:
             self._least[0] = np.minimum(self._least[0], force)
             self._rotating_s += dt
-        if self._rotating_s > _STRIDE_S:
+        if self._rotating_s > _STRIDE_S:  # the stride ends: row 0 moves to row 1, and a new row 0 begins
             self._rotating_s = 0.0
             self._least[1], self._least[0] = self._least[0], force
             self._most[1:], self._most[0] = self._most[:-1].copy(), force
-        if not np.isfinite(self._least[1]).all():  # before the first stride nothing is known of an unloaded cell
+        if not np.isfinite(self._least[1]).all():  # before the end of the first stride no unloaded output is known
             return force
         load: Array = force - self._least.min(axis=0)
         return load
 
     def empty(self) -> None:
-        """Marks the foot as in the air: the current readings become the zero of the cells."""
+        """Marks the foot as in the air: from now on the newest measured force of each cell counts as no load."""
         self._least = np.stack([self._force, self._force])
 
     @property
     def alive(self) -> NDArray[np.bool_]:
         """(4,) whether each cell works: its force has changed by more than `_ALIVE_N` in the last strides."""
-        moved: NDArray[np.bool_] = self._most.max(axis=0) - self._least.min(axis=0) > _ALIVE_N
-        return moved
+        force_range = self._most.max(axis=0) - self._least.min(axis=0)  # (4,) N, largest minus least force
+        has_changed: NDArray[np.bool_] = force_range > _ALIVE_N
+        return has_changed
 
 
 _HERE = Path(__file__).parent
@@ -105,8 +106,8 @@ class Footfall:
         self.step, self.on_heel = step, on_heel
         self.forward, self.up = np.zeros(3), np.zeros(3)
         self.weight, self.ticks = 0.0, 0
-        # largest pitch of the flat foot so far, rad, toes up positive; sum of the weights with the ankle off its stops
-        self._highest, self._free = -math.inf, 0.0
+        self._highest = -math.inf  # largest pitch of the flat foot so far, rad, toes up positive
+        self._free_weight = 0.0  # sum of the weights of the flat ticks with the ankle clear of its stops
 
     def add(self, R_world_sole: Array, rate: float, loaded: bool, alone: bool, free: bool) -> bool:
         """Takes one tick of a foot on the ground; if the foot is flat, its attitude enters a weighted mean.
@@ -132,7 +133,7 @@ class Footfall:
             return False
         self._highest = max(self._highest, pitch)
         weight = (1.0 if alone else _SHARED_WEIGHT) / (1.0 + (rate / _HALF_WEIGHT_RADPS) ** 2)
-        self._free += weight if free else 0.0  # `strained` compares it with `_FREE_WEIGHT`
+        self._free_weight += weight if free else 0.0
         weight *= 1.0 if free else _STRAINED_WEIGHT
         self.forward += weight * R_world_sole[:, 0]
         self.up += weight * R_world_sole[:, 2]
@@ -151,7 +152,7 @@ class Footfall:
 
         It is 0 once the other ticks have a weight of `_FREE_WEIGHT`.
         """
-        return max(0.0, 1.0 - self._free / _FREE_WEIGHT)
+        return max(0.0, 1.0 - self._free_weight / _FREE_WEIGHT)
 
     def R_world_sole(self) -> Array:
         """(3, 3) mean attitude of the flat sole, sole to world; the foot must have been flat in a tick."""
@@ -160,18 +161,21 @@ class Footfall:
 
 @entry_kernel(_HERE)
 def _rotation_from_axes(forward: Array, up: Array) -> Array:
-    """(3, 3) rotation whose z axis is along `up`, and whose x axis is as close to `forward` as possible."""
+    """(3, 3) rotation whose z axis is along `up`, and whose x axis is as close to `forward` as possible.
+
+    Both are (3,) of any length, and not parallel. The columns of the rotation are its axes x, y and z.
+    """
     z, x, R = np.empty(3), np.empty(3), np.empty((3, 3))
     length = math.sqrt(dot(up, up))
     for i in range(3):
         z[i] = up[i] / length
-    along = dot(forward, z)
+    along = dot(forward, z)  # component of `forward` along z, which x must not have
     for i in range(3):
         x[i] = forward[i] - along * z[i]
     length = math.sqrt(dot(x, x))
     for i in range(3):
         x[i] /= length
-    y = apply(hat(z), x)
+    y = apply(hat(z), x)  # z × x
     for i in range(3):
         R[i, 0], R[i, 1], R[i, 2] = x[i], y[i], z[i]
     return R

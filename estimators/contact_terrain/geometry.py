@@ -190,11 +190,13 @@ class Compliance:
     def __post_init__(self) -> None:
         """Raises ConfigError where a value is not a finite number ≥ 0."""
         values = asdict(self)
+        # the three deviations of the vector are checked as single numbers, so that an error names the invalid one
         values |= {f"vector_sd_m[{i}]": sd for i, sd in enumerate(values.pop("vector_sd_m"))}
         check_numbers("Compliance", values, values)  # any of them may be 0
 
 
 _COMPLIANCE_KEYS = {f.name.replace("_rad", "_deg"): f.name for f in fields(Compliance)}
+"""Name of each field of `Compliance`, by its key in a file, where angles are in degrees."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,8 +218,10 @@ class Exoskeleton:
     @property
     def topics(self) -> tuple[str, ...]:
         """Every stream read: the back, and thigh, foot, knee and insole of each leg."""
-        each = [(g.thigh.topic, g.foot.topic, g.knee.topic, g.sole.topic) for g in self.legs.values()]
-        return (self.back.topic, *(topic for leg in each for topic in leg))
+        topics = [self.back.topic]
+        for leg in self.legs.values():
+            topics += [leg.thigh.topic, leg.foot.topic, leg.knee.topic, leg.sole.topic]
+        return tuple(topics)
 
 
 def read_exoskeleton(path: str | Path) -> Exoskeleton:
@@ -333,14 +337,14 @@ class _Leg(FileModel):
 
 
 def _to_leg(leg: _Leg) -> Leg:
-    """The leg of a file, after a check of its frames.
+    """Converts the leg of a file, after a check that its joints are one to three of the hip, the knee, and the ankle's.
 
     The numbers of the frames count from 1, the first row of the table. Joints before the thigh's frame are those of the
     hip; then comes the knee's joint alone; those beyond are the ankle's.
 
     Raises:
-        PydanticCustomError: The frame of the thigh or the knee is no such frame, or there are too many or too few
-            joints.
+        PydanticCustomError: The thigh's frame is not before the foot's, the knee's is not a turning frame beyond the
+            thigh's, another joint lies between the two, or hip or ankle has not 1 to `_JOINTS_MAX` joints.
     """
     rows, thigh, knee = leg.frames, leg.thigh.frame, leg.knee.frame
     if not 1 <= thigh < len(rows):
@@ -350,7 +354,7 @@ def _to_leg(leg: _Leg) -> Leg:
         raise field_error(knee, "a frame beyond the thigh's that a joint turns", "knee", "frame")
     hip = [i for i in turning if i <= thigh]
     ankle = [i for i in turning if i > knee]
-    between = len(turning) - len(hip) - len(ankle) - 1
+    between = len(turning) - len(hip) - len(ankle) - 1  # joints between the thigh and the knee: there must be none
     if between or not all(1 <= len(joints) <= _JOINTS_MAX for joints in (hip, ankle)):
         expected = f"1-{_JOINTS_MAX} joints before the thigh, 1-{_JOINTS_MAX} beyond the knee"
         raise field_error(f"{len(hip)} and {len(ankle)} joints", expected, "frames")
@@ -392,7 +396,7 @@ class ExoskeletonFile(FileModel):
 
 def _to_exoskeleton(data: object, source: object) -> Exoskeleton:
     """An exoskeleton from the values of a file; `source` names it in errors, which are those of `read_exoskeleton`."""
-    file = validate(ExoskeletonFile, data, source)
+    file = validate(ExoskeletonFile, data, source)  # which has already converted each leg by `_to_leg`
     return Exoskeleton(
         description=file.description,
         back=Attitude(topic=file.back.topic, frame=0, R_frame_sensor=file.back.R_frame_sensor),

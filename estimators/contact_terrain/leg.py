@@ -45,7 +45,7 @@ class Links(NamedTuple):
 
 
 def links(leg: Leg) -> Links:
-    """A leg in the form for compiled code: arrays in place of the rows of its D-H table, see `Links`."""
+    """Converts a leg into the arrays that compiled code reads: its D-H table, joints, constant parts and stops."""
     thigh, knee = leg.thigh.frame, leg.knee.frame
     return Links(
         table=np.array([[row.alpha, row.a, row.d, row.theta] for row in leg.rows]),
@@ -59,12 +59,13 @@ def links(leg: Leg) -> Links:
 
 
 def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
-    """(joints + 1, 3, 3) constant rotations before, between and beyond the joints of these rows, as in `Links`."""
+    """(joints + 1, 3, 3) constant rotations before, between and beyond the joints of consecutive rows of a table."""
     parts, rotation = [], np.eye(3)
     for row in rows:
-        alone = np.array([[row.alpha, 0.0, 0.0, row.theta]])  # a table of this row, without lengths
-        rotation = rotation @ forward(alone, np.array([False]), np.empty(0))[0, :3, :3]
-        if row.turns:
+        row_without_lengths = np.array([[row.alpha, 0.0, 0.0, row.theta]])  # a D-H table of one frame
+        poses = forward(row_without_lengths, np.array([False]), np.empty(0))  # (1, 4, 4), without a joint's angle
+        rotation = rotation @ poses[0, :3, :3]
+        if row.turns:  # a joint rotates after the constant rotation of its row: the next part begins there
             parts.append(rotation)
             rotation = np.eye(3)
     return np.array([*parts, rotation])
@@ -72,7 +73,16 @@ def _constant_rotations(rows: tuple[DhRow, ...]) -> Array:
 
 @njit(**INNER_KERNEL)
 def frame(alpha: float, a: float, d: float, theta: float) -> Array:
-    """(4, 4) pose of a frame in the one before, Shim 2019 (1), docs/contact_terrain.md (1)."""
+    """(4, 4) pose of a frame in the one before: Rx(alpha) Tx(a) Rz(theta) Tz(d), multiplied out.
+
+    Shim 2019 (1), docs/contact_terrain.md (1).
+
+    Args:
+        alpha: Twist about x, rad.
+        a: Distance along x, m.
+        d: Distance along z, m.
+        theta: Rotation about z, rad, the joint's angle included.
+    """
     c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
     T = identity(4)
     T[0, 0], T[0, 1], T[0, 3] = c, -s, a
@@ -91,7 +101,7 @@ def forward(table: Array, turns: Array, q: Array) -> Array:
         q: Angles of the joints in the order of the frames that they rotate, rad.
     """
     poses = np.empty((len(table), 4, 4))
-    T, joint = identity(4), 0
+    T, joint = identity(4), 0  # pose of the frame before; index of the next angle in q
     for i in range(len(table)):
         theta = table[i, 3]
         if turns[i]:
@@ -126,15 +136,18 @@ def joint_angles(parts: Array, R: Array) -> Array:
         # M[2, 2], the cosine between the first and the last axis, is a cos q_2 + b sin q_2 + constant
         a = parts[1, 2, 0] * parts[2, 0, 2] + parts[1, 2, 1] * parts[2, 1, 2]
         b = parts[1, 2, 1] * parts[2, 0, 2] - parts[1, 2, 0] * parts[2, 1, 2]
+        # with a = r cos m and b = r sin m that sum is r cos(q_2 - m) + constant: q_2 is m plus or minus `apart`
         middle, reach = math.atan2(b, a), math.hypot(a, b)
         cosine = max(-1.0, min(1.0, (M[2, 2] - parts[1, 2, 2] * parts[2, 2, 2]) / reach))
         apart = math.acos(cosine)
         first, second = _wrap_angle(middle + apart), _wrap_angle(middle - apart)
         q[1] = first if abs(first) < abs(second) else second
-        turn = identity(3)
+        turn = identity(3)  # Rz(q_2)
         turn[0, 0], turn[0, 1] = math.cos(q[1]), -math.sin(q[1])
         turn[1, 0], turn[1, 1] = math.sin(q[1]), math.cos(q[1])
         between = multiply(multiply(parts[1], turn), parts[2])
+    # M = Rz(q_1) between Rz(q_n). So q_1 rotates the last axis about the first one, from column 2 of `between` to that
+    # of M, and q_n rotates the first axis about the last one, from row 2 of M to that of `between`.
     q[0] = _wrap_angle(math.atan2(M[1, 2], M[0, 2]) - math.atan2(between[1, 2], between[0, 2]))
     q[n - 1] = _wrap_angle(math.atan2(between[2, 1], between[2, 0]) - math.atan2(M[2, 1], M[2, 0]))
     return q
@@ -142,12 +155,14 @@ def joint_angles(parts: Array, R: Array) -> Array:
 
 @entry_kernel(_HERE)
 def leg_angles(leg: Links, R: Array, side: int, knee: float) -> Array:
-    """Angles of all joints of a leg, rad, from hip to ankle: Shim 2019 (4)-(10).
+    """Angles of all joints of a leg, rad, in order: those of the hip, the knee's, those of the ankle.
+
+    Shim 2019 (4)-(10): the hip's follow from the attitudes of back and thigh, the ankle's from those of thigh and foot.
 
     Args:
         leg: Its links.
-        R: (5, 3, 3) attitudes of back, thighs and feet.
-        side: Index of the leg in `SIDES`.
+        R: (5, 3, 3) frame to world, of the back, the left and the right thigh, and the left and the right foot.
+        side: Index of the leg in `SIDES`, 0 left, 1 right.
         knee: Angle of the joint that rotates the knee's frame, rad.
     """
     R_world_thigh, R_world_foot = R[1 + side], R[3 + side]
@@ -181,7 +196,7 @@ def at_stop(ankle_stops: Array, q: Array, margin: float) -> bool:
         margin: Largest distance from a stop, rad.
     """
     for i in range(len(ankle_stops)):
-        angle = q[len(q) - len(ankle_stops) + i]
+        angle = q[len(q) - len(ankle_stops) + i]  # the ankle's joints are the last ones
         if angle < ankle_stops[i, 0] + margin or angle > ankle_stops[i, 1] - margin:
             return True
     return False
@@ -193,8 +208,10 @@ def _wrap_angle(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-# Offsets: rotations of the frames of back, thighs and feet (rad, frame axes), knees (rad), thighs and shanks (m), and
-# the sag of a loaded heel in its holder relative to push-off (m)
+# First index of each kind of offset in the filter's vector of offsets, and the length of that vector. The offsets are
+# rotations of the frames of back, thighs and feet (rad, frame axes, 3 numbers each), the zeros of both knees (rad),
+# lengths of thigh and shank of the left leg, then of the right one (m), and the sag of a loaded heel in its holder
+# relative to push-off (m).
 BACK, THIGH, FOOT, KNEE, LENGTH, SAG, OFFSETS = 0, 3, 9, 15, 17, 21, 22
 
 
@@ -207,8 +224,8 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
 
     Args:
         leg: Its links.
-        R: (5, 3, 3) attitudes of back, thighs and feet.
-        side: Index of the leg in `SIDES`.
+        R: (5, 3, 3) frame to world, of the back, the left and the right thigh, and the left and the right foot.
+        side: Index of the leg in `SIDES`, 0 left, 1 right.
         q: Angles of all joints, rad, from `leg_angles`.
 
     Returns:
@@ -222,11 +239,13 @@ def foot_position(leg: Links, R: Array, side: int, q: Array) -> tuple[Array, Arr
     axis = _rotate_column(R[0], poses[leg.knee - 1], 2)  # of the knee, world axes
     by_knee = apply(hat(axis), shank)  # derivative of the ankle's position by the knee's angle, m/rad
     thigh_m, shank_m = math.sqrt(dot(thigh, thigh)), math.sqrt(dot(shank, shank))
+    # a rotation of one frame moves what this frame carries: the back the hip, the thigh the leg down to the ankle (the
+    # shank's attitude is the thigh's with the knee's angle), the foot what lies beyond the ankle
     J = np.zeros((3, OFFSETS))
     _set_block(rotation_jacobian(hip, R[0]), J, BACK)
     _set_block(rotation_jacobian(_vector_between(hip, ankle), R[1 + side]), J, THIGH + 3 * side)
     _set_block(rotation_jacobian(_vector_between(ankle, foot), R[3 + side]), J, FOOT + 3 * side)
-    for i in range(3):
+    for i in range(3):  # a longer thigh or shank moves the foot along that segment
         J[i, KNEE + side] = by_knee[i]
         J[i, LENGTH + 2 * side] = thigh[i] / thigh_m
         J[i, LENGTH + 2 * side + 1] = shank[i] / shank_m

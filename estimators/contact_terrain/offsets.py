@@ -61,7 +61,8 @@ class Posterior:
     """The estimate after a step.
 
     Attributes:
-        values: (5,) vector, m, and slopes, rad, of `StepFigures`, corrected.
+        values: (5,) corrected step: vector x, y, z from the previous sole, m, world axes; slope under this and the
+            previous foot, rad.
         covariance: (5, 5) covariance of `values`.
         offsets: (OFFSETS,) rad and m, the offsets (`leg`).
         P: (OFFSETS, OFFSETS) covariance of the offsets.
@@ -84,17 +85,21 @@ class Offsets:
     def __init__(self, parameters: ContactTerrainParameters, sag_sd_m: float) -> None:
         """Begins with offsets of 0 and their prior covariance; `sag_sd_m` is that of a loaded heel's sag, m."""
         p = parameters
+        # variances of a footprint's height over the previous one's plane, m², and of their difference in slope, rad²
         self._plane_noise = np.array([p.plane_sd_m, _PARALLEL_SD_RAD]) ** 2
-        self._level_noise = np.array([_LEVEL_SD_RAD**2])
+        self._level_noise = np.array([_LEVEL_SD_RAD**2])  # variance of the slope of level ground, rad²
+        # prior standard deviation of each offset: rotations of all five attitudes, knees, lengths, sag
         sd = np.empty(OFFSETS)
         sd[BACK:KNEE], sd[KNEE:LENGTH] = p.mount_rotation_sd_rad, p.knee_zero_sd_rad
         sd[LENGTH:SAG], sd[SAG] = _SEGMENT_LENGTH_SD_M, sag_sd_m
         walk = np.zeros(OFFSETS)
         walk[BACK:KNEE] = _ROTATION_WALK_RAD**2
-        self._walk = np.diag(walk)
-        # The state with the step's vector and slopes, and the derivative of these, in the form that a step completes.
+        self._walk = np.diag(walk)  # covariance of the offsets' change from step to step: only the rotations change
+        # The state of `posterior` and its covariance: the offsets and, after them, five errors of a step. The errors
+        # are 0 here, as each step has new ones. Their variances, and the columns of the offsets in H, are those of the
+        # step, and 0 here.
         self._z, self._P = np.zeros(OFFSETS + 5), np.zeros((OFFSETS + 5, OFFSETS + 5))
-        self._H = np.eye(5, OFFSETS + 5, OFFSETS)
+        self._H = np.eye(5, OFFSETS + 5, OFFSETS)  # zeros, then a 5 x 5 identity in the columns of the errors
         self._P[:OFFSETS, :OFFSETS] = np.diag(sd**2) + self._walk
 
     def posterior(self, step: StepFigures, *, start: bool = False) -> Posterior:
@@ -102,7 +107,8 @@ class Offsets:
 
         The state z holds the offsets and, after them, the five errors of the step's vector and slopes. H, (5, n + 5),
         maps it to the corrections of vector and slopes. Three hypotheses correct it one after the other, each with its
-        probability: level ground under this foot; at the start also under the other; both footprints in one plane.
+        probability: level ground under this foot; at the start also under the other; both footprints in one plane. Each
+        says that the measured value plus its correction is 0, so the value with its sign changed is the measurement.
 
         Args:
             step: The step as measured.
@@ -113,9 +119,9 @@ class Offsets:
         np.fill_diagonal(P[n:, n:], step.sd**2)
         measured = np.concatenate([step.vector, step.slopes])
         for row in (3, 4) if start else (3,):  # rows of the slopes of this foot and the previous one
-            at = slice(row, row + 1)
+            at = slice(row, row + 1)  # as a slice, for arrays of length 1
             z, P, _ = _update(z, P, H[at], -measured[at], self._level_noise, _LEVEL_SHARE, _LEVEL_SPREAD_RAD)
-        A = _plane_residual_jacobian(measured)
+        A = _plane_residual_jacobian(measured)  # (2, 5), so A H is the derivative of the residual by the state
         z, P, _ = _update(
             z, P, A @ H, -_plane_residual(measured), self._plane_noise, _ONE_PLANE_SHARE, _PLANE_SPREAD_M_RAD
         )
@@ -123,31 +129,45 @@ class Offsets:
 
     def store(self, posterior: Posterior) -> None:
         """Stores the offsets estimated with a completed step; the attitudes' offsets may change until the next one."""
-        self._z[:OFFSETS], self._P[:OFFSETS, :OFFSETS] = posterior.offsets, posterior.P + self._walk
+        self._z[:OFFSETS] = posterior.offsets
+        self._P[:OFFSETS, :OFFSETS] = posterior.P + self._walk
 
 
 def _plane_residual(m: Array) -> Array:
     """(2,) height of a footprint above the plane of the previous one, m, and the difference of their slopes, rad.
 
-    docs/contact_terrain.md (8); `m` is (5,) vector, m, and slopes, rad, of a step.
+    docs/contact_terrain.md (8). In one plane both are 0.
+
+    Args:
+        m: (5,) a step: vector x, y, z from the previous footprint, m, and slope under this and the previous foot, rad.
     """
     distance = math.hypot(m[0], m[1])
     return np.array([m[2] - distance * math.tan(0.5 * (m[3] + m[4])), m[3] - m[4]])
 
 
 def _plane_residual_jacobian(m: Array) -> Array:
-    """(2, 5) derivative of `_plane_residual`."""
-    distance, mean = math.hypot(m[0], m[1]), 0.5 * (m[3] + m[4])
-    along = -math.tan(mean) / max(distance, 1e-6) * m[:2]
-    by_slope = -0.5 * distance / math.cos(mean) ** 2
-    return np.array([[along[0], along[1], 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
+    """(2, 5) derivative of the height above the plane, and of the difference in slope, by the five values of a step.
+
+    Both are those of `_plane_residual`.
+
+    Args:
+        m: (5,) a step: vector x, y, z from the previous footprint, m, and slope under this and the previous foot, rad.
+    """
+    distance, mean_slope = math.hypot(m[0], m[1]), 0.5 * (m[3] + m[4])
+    # derivatives of the height by x, y and either slope; the limit is for footprints at one place
+    by_x, by_y = -math.tan(mean_slope) / max(distance, 1e-6) * m[:2]
+    by_slope = -0.5 * distance / math.cos(mean_slope) ** 2
+    return np.array([[by_x, by_y, 1.0, by_slope, by_slope], [0.0, 0.0, 0.0, 1.0, -1.0]])
 
 
 @entry_kernel(_HERE)
 def _update(
     z: Array, P: Array, H: Array, y: Array, noise: Array, prior: float, spread: float
 ) -> tuple[Array, Array, float]:
-    """Kalman update by y = H z + noise, which holds with a probability: docs/contact_terrain.md (9), (10).
+    """Kalman update by an equation y = H z + noise that may not hold: docs/contact_terrain.md (9), (10).
+
+    The probability that it holds follows from its prior and from how well y fits. The result is the mean and covariance
+    of the mixture of the updated state, with that probability, and the unchanged one.
 
     Args:
         z: (n,) state.

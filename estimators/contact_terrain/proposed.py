@@ -58,10 +58,10 @@ class DoubleSupport:
         self._squares = np.zeros(3)
 
     def add(self, weight: float, vector: Array, J: Array, free: bool) -> None:
-        """Takes a tick.
+        """Adds the vector between the contacts in one tick to the weighted mean.
 
         Args:
-            weight: Its weight.
+            weight: Weight of the tick.
             vector: (3,) m, from the old contact to the new one, in world axes.
             J: (3, OFFSETS) derivative of `vector` by the offsets.
             free: Whether both ankles are clear of their stops.
@@ -81,6 +81,7 @@ class DoubleSupport:
 
         Both horizontal axes have the root mean square of the two.
         """
+        # mean of the squares minus square of the mean, which rounding may make negative
         variance = np.maximum(self._squares / self.weight - (self._vector / self.weight) ** 2, 0.0)
         variance[:2] = variance[:2].mean()
         return np.asarray(np.sqrt(variance))
@@ -99,7 +100,8 @@ class Proposed:
         self._parameters, self._compliance = parameters, exo.compliance
         soles = [exo.legs[side].sole for side in SIDES]
         self._R_foot_sole = [sole.T_foot_sole[:3, :3] for sole in soles]
-        # Fixed contact points of each foot, toe hinge and heel, on the sole and in the last frame.
+        # fixed contact points of each foot, (3,) m on the sole and in the last frame: [side][False] is the toe hinge,
+        # [side][True] the heel's edge
         self._on_sole = [[contact_point(sole, on_heel) for on_heel in (False, True)] for sole in soles]
         self._on_foot = [
             [R @ point + sole.T_foot_sole[:3, 3] for point in points]
@@ -110,7 +112,7 @@ class Proposed:
         self._offsets = Offsets(parameters, exo.compliance.sag_sd_m)
         self._cells = [CellLoads(), CellLoads()]
         self._contacts = [Footfall(0, True), Footfall(0, True)]  # newest landing of each foot
-        self._down, self._left_ns = [True, True], [0, 0]  # whether each foot is down; when it last left the ground
+        self._down, self._left_ns = [True, True], [0, 0]  # whether each foot is down; when it left the ground last, ns
         self._newest, self._steps = 0, 0  # index of the foot that landed last; number of landings
         self._support = DoubleSupport()  # of the current step
         self._posterior: Posterior | None = None  # newest estimate of the current step
@@ -127,27 +129,30 @@ class Proposed:
             self._reset_contacts()
         self._attitudes.update(tick)
         rates = np.sqrt((tick.rate[3:] ** 2).sum(axis=1))  # (2,) angular rates of the feet, rad/s
-        cells = [c.update(f, float(r), tick.dt) for c, f, r in zip(self._cells, tick.force, rates)]
-        loads = np.array([c.sum() for c in cells])
-        R = self._attitudes.R
-        R_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
-        angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]
+        # (4,) N for each foot, load on its cells; (2,) N, load on each foot
+        cells = [
+            cell_loads.update(force, float(rate), tick.dt)
+            for cell_loads, force, rate in zip(self._cells, tick.force, rates)
+        ]
+        loads = np.array([cell_load.sum() for cell_load in cells])
+        R = self._attitudes.R  # (5, 3, 3) frame to world: back, thighs, feet
+        R_world_sole = [R[3 + i] @ R_foot_sole for i, R_foot_sole in enumerate(self._R_foot_sole)]
+        angles = [leg_angles(leg, R, i, tick.knee[i]) for i, leg in enumerate(self._links)]  # rad, all joints per leg
         free = [  # whether each ankle is clear of its stops
             not at_stop(leg.ankle_stops, q, self._compliance.stop_margin_rad) for leg, q in zip(self._links, angles)
         ]
         for side in range(2):
-            self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_sole[side])
+            self._detect_landing(side, tick.t_ns, loads, rates, cells[side], R_world_sole[side])
         if all(self._down):
             self._add_support(angles, loads, float(rates[self._newest]), all(free))
         self._detect_lift_off(tick.t_ns, loads, rates, cells)
-        flat = [
-            self._down[i]
-            and self._contacts[i].add(
-                R_sole[i], float(rates[i]), bool(loads[i] > _LOADED_N), bool(loads[1 - i] < _LOADED_N), free[i]
-            )
-            for i in range(2)
-        ]
+        flat = [False, False]  # whether each foot is flat in this tick
+        for i in range(2):
+            if self._down[i]:
+                loaded, alone = bool(loads[i] > _LOADED_N), bool(loads[1 - i] < _LOADED_N)
+                flat[i] = self._contacts[i].add(R_world_sole[i], float(rates[i]), loaded, alone, free[i])
         new = self._newest
+        # without a tick in double support there is no vector between the feet
         if not flat[new] or not self._contacts[new].flat or self._support.weight == 0.0:
             return None
         return self._estimate(tick.t_ns)
@@ -170,15 +175,16 @@ class Proposed:
             R_world_sole: (3, 3) attitude of this foot's sole.
         """
         other, parameters = 1 - side, self._parameters
-        leaves = loads[other] < parameters.left_n and rates[other] > rates[side]
-        if self._down[side] or not (loads[side] > parameters.landed_n or leaves):
+        other_lifts_off = loads[other] < parameters.left_n and rates[other] > rates[side]
+        if self._down[side] or not (loads[side] > parameters.landed_n or other_lifts_off):
             return
         self._down[side] = True
         if t_ns - self._left_ns[side] > _BOUNCE_NS:
+            # whether the heel's cell works, and the cells have detected the landing
             reliable = loads[side] > parameters.landed_n and self._cells[side].alive[0]
-            # by the load on the heel's cell or, where cells do not respond, by the pitch of the sole (toes up positive)
-            on_heel = 2.0 * cells[0] > loads[side] if reliable else R_world_sole[2, 0] > -math.sin(_TOES_DOWN_RAD)
-            self._land(side, bool(on_heel))
+            heel_bears_most = 2.0 * cells[0] > loads[side]
+            toes_not_down = R_world_sole[2, 0] > -math.sin(_TOES_DOWN_RAD)  # by the sine of its pitch, toes up positive
+            self._begin_step(side, bool(heel_bears_most if reliable else toes_not_down))
 
     def _detect_lift_off(self, t_ns: int, loads: Array, rates: Array, cells: Sequence[Array]) -> None:
         """Marks a foot as off the ground once it has no load, if the other one is down.
@@ -192,14 +198,18 @@ class Proposed:
             rates: (2,) rad/s, angular rate of each foot.
             cells: (4,) N of each foot, load on its cells.
         """
-        for side in sorted(range(2), key=lambda side: -rates[side]):
+        for side in sorted(range(2), key=lambda side: -rates[side]):  # the foot that rotates faster first
             swings = rates[side] > _SWING_RADPS and loads[1 - side] > _SINGLE_SUPPORT_N
-            load = loads[side] - cells[side].max() if swings else loads[side]
-            if all(self._down) and load < (_CREPT_SHARE * loads[1 - side] if swings else self._parameters.left_n):
+            # the foot is off the ground below `least_load`, N; of one that swings, the most loaded cell does not count
+            if swings:
+                load, least_load = loads[side] - cells[side].max(), _CREPT_SHARE * loads[1 - side]
+            else:
+                load, least_load = loads[side], self._parameters.left_n
+            if all(self._down) and load < least_load:
                 self._down[side], self._left_ns[side] = False, t_ns
                 self._cells[side].empty()
 
-    def _land(self, side: int, on_heel: bool) -> None:
+    def _begin_step(self, side: int, on_heel: bool) -> None:
         """Begins a step with the landing of a foot; stores the result of the previous step.
 
         Args:
@@ -233,7 +243,7 @@ class Proposed:
         """
         new, old = self._newest, 1 - self._newest
         fall = self._contacts[new]
-        weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2
+        weight = min(1.0, max(float(loads.min()), 1.0) / _BOTH_N) ** 2  # at least that of 1 N, never 0
         if fall.on_heel:
             weight /= 1.0 + (rate / _LANDING_RADPS) ** 2
         vector, J = self._contact_position(new, fall.on_heel, angles[new])
@@ -255,7 +265,8 @@ class Proposed:
         """
         R = self._attitudes.R
         p, J = foot_position(self._links[side], R, side, q)
-        arm = R[3 + side] @ self._on_foot[side][on_heel]
+        arm = R[3 + side] @ self._on_foot[side][on_heel]  # (3,) m, from the last frame to the contact, world axes
+        # a rotation of the foot moves the contact point by the arm, too
         J[:, FOOT + 3 * side : FOOT + 3 * side + 3] += rotation_jacobian(arm, R[3 + side])
         return p + arm, J
 
@@ -269,22 +280,27 @@ class Proposed:
         new, old = self._newest, 1 - self._newest
         vector, J = self._support.mean()
         slopes, J_slopes = np.zeros(2), np.zeros((2, OFFSETS))
-        for k, (side, sign, on_heel) in enumerate(((new, -1.0, self._contacts[new].on_heel), (old, 1.0, False))):
+        # for each foot: its index, the sign of its arm, and whether its contact is the heel's edge
+        feet = ((new, -1.0, self._contacts[new].on_heel), (old, 1.0, False))
+        for k, (side, sign, on_heel) in enumerate(feet):
             fall = self._contacts[side]
-            R_sole = fall.R_world_sole() if fall.weight else np.eye(3)
-            R_foot = R_sole @ self._R_foot_sole[side].T
-            arm = R_sole @ self._on_sole[side][on_heel]
-            at = slice(FOOT + 3 * side, FOOT + 3 * side + 3)
+            R_world_sole = fall.R_world_sole() if fall.weight else np.eye(3)
+            R_world_foot = R_world_sole @ self._R_foot_sole[side].T
+            arm = R_world_sole @ self._on_sole[side][on_heel]  # (3,) m, from the sole's origin to the contact
+            columns = slice(FOOT + 3 * side, FOOT + 3 * side + 3)  # of the rotation of this foot's frame
             vector = vector + sign * arm
-            J[:, at] += sign * rotation_jacobian(arm, R_foot)
-            f = R_sole[:, 0].copy()  # forward axis of the sole in the world
-            slopes[k] = math.asin(max(-1.0, min(1.0, f[2])))
-            J_slopes[k, at] = rotation_jacobian(f, R_foot)[2] / math.cos(slopes[k])
+            J[:, columns] += sign * rotation_jacobian(arm, R_world_foot)
+            forward = R_world_sole[:, 0].copy()  # forward axis of the sole in the world; its z is the sine of the slope
+            slopes[k] = math.asin(max(-1.0, min(1.0, forward[2])))
+            J_slopes[k, columns] = rotation_jacobian(forward, R_world_foot)[2] / math.cos(slopes[k])
         strained = np.array([self._contacts[new].strained, self._contacts[old].strained])
         exo = self._compliance
+        # (2,) rad, of either foot: pitch in its holder, also by the slope, and more with the ankle at its stop
         slope_sd = np.sqrt(
             exo.slope_sd_rad**2 + (exo.slope_share * slopes) ** 2 + (exo.strained_slope_sd_rad * strained) ** 2
         )
+        # (3,) m: slack and soft soles; an ankle at its stop; of the height, holders that yield under a climb; motion of
+        # the frame during double support
         place_sd = np.hypot(exo.vector_sd_m, exo.strained_sd_m * self._support.strained / self._support.weight)
         place_sd[2] = math.hypot(place_sd[2], exo.climb_share * max(vector[2], 0.0))
         place_sd = np.hypot(place_sd, exo.spread_gain * np.maximum(self._support.spread() - exo.steady_m, 0.0))
@@ -292,17 +308,20 @@ class Proposed:
         return StepFigures(vector=vector, J_vector=J, slopes=slopes, J_slopes=J_slopes, sd=sd)
 
     def _estimate(self, t_ns: int) -> StepEstimate:
-        """The estimate of the current step, and of the offsets with it, which are kept in `_posterior`."""
+        """The estimate of the current step at time `t_ns`.
+
+        The offsets are estimated with it. Both stay in `_posterior`, from which the next landing stores the offsets.
+        """
         fall = self._contacts[self._newest]
         self._posterior = posterior = self._offsets.posterior(self._measure_step(), start=fall.step == 0)
-        x, y, height, slope, before = posterior.values
+        # vector from the previous sole, m, and slope under this and the previous foot, rad
+        x, y, height, slope, slope_before = posterior.values
         covariance = posterior.covariance.copy()
-        covariance[2, 2] += (  # on a slope the holders yield differently than on the level
-            self._compliance.sloping_sd_m
-            * ramp_probability(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
-        ) ** 2
-        sd = np.sqrt(np.diag(covariance))
-        beyond = height_beyond_slopes(height, math.hypot(x, y), slope, before)  # m
+        # on a slope the holders yield differently than on the level
+        on_ramp = ramp_probability(slope, math.sqrt(covariance[3, 3]), self._parameters.ramp_rad)
+        covariance[2, 2] += (self._compliance.sloping_sd_m * on_ramp) ** 2
+        sd = np.sqrt(np.diag(covariance))  # (5,) of the same five values
+        beyond = height_beyond_slopes(height, math.hypot(x, y), slope, slope_before)  # m, that no slope explains
         mode, probability = most_likely(
             mode_probabilities(slope, sd[3], beyond, sd[2], self._parameters), self._parameters.probability_min
         )
@@ -324,8 +343,9 @@ class Proposed:
 
 def _normal(R_world_sole: Array, slope: float) -> Array:
     """(3,) the sole's normal in world axes, rotated about the sole's y axis to the estimated slope (rad)."""
-    x, y = R_world_sole[0, 0], R_world_sole[1, 0]
-    level = math.cos(slope) / math.hypot(x, y)  # scales the horizontal part of the forward axis for a unit vector
+    x, y = R_world_sole[0, 0], R_world_sole[1, 0]  # horizontal part of the sole's forward axis
+    scale = math.cos(slope) / math.hypot(x, y)
+    forward = np.array([scale * x, scale * y, math.sin(slope)])  # unit vector that rises by the slope
     left = R_world_sole[:, 1]
-    normal = np.cross(np.array([level * x, level * y, math.sin(slope)]), left)
+    normal = np.cross(forward, left)
     return np.asarray(normal / np.linalg.norm(normal))

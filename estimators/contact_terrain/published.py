@@ -44,7 +44,7 @@ def centre_of_pressure(cells: Array, force: Array, pressing_n: float) -> Array |
 
 
 class Phase(Enum):
-    """Phase of one foot."""
+    """Phase of one foot, in the order of a step: in the air, on its heel, flat, on its front."""
 
     FOOT_OFF = "FO"
     HEEL_CONTACT = "HC"
@@ -53,7 +53,10 @@ class Phase(Enum):
 
 
 def foot_phase(cells: Array, cop: Array | None, rate: float) -> Phase:
-    """Phase of a foot.
+    """Phase of a foot, by the centre of pressure and the angular rate.
+
+    An unloaded foot is off the ground. One that rotates with the pressure under its heel is in heel contact, one that
+    rotates with the pressure under its front is in heel-off. Any other loaded foot is flat.
 
     Args:
         cells: (4, 2) m, places of the cells on the sole, heel first and toe last.
@@ -62,7 +65,7 @@ def foot_phase(cells: Array, cop: Array | None, rate: float) -> Phase:
     """
     if cop is None:
         return Phase.FOOT_OFF
-    share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])
+    share = (cop[0] - cells[0, 0]) / (cells[3, 0] - cells[0, 0])  # 0 at the heel's cell, 1 at the toe's
     if rate > _ROTATING_RADPS and share < _HEEL_SHARE:
         return Phase.HEEL_CONTACT
     if rate > _ROTATING_RADPS and share > _FRONT_SHARE:
@@ -81,13 +84,13 @@ def pivot_foot(phases: Sequence[Phase], load: Array, last: int) -> int:
         load: (2,) N on each foot.
         last: Index of the foot that held the pivot so far.
     """
-    on = [phase is not Phase.FOOT_OFF for phase in phases]
-    if on[0] != on[1]:
-        return int(on[1])
-    if not on[0]:
+    left_loaded, right_loaded = (phase is not Phase.FOOT_OFF for phase in phases)
+    if left_loaded != right_loaded:
+        return int(right_loaded)  # 0 left, 1 right
+    if not left_loaded:
         return last
-    flat = [phase is Phase.FOOT_FLAT for phase in phases]
-    return int(flat[1]) if flat[0] != flat[1] else int(load[1] > load[0])
+    left_flat, right_flat = (phase is Phase.FOOT_FLAT for phase in phases)
+    return int(right_flat) if left_flat != right_flat else int(load[1] > load[0])
 
 
 class Pivot:
@@ -157,7 +160,9 @@ class Markers:
         self.count = 0
         self._origin = np.zeros(3)  # the first marker, m; moments are about it, for accuracy
         self._sum = np.zeros(3)  # of the markers, m
-        self._moments = np.zeros((3, 4))  # of (x, y, 1) with (x, y, 1, z), virtual markers too
+        # sum of (x, y, 1)ᵀ (x, y, 1, z) over all markers, virtual ones too: both sides, (3, 3) and (3,), of the normal
+        # equations of the plane z = a x + b y + d
+        self._moments = np.zeros((3, 4))
 
     def add(self, p_in_world: Array, medial_in_world: Array) -> None:
         """Takes a marker, (3,) m, and makes its virtual one along the (3,) unit vector to the foot's inner side."""
@@ -186,6 +191,7 @@ class Markers:
         """
         if not self.enough:
             return None
+        # solved as least squares, because the normal equations of collinear markers are singular
         a, b, _ = np.linalg.lstsq(self._moments[:, :3], self._moments[:, 3], rcond=1e-12)[0]
         normal = np.array([-a, -b, 1.0])
         return _MarkerPlane(normal=normal / np.linalg.norm(normal), centre=self.centre)
@@ -200,8 +206,9 @@ def slope(normal: Array, heading: Array) -> float:
         normal: (3,) unit vector, up.
         heading: (2,) horizontal direction of the foot.
     """
-    tilt = math.hypot(normal[0], normal[1])
-    return math.copysign(math.atan2(tilt, normal[2]), -float(normal[:2] @ heading))
+    angle = math.atan2(math.hypot(normal[0], normal[1]), normal[2])  # from the vertical, rad, ≥ 0
+    downhill = float(normal[:2] @ heading)  # > 0 where the normal leans forward: the ground falls in that direction
+    return math.copysign(angle, -downhill)
 
 
 @dataclass(kw_only=True, eq=False)
@@ -213,7 +220,7 @@ class _Footprint:
         step: Number of the step.
         soles: (3,) m, sum of the sole's origins at the markers.
         below: Height of the previous footprint, m; None while that one is still updated.
-        over: The heel has lifted after foot-flat: a later flat phase is a pause on the toes.
+        over: Whether the heel has lifted after foot-flat: a later flat phase is a pause on the toes, without markers.
     """
 
     markers: Markers
@@ -255,19 +262,20 @@ class Published:
             q = leg_angles(leg, tick.R, i, tick.knee[i])
             T_base_foot[i] = forward(leg.table, leg.turns, q)[-1]
         pressing_n = self._parameters.pressing_n
+        # (2,) m, centre of pressure on the sole of each foot; None if the foot is unloaded
         cops = [centre_of_pressure(sole.cells, force, pressing_n) for sole, force in zip(self._soles, tick.force)]
         phases = [
             foot_phase(sole.cells, cop, float(np.linalg.norm(rate)))
             for sole, cop, rate in zip(self._soles, cops, tick.rate[3:])
         ]
-        contacts = [
+        contacts = [  # (3,) m, centre of pressure in the foot's last frame; None if the foot is unloaded
             None if cop is None else sole.T_foot_sole[:3, :2] @ cop + sole.T_foot_sole[:3, 3]
             for sole, cop in zip(self._soles, cops)
         ]
         foot = pivot_foot(phases, tick.force.sum(axis=1), self._pivot.foot)
         self._pivot.move(foot, contacts, tick.R[0], T_base_foot)
         self._start_footprints(phases)
-        contact, footprint = contacts[foot], self._prints[foot]
+        contact, footprint = contacts[foot], self._prints[foot]  # of the foot with the pivot
         if phases[foot] is not Phase.FOOT_FLAT or contact is None or footprint.over:
             return None
         return self._add_marker(tick, foot, contact, tick.R[0] @ T_base_foot[foot, :3, :3])
@@ -283,9 +291,9 @@ class Published:
         for i, phase in enumerate(phases):
             down = phase is not Phase.FOOT_OFF
             if down and not self._down[i]:
-                previous = self._prints[1 - i]
-                if self._prints[i].markers.count and previous.below is None:
-                    previous.below = float(self._prints[i].markers.centre[2])
+                finished, other = self._prints[i], self._prints[1 - i]
+                if finished.markers.count and other.below is None:
+                    other.below = float(finished.markers.centre[2])
                 self._steps += 1
                 self._prints[i] = _Footprint(markers=Markers(self._parameters), step=self._steps)
             self._down[i] = down
@@ -305,19 +313,16 @@ class Published:
         R_world_sole = R_world_foot @ sole.T_foot_sole[:3, :3]
         medial = R_world_sole[:, 1] if SIDES[foot] == "r" else -R_world_sole[:, 1]  # inner side; the y axis is left
         footprint.markers.add(self._pivot.p_in_world, medial)
+        # the sole's origin in the world: from the centre of pressure, which is at the pivot, to it
         footprint.soles += self._pivot.p_in_world + R_world_foot @ (sole.T_foot_sole[:3, 3] - contact)
         plane = footprint.markers.plane()
-        below = (  # height of the previous footprint, m: final or, while it is still updated, its mean so far
-            footprint.below
-            if footprint.below is not None
-            else previous.markers.centre[2]
-            if previous.markers.count
-            else None
-        )
+        below = footprint.below  # final height of the previous footprint, m
+        if below is None and previous.markers.count:  # it is still updated: its mean so far
+            below = previous.markers.centre[2]
         if plane is None or below is None:
             return None
         angle, elevation = slope(plane.normal, R_world_sole[:2, 0]), float(plane.centre[2] - below)
-        mode = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
+        mode, probability = (UNKNOWN, 0.0) if self._svm is None else (self._svm.classify(angle, elevation), 1.0)
         return StepEstimate(
             t_ns=tick.t_ns,
             step=footprint.step,
@@ -329,6 +334,6 @@ class Published:
             normal=plane.normal,
             p_sole_in_world=footprint.soles / footprint.markers.count,
             covariance=np.diag(np.full(3, np.inf)),
-            mode=mode[0],
-            probability=mode[1],
+            mode=mode,
+            probability=probability,
         )

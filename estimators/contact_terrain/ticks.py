@@ -74,12 +74,14 @@ class TickBuilder:
         """Prepares for the streams that the exoskeleton's geometry names; no sample is known yet."""
         legs = [exo.legs[side] for side in SIDES]
         attitudes = [exo.back, *(leg.thigh for leg in legs), *(leg.foot for leg in legs)]
-        # by topic: index of the attitude and rotation frame to sensor; index and sign of the knee; index of the foot
+        # by topic of an AHRS: index of its attitude in `Tick.R`, and (3, 3) rotation from its frame to the sensor
         self._attitude = {a.topic: (i, a.R_frame_sensor.T) for i, a in enumerate(attitudes)}
+        # by topic of an encoder: index of the leg, and sign of the knee's angle
         self._encoder = {leg.knee.topic: (i, leg.knee.sign) for i, leg in enumerate(legs)}
-        self._insole = {leg.sole.topic: i for i, leg in enumerate(legs)}
+        self._insole = {leg.sole.topic: i for i, leg in enumerate(legs)}  # by topic of an insole: index of the foot
         self._last = dict.fromkeys(exo.topics, -1)  # time of each stream's newest sample, ns
-        # newest values of all streams, as in `Tick`
+        # newest values of all streams, with the layout of `Tick`: attitudes, frame to world, and rates of back, thighs
+        # and feet, rad/s; angles of the knees, rad; forces on the cells of both insoles, N
         self._R, self._rate = np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3))
         self._knee, self._force = np.zeros(2), np.zeros((2, 4))
         self._open: set[str] = set()  # streams that have delivered their sample of the open tick
@@ -93,18 +95,22 @@ class TickBuilder:
         """
         if sample.topic not in self._last or sample.t_ns <= self._last[sample.topic] or not _is_valid(sample):
             return []
-        ticks = []
+        ticks: list[Tick] = []
         if self._open and sample.t_ns > self._now + _TOGETHER_S * 1e9:
             ticks += self._complete_tick()
         if not self._open:
             self._now = sample.t_ns
         self._store(sample)
-        if len(self._open) == len(self._last):
+        if len(self._open) == len(self._last):  # every stream has delivered
             ticks += self._complete_tick()
         return ticks
 
     def _store(self, sample: Sample) -> None:
-        """Writes a sample into the open tick, in the axes of its frame."""
+        """Writes a sample into the newest values, and marks its stream as delivered for the open tick.
+
+        Attitude and rate of an AHRS are converted from the sensor to the frame that carries it, the angle of an encoder
+        to that of the joint; a negative force counts as none.
+        """
         match sample:
             case Ahrs():
                 i, R_sensor_frame = self._attitude[sample.topic]
@@ -119,20 +125,22 @@ class TickBuilder:
         self._open.add(sample.topic)
 
     def _complete_tick(self) -> list[Tick]:
-        """Closes the open tick, and extrapolates attitudes whose sample is late by their last angular rate.
+        """Closes the open tick.
+
+        An attitude whose sample is missing at this instant is extrapolated by its last angular rate.
 
         Returns:
             The tick in a list; an empty list if a stream is too late, or has not delivered any sample yet.
         """
         self._open, fresh = set(), np.ones(5, dtype=bool)
-        oldest = min(self._last.values())
+        oldest = min(self._last.values())  # time of the stream that is latest, ns; -1 if one has delivered nothing
         if oldest < 0 or (self._now - oldest) * 1e-9 > _HOLD_S:
             return []
         R = self._R.copy()
         for topic, (i, _) in self._attitude.items():
-            late = (self._now - self._last[topic]) * 1e-9
-            if late > _TOGETHER_S:
-                R[i], fresh[i] = R[i] @ exp(late * self._rate[i]), False
+            late_s = (self._now - self._last[topic]) * 1e-9
+            if late_s > _TOGETHER_S:
+                R[i], fresh[i] = R[i] @ exp(late_s * self._rate[i]), False
         dt = (self._now - self._tick_ns) * 1e-9
         if self._tick_ns < 0 or dt > _HOLD_S:  # the first tick, or one after a gap
             dt = 0.0
@@ -155,6 +163,7 @@ def _is_valid(sample: Sample) -> bool:
     match sample:
         case Ahrs():
             q, rate = sample.q_world_sensor, sample.angular_rate
+            # squared norms, of which comparisons are False for NaN
             return bool(abs(q @ q - 1.0) < _MAX_NORM_ERROR and rate @ rate < _MAX_RATE_RADPS**2)
         case Encoder():
             return abs(sample.angle) < 2 * math.pi
@@ -224,11 +233,14 @@ class Attitudes:
             drift_rad_per_sqrt_s=parameters.gyro_drift_rad_per_sqrt_s,
         )
         self.R = np.tile(np.eye(3), (5, 1, 1))
-        self._state = _State(self.R, self.R.copy(), np.full(5, -1.0), np.zeros((5, 3)), np.zeros(5))
+        self._state = _State(
+            R=self.R, last=self.R.copy(), variance=np.full(5, -1.0), rate=np.zeros((5, 3)), since=np.zeros(5)
+        )
 
     def update(self, tick: Tick) -> None:
-        """Takes a tick: docs/contact_terrain.md (6).
+        """Propagates all attitudes to a tick by their rates, and corrects them by the AHRS.
 
+        See docs/contact_terrain.md (6).
         At the start and after a gap, the attitudes are those of the AHRS.
         """
         _fuse(self._state, self._noise, tick.R, tick.rate, tick.fresh, tick.dt)
@@ -263,6 +275,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
                 turn[j] = 0.5 * since[i] * (last_rate[i, j] + rate[i, j])
             moved = multiply(last[i], matrices.exp(turn))
             variance[i] += noise.drift_rad_per_sqrt_s**2 * since[i]
+            # share of full motion, for the standard deviation between rest and full motion
             share = min(math.sqrt(dot(rate[i], rate[i])) / _FULL_MOTION_RADPS, 1.0)
             sd = noise.stationary_sd_rad + (noise.moving_sd_rad - noise.stationary_sd_rad) * share
             # the correlated error of an AHRS counts as a white one of the same power, 2 τ σ² / dt
@@ -270,7 +283,7 @@ def _fuse(state: _State, noise: _Noise, measured: Array, rate: Array, fresh: Arr
             variance[i] *= 1.0 - gain
             off = matrices.log(multiply(measured[i], transposed(moved)))  # from predicted to measured, rad, world axes
             copy_matrix(multiply(matrices.exp(_scale(gain, off)), moved), R[i])
-        copy_matrix(R[i], last[i])
+        copy_matrix(R[i], last[i])  # this fresh sample is the last one from now on
         for j in range(3):
             last_rate[i, j] = rate[i, j]
         since[i] = 0.0

@@ -145,12 +145,13 @@ class Dvio:
 
         Raises ConfigError for an unknown mount, and StrideTwinError where the rig has no camera or IMU there.
         """
-        Rig.check(rig, "Dvio")
+        Rig.check(rig, "Dvio")  # raises if `rig` is no `Rig`
         options = options or Options()
-        mount = _mount(rig, options)
+        mount = _choose_mount(rig, options)
         if mount not in MOUNTS:
             raise ConfigError("Dvio", "mount", mount, " or ".join(MOUNTS))
-        self._frame = f"{mount}/imu"
+        self._frame = f"{mount}/imu"  # of the poses
+        # topics of the images, of the depth images and of the IMU
         self._color, self._depth, self._imu = (f"/{mount}/{s}" for s in ("color", "depth", "imu"))
         if self._color not in rig.cameras:
             raise StrideTwinError(f"the rig has no camera {self._color!r}; it has {', '.join(rig.cameras) or 'none'}")
@@ -160,9 +161,11 @@ class Dvio:
         # time since the newest frame after which the health is `imu_only`, s
         self._max_imu_only_s = max(_DEAD_RECKONING_S, _DEAD_RECKONING_FRAMES / camera.rate_hz)
         self._shape = (camera.height, camera.width)
+        # whether an image waits for the depth image of its instant
         self._waits_for_depth = camera.depth_topic != "" and self._parameters.method.uses_depth
+        # the window of frames, its buffer of IMU samples (`inertial`) and the state propagated with them (`nav`)
         self._core = SlidingWindow(camera, imu, T_imu_camera, self._parameters)
-        self._initializer = Initializer(self._core)
+        self._initializer = Initializer(self._core)  # collects images for a start in motion
         self._camera_pose = self._camera_mount(0)
         # colour and depth images that wait for the IMU or for each other, oldest first
         self._images: deque[Image] = deque(maxlen=MAX_WAITING_IMAGES)
@@ -170,7 +173,7 @@ class Dvio:
         self._last_ns: dict[str, int] = {}  # stamp of the last accepted image of each topic
         # time of the first image at which the present start was tried, on the IMU's clock; None: no start is going on
         self._init_start_ns: int | None = None
-        self._health = ""  # as in `DvioEstimate`; "" before the first start
+        self._health = ""  # TRACKING, IMU_ONLY or LOST; "" before the first start
         # the last plausible pose with its covariance, which is held while lost
         self._valid_p, self._valid_R, self._valid_covariance = np.zeros(3), np.eye(3), np.zeros((6, 6))
 
@@ -178,12 +181,13 @@ class Dvio:
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
         """Camera, IMU, and, where there is one, depth or the second camera of a stereo pair.
 
-        Without depth the IMU gives the scale.
+        Without depth the IMU gives the scale. `update` does not take the second camera: only `follow` does, and
+        computes depth images from the pair.
 
         Raises:
             StrideTwinError: The rig has no camera with IMU on head or chest.
         """
-        mount = _mount(rig, options)
+        mount = _choose_mount(rig, options)
         color, depth, right = (f"/{mount}/{s}" for s in ("color", "depth", "color_right"))
         streams = [Stream(role="imu", topic=f"/{mount}/imu", kind=Imu), Stream(role="camera", topic=color, kind=Image)]
         if color in rig.cameras and rig.cameras[color].depth_topic:
@@ -220,19 +224,21 @@ class Dvio:
         rig, parameters = recording.rig, parameters or method_parameters(options.method)
         topics = [t for t in (f"/{mount}/imu", color, depth) if t in recording.topics]
         samples: Iterable[Sample] = recording.samples(topics)
+        # no depth camera, but a stereo pair: depth images computed from it join the samples
         if depth not in recording.topics and right in recording.topics and parameters.method.uses_depth:
             stereo, rig = Stereo(rig.cameras[color], rig.cameras[right], depth), with_stereo(rig, color, depth)
             samples = with_depth(recording.samples([*topics, right]), stereo, right)
         odometry = cls(rig, options=Options(method=options.method, mount=mount), parameters=parameters)
-        first, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
-        status: list[str] = []
+        first_image_ns, poses, camera_poses = int(recording.image_times(color)[0]), list[Pose](), list[Pose]()
+        status: list[str] = []  # health at each pose
         for sample in samples:
             estimate = odometry.update(sample)
             if progress is not None and isinstance(sample, Image):
-                progress("estimate", min(1.0, (sample.t_ns - first) * 1e-9 / max(recording.duration, 1e-9)))
+                progress("estimate", min(1.0, (sample.t_ns - first_image_ns) * 1e-9 / max(recording.duration, 1e-9)))
             if estimate is not None:
                 poses.append(estimate.pose)
                 status.append(estimate.health)
+                # the estimated mount is the same object until it changes
                 if not camera_poses or estimate.camera_pose is not camera_poses[-1]:
                     camera_poses.append(estimate.camera_pose)
         if not poses:
@@ -264,28 +270,29 @@ class Dvio:
             return self._on_imu(sample)
         queue: deque[Image] | deque[Depth]
         if isinstance(sample, Image) and sample.topic == self._color:
-            fine, queue = sample.pixels.shape[:2] == self._shape, self._images
+            has_right_size, queue = sample.pixels.shape[:2] == self._shape, self._images
         elif isinstance(sample, Depth) and sample.topic == self._depth:
-            fine, queue = sample.depth.shape == self._shape, self._depths
+            has_right_size, queue = sample.depth.shape == self._shape, self._depths
         else:
             raise StrideTwinError(
                 f"{sample.topic} is not of this odometry; it takes {self._imu}, {self._color}, {self._depth}"
             )
-        # -2⁶² ns is earlier than any stamp
-        if fine and sample.t_ns > self._last_ns.get(sample.topic, -(2**62)):
+        # an image of another size or out of order is ignored; -2⁶² ns is earlier than any stamp
+        if has_right_size and sample.t_ns > self._last_ns.get(sample.topic, -(2**62)):
             self._last_ns[sample.topic] = sample.t_ns
             queue.append(copy_sample(sample))  # type: ignore[arg-type]
         return None
 
     @property
     def time_offset_s(self) -> float:
-        """Estimated t_imu − t_cam, s."""
+        """Estimated time offset of the clocks: the IMU's time minus the camera's of the same instant, s."""
         return float(self._core.window.calibration.offset[0])
 
     def _camera_mount(self, t_ns: int) -> Pose:
         """The camera's estimated pose in the IMU's frame, m, stamped `t_ns`."""
-        c = self._core.window.calibration
-        return Pose(t_ns=t_ns, p_frame_in_world=c.p.copy(), rotation=c.R.copy(), frame=self._color.removeprefix("/"))
+        mount = self._core.window.calibration  # p (3,), m, and R (3, 3), IMU <- camera
+        frame = self._color.removeprefix("/")
+        return Pose(t_ns=t_ns, p_frame_in_world=mount.p.copy(), rotation=mount.R.copy(), frame=frame)
 
     @property
     def depth_scale(self) -> float:
@@ -294,7 +301,11 @@ class Dvio:
 
     @property
     def imu_noise_factors(self) -> tuple[float, float]:
-        """Estimated noise of the gyroscope and of the accelerometer over that of their data sheet."""
+        """Estimated noise of the gyroscope and of the accelerometer over that of their data sheet.
+
+        The parameters give the factor at the start; `inflation.factor` (2,) is how much larger images have shown it to
+        be.
+        """
         rate, force = self._parameters.imu_noise_factor * self._core.inflation.factor
         return float(rate), float(force)
 
@@ -303,22 +314,23 @@ class Dvio:
 
         While lost, the state is not propagated: the pose is held, and the variance of its position grows with time. A
         plausible state is kept in `_valid_p`, `_valid_R` and `_valid_covariance`; an implausible one means failure.
+        The health becomes `imu_only` once the newest frame is older than `_max_imu_only_s`.
 
         Returns:
             The new estimate; None if the sample is invalid or the odometry has not started.
         """
         core = self._core
-        if not core.inertial.add(sample):
+        if not core.inertial.add(sample):  # rejected: not finite, impossibly large, or out of order
             return None
-        if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:
+        if self._health and core.inertial.gap_s() > _MAX_IMU_GAP_S:  # samples are missing before this one
             self._declare_lost()
-        while (frame := self._next()) is not None:
+        while (frame := self._take_due_image()) is not None:
             if self._health in (TRACKING, IMU_ONLY):
                 self._track(frame)
             else:
                 self._initialize(frame)
             self._camera_pose = self._camera_mount(sample.t_ns)
-        if not self._health:
+        if not self._health:  # not started yet
             return None
         if self._health == LOST:
             # the position error is a random walk; 0-2 are the position's rows of the covariance
@@ -337,25 +349,27 @@ class Dvio:
                 core.nav.t_ns[0] = sample.t_ns
         return DvioEstimate.of(core.nav, self._health, self._camera_pose, self._frame)
 
-    def _next(self) -> CameraFrame | None:
-        """Takes the oldest waiting image, with its depth, out of the queues; None if it must still wait.
+    def _take_due_image(self) -> CameraFrame | None:
+        """Takes the oldest waiting image, with its depth, out of the queues; None if there is none, or it must wait.
 
         It waits until the IMU has samples beyond its time, and until its depth has arrived or `max_depth_wait_s` has
         passed. The depth image is the one within `_SIMULTANEOUS_S`; it is None where none came in time.
         """
         if not self._images:
             return None
-        image, newest = self._images[0], self._core.inertial.newest_ns
-        if self._core.imu_time(image.t_ns) >= newest:
+        image, newest_imu_ns = self._images[0], self._core.inertial.newest_ns
+        image_ns = self._core.imu_time(image.t_ns)  # on the IMU's clock
+        if image_ns >= newest_imu_ns:
             return None
         depth = None
-        for d in self._depths:
-            if abs(d.t_ns - image.t_ns) * 1e-9 < _SIMULTANEOUS_S:
-                depth = d.depth
-        late = (newest - self._core.imu_time(image.t_ns)) * 1e-9 > self._parameters.max_depth_wait_s
-        if depth is None and self._waits_for_depth and not late:
+        for depth_image in self._depths:
+            if abs(depth_image.t_ns - image.t_ns) * 1e-9 < _SIMULTANEOUS_S:
+                depth = depth_image.depth
+        has_waited_enough = (newest_imu_ns - image_ns) * 1e-9 > self._parameters.max_depth_wait_s
+        if depth is None and self._waits_for_depth and not has_waited_enough:
             return None
         self._images.popleft()
+        # depth images up to this time are not needed by later images
         while self._depths and self._depths[0].t_ns <= image.t_ns:
             self._depths.popleft()
         grey = image.pixels if image.pixels.ndim == 2 else cv2.cvtColor(image.pixels, cv2.COLOR_RGB2GRAY)
@@ -369,11 +383,12 @@ class Dvio:
         the health to `tracking`, or to `imu_only` where too few points are seen. An implausible state means failure.
         """
         core = self._core
-        t_ns, before = core.imu_time(frame.t_ns), core.newest_ns  # of the image and of the newest frame, IMU's clock
-        if t_ns <= before:
+        t_ns, newest_frame_ns = core.imu_time(frame.t_ns), core.newest_ns  # both on the IMU's clock
+        if t_ns <= newest_frame_ns:
             return
-        if (t_ns - before) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
-            # `nav` may be later than the image, which can arrive after later IMU samples.
+        if (t_ns - newest_frame_ns) * 1e-9 > _MAX_BLIND_S or not core.is_imu_complete:
+            # `nav` may be later than the image, which can arrive after later IMU samples. An image from before the IMU
+            # samples that are kept is skipped.
             if core.rewind_to(t_ns):
                 core.start(frame, core.nav.covariance.copy())
                 self._health = TRACKING if core.is_tracking else IMU_ONLY
@@ -405,11 +420,12 @@ class Dvio:
         if not resting and (alignment := self._initializer.process_image(frame)) is not None:
             covariance = self._init_from_alignment(alignment)
         elif resting or (t_ns - self._init_start_ns) * 1e-9 >= _MAX_ALIGN_S:
-            samples = core.inertial.since(t_ns - round((STATIONARY_S if resting else _MEAN_FORCE_S) * 1e9), t_ns)
+            averaged_s = STATIONARY_S if resting else _MEAN_FORCE_S
+            samples = core.inertial.since(t_ns - round(averaged_s * 1e9), t_ns)  # (N, 6) rate and force
             if not len(samples):  # a gap in the IMU
                 return
             covariance = self._init_from_gravity(samples.mean(axis=0), resting)
-        else:
+        else:  # moving, not aligned yet, and there is still time
             return
         core.nav.t_ns[0] = t_ns
         core.start(frame, covariance)
@@ -447,6 +463,7 @@ class Dvio:
         nav = self._core.nav
         position_covariance, heading_sd = self._start_uncertainty()
         nav.R[:] = _attitude_from_gravity(alignment.up, nav.R if self._health == LOST else None)
+        # `v[-1]` is the velocity at the newest image, in the axes of the IMU there
         nav.v[:], nav.bias[:] = nav.R @ alignment.v[-1], alignment.bias
         return alignment.state_covariance(nav.R, position_covariance, heading_sd)
 
@@ -467,23 +484,27 @@ class Dvio:
         `nav` becomes the last valid pose at rest without biases, with a large covariance. Waiting images and what the
         initializer has collected are dropped. If the odometry is lost already, its state stays.
         """
-        nav, already = self._core.nav, self._health == LOST
+        nav, was_lost = self._core.nav, self._health == LOST
         self._health, self._init_start_ns = LOST, None
         self._images.clear()
         self._initializer.reset()
-        if already:
+        if was_lost:
             # The position has become less certain since the failure; that must not be undone.
             return
         nav.p[:], nav.R[:], nav.v[:], nav.bias[:] = self._valid_p, self._valid_R, 0.0, 0.0
+        # `_LOST_SD` has a value per three axes of position, attitude, velocity and the two biases; 0-5 are the pose
         nav.covariance[:] = np.diag(np.repeat(_LOST_SD, 3) ** 2)
         nav.covariance[:6, :6] += self._valid_covariance
 
 
 def _attitude_from_gravity(force: Array, before: Array | None) -> Array:
-    """(3, 3) world <- IMU whose z axis is along a mean force (3,), with the heading of a previous rotation.
+    """(3, 3) rotation, world <- IMU, at which a mean force in the IMU's axes points up.
 
-    Without a previous one, the world's x axis is the horizontal direction of the IMU's z axis (the camera's line of
-    sight), or of its negative y axis if the camera looks straight down.
+    Args:
+        force: (3,) mean specific force in the IMU's axes; only its direction counts.
+        before: (3, 3) previous rotation, world <- IMU, whose heading is kept. If None, the world's x axis is the
+            horizontal direction of the IMU's z axis (the camera's line of sight), or of its negative y axis if the
+            camera looks straight down.
     """
     up = force / np.linalg.norm(force)
     # direction that becomes the world's x axis, in the IMU's axes; before[0] is the previous x axis of the world
@@ -492,15 +513,16 @@ def _attitude_from_gravity(force: Array, before: Array | None) -> Array:
         forward = np.array([0.0, -1.0, 0.0])
     x = forward - up * (up @ forward)
     x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(up, x), up])
+    return np.stack([x, np.cross(up, x), up])  # the rows are the world's axes in those of the IMU
 
 
-def _mount(rig: Rig, options: Options) -> str:
+def _choose_mount(rig: Rig, options: Options) -> str:
     """Mount of the camera: that of the options, else the first with a camera and an IMU.
 
     Raises:
         StrideTwinError: The rig has no such camera.
     """
+    # an empty `options.mount` takes the first of these
     available_mounts = [m for m in MOUNTS if f"/{m}/color" in rig.cameras and f"/{m}/imu" in rig.imus]
     if not (options.mount or available_mounts):
         raise StrideTwinError(

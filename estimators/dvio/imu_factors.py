@@ -52,7 +52,8 @@ def reset(z: state.Preintegration, bias: Array) -> None:
 def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: float, force_density: float) -> None:
     """Adds an interval of `dt` (s) of constant measured rate and force to a preintegrated measurement, in place.
 
-    See docs/dvio.md (1)-(3).
+    The measurement changes by docs/dvio.md (2), with the motion over the interval of docs/dvio.md (1); its covariance
+    by docs/dvio.md (3), and its derivative `by_bias` in the same way.
 
     Args:
         z: Δp, Δv, ΔR with their covariance and their derivative by the biases.
@@ -93,7 +94,9 @@ def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: flo
         multiply(G, v_by_phi),
         multiply(G, to_v),
     )
-    F, B = identity(9), np.zeros((9, 6))  # by the errors of (Δp, ΔR, Δv), and by the biases: docs/dvio.md (3)
+    # derivatives of the new (Δp, ΔR, Δv), rows 0-2, 3-5 and 6-8, by the errors of the old ones, and by the biases of
+    # gyroscope (columns 0-2) and accelerometer (3-5): docs/dvio.md (3)
+    F, B = identity(9), np.zeros((9, 6))
     for i in range(3):
         F[i, 6 + i] = dt
         for j in range(3):
@@ -130,7 +133,7 @@ def advance(z: state.Preintegration, sample: Array, dt: float, rate_density: flo
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def _find_first_after(t_ns: NDArray[np.int64], time_ns: int) -> int:
-    """Index of the first stamp after a time, by bisection."""
+    """Index of the first of the ascending stamps (N,) that is later than a time, N if none is; by bisection."""
     low, high = 0, t_ns.shape[0]
     while low < high:
         middle = (low + high) // 2
@@ -158,6 +161,7 @@ def integrate(
         if at == start_ns and until == end_ns:
             until = start_ns + (end_ns - start_ns) // 2  # the covariance of a single step is singular
         dt = (until - at) * 1e-9
+        # share: squared density of the noise that is proportional to the rate, (rad/s/√Hz)²
         sample, share = imu.values[i], 0.0
         for k in range(3):
             share += (noise.rate_share * (sample[k] - bias[k])) ** 2
@@ -178,7 +182,8 @@ def _relative_motion(
     """Motion from frame i to frame j in the axes of i, without gravity: two terms of docs/dvio.md (4).
 
     Writes R_iᵀ (p_j − p_i − v_i t − g t²/2) into `p` (3,), m, and R_iᵀ (v_j − v_i − g t) into `v` (3,), m/s, for the
-    frames' positions and velocities in the world, `dt` = t in s, and g = (0, 0, −`gravity`) m/s².
+    frames' positions and velocities in the world, R_i = `R` (3, 3) world <- IMU of frame i, `dt` = t in s, and g = (0,
+    0, −`gravity`) m/s².
     """
     by_p, by_v = empty_vec3(), empty_vec3()
     for i in range(3):
@@ -191,7 +196,10 @@ def _relative_motion(
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def imu_residual(window: state.WindowState, k: int, factors: state.FactorParameters, r: Array, J: Array) -> None:
-    """IMU residual between frame k and the next one, docs/dvio.md (4), and its Jacobian.
+    """IMU residual between frame k and the next one, and its Jacobian.
+
+    The residual is docs/dvio.md (4): the motion between the two frames minus the preintegrated one, which is corrected
+    for the change of the biases since its integration.
 
     Args:
         window: Frames and preintegrated measurements.
@@ -201,13 +209,14 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
         J: (9, 30) out: derivative by the error states of frame k, then of frame k + 1.
     """
     frames, zs, gravity = window.frames, window.preintegrations, factors.gravity
-    dt, in_prior, of_z = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
+    # z_by_bias: (9, 6) derivative of the measured position, rotation and velocity by the biases
+    dt, in_prior, z_by_bias = zs.dt[k, 0], frames.in_prior, zs.by_bias[k]
     Ri, Rj = frames.R[k], frames.R[k + 1]
     pi, vi, pj, vj = frames.p[k], frames.v[k], frames.p[k + 1], frames.v[k + 1]
     bias_correction, rotation, p, v = np.zeros(9), empty_vec3(), empty_vec3(), empty_vec3()
     for i in range(9):
         for j in range(6):
-            bias_correction[i] += of_z[i, j] * (frames.bias[k, j] - zs.bias[k, j])
+            bias_correction[i] += z_by_bias[i, j] * (frames.bias[k, j] - zs.bias[k, j])
     for i in range(3):
         rotation[i] = bias_correction[3 + i]
     _relative_motion(Ri, pi, vi, pj, vj, dt, gravity, p, v)
@@ -226,9 +235,9 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
     inverse, P, V = right_jacobian_inverse(e), hat(p), hat(v)
     by_turn = multiply(inverse, multiply(transposed(Rj), Ri))
     # derivative of Log(Exp(-Jr(rotation) B db) E) by B db, with E = Exp(e) and B db the rotation by a bias error
-    by_bias = multiply(inverse, multiply(transposed(exp(e)), right_jacobian(rotation)))
+    by_rotation = multiply(inverse, multiply(transposed(exp(e)), right_jacobian(rotation)))
     J[:] = 0.0
-    n = state.FRAME
+    n = state.FRAME  # first column of frame k + 1
     for i in range(3):
         for j in range(3):
             J[i, state.D_POSITION + j] = -Ri[j, i]
@@ -240,18 +249,23 @@ def imu_residual(window: state.WindowState, k: int, factors: state.FactorParamet
             J[6 + i, state.D_ATTITUDE + j] = V[i, j]
             J[6 + i, state.D_VELOCITY + j] = -Ri[j, i]
             J[6 + i, n + state.D_VELOCITY + j] = Ri[j, i]
-        for j in range(6):
-            by_gyro_bias = by_bias[i, 0] * of_z[3, j] + by_bias[i, 1] * of_z[4, j] + by_bias[i, 2] * of_z[5, j]
-            J[i, state.D_GYRO_BIAS + j] = -of_z[i, j]
-            J[3 + i, state.D_GYRO_BIAS + j] = -by_gyro_bias
-            J[6 + i, state.D_GYRO_BIAS + j] = -of_z[6 + i, j]
+        for j in range(6):  # the biases of gyroscope and accelerometer, whose columns follow each other
+            by_bias = (
+                by_rotation[i, 0] * z_by_bias[3, j]
+                + by_rotation[i, 1] * z_by_bias[4, j]
+                + by_rotation[i, 2] * z_by_bias[5, j]
+            )
+            J[i, state.D_GYRO_BIAS + j] = -z_by_bias[i, j]
+            J[3 + i, state.D_GYRO_BIAS + j] = -by_bias
+            J[6 + i, state.D_GYRO_BIAS + j] = -z_by_bias[6 + i, j]
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParameters, H: Array, b: Array) -> float:
     """Adds the IMU factor between frame k and the next one to H and b; returns its cost ½ rᵀ Σ⁻¹ r.
 
-    See Zhao 2023 (9). The random walk of the biases is a second residual, b_(k+1) − b_k, of variance walk² dt.
+    H += Jᵀ Σ⁻¹ J and b −= Jᵀ Σ⁻¹ r for the residual r of `imu_residual` (Zhao 2023 (9)). The random walk of the biases
+    is a second residual, b_(k+1) − b_k, of variance walk² dt.
 
     Args:
         window: Frames and preintegrated measurements.
@@ -263,7 +277,7 @@ def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParam
     r, J = np.empty(9), np.empty((9, 2 * state.FRAME))
     imu_residual(window, k, factors, r, J)
     frames, weight = window.frames, window.preintegrations.weight[k]
-    WJ = multiply(weight, J)
+    WJ = multiply(weight, J)  # Σ⁻¹ J
     o = state.CALIBRATION + state.FRAME * k  # first index of frame k
     cost = 0.0
     for i in range(9):
@@ -280,7 +294,7 @@ def add_imu_factor(window: state.WindowState, k: int, factors: state.FactorParam
             for c in range(a + 1):
                 row[o + c] += g * WJ[i, c]
     dt = window.preintegrations.dt[k, 0]
-    for i in range(6):
+    for i in range(6):  # random walk of the biases: 0-2 of the gyroscope, 3-5 of the accelerometer
         walk = factors.rate_walk if i < 3 else factors.force_walk
         w = 1.0 / (walk * walk * dt)
         step = frames.bias[k + 1, i] - frames.bias[k, i]
@@ -325,9 +339,8 @@ def add_imu_factors(
     """
     f, cost = window.frames, 0.0
     for k in range(frames):
-        cost += add_zero_velocity(
-            f.v[k], f.zero_velocity_sd[k], state.CALIBRATION + state.FRAME * k + state.D_VELOCITY, H, b
-        )
+        velocity = state.CALIBRATION + state.FRAME * k + state.D_VELOCITY  # row of the frame's velocity error
+        cost += add_zero_velocity(f.v[k], f.zero_velocity_sd[k], velocity, H, b)
         if k + 1 < f.count[0]:
             cost += add_imu_factor(window, k, factors, H, b)
     return cost

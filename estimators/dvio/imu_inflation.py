@@ -73,8 +73,10 @@ class ImuInflation:
             factors: Noise model of the factors.
             L: Cholesky factor of the window's normal equations.
         """
+        # the oldest of the three noted factors is that of the measurement whose turn it is
         self._factors.append(self.factor)
         if len(self._factors) == _INCREMENTS:
+            # slot of the frame in which that measurement begins
             k = int(window.frames.count[0]) - 1 - _INCREMENTS
             self.add_residuals(*residuals(window, k, factors, L), self._factors[0])
 
@@ -86,12 +88,12 @@ class ImuInflation:
             expected: (2,) their expectation.
             factor: (2,) factors on the noise with which the measurement was integrated.
         """
-        expected = np.maximum(expected, 0.0)
+        expected = np.maximum(expected, 0.0)  # rounding may make a tiny one negative
         squared = np.clip(squared, 0.0, _MAX_RATIO * expected)
-        kept = 1.0 - 1.0 / _MEMORY
+        kept = 1.0 - 1.0 / _MEMORY  # share of the earlier sums that is remembered
         self._squared = kept * self._squared + factor**2 * squared
         self._expected = kept * self._expected + expected
-        prior = _PRIOR_REDUNDANCY * CONSISTENT_SHARE**2
+        prior = _PRIOR_REDUNDANCY * CONSISTENT_SHARE**2  # squared residuals of earlier, consistent increments
         ratio = (prior + self._squared) / (_PRIOR_REDUNDANCY + self._expected)
         self.factor = np.sqrt(np.maximum(ratio / CONSISTENT_SHARE**2, 1.0))
 

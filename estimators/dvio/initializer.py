@@ -21,8 +21,8 @@ from stridetwin.estimators.dvio.state import LANDMARK_SLOTS, Preintegration, bla
 from stridetwin.estimators.dvio.structure_from_motion import (
     Observations,
     Structure,
-    structure_of_bearings,
     structure_with_depth,
+    structure_without_depth,
 )
 from stridetwin.estimators.dvio.tracker import CameraFrame
 from stridetwin.streams.algebra.arrays import exp, hat, log, matvec
@@ -122,14 +122,15 @@ class Alignment(CameraMotion):
         """
         # Derivative of the 15 errors by those of `covariance`, whose last entry, the scale, is replaced by the heading:
         # an attitude error about `tilt_axes` or `up`, which turns the velocity in the world, too.
+        # Rows of J: 0-2 position, 3-5 attitude, 6-8 velocity, 9-14 biases.
         J = np.zeros((15, 12))
-        by_turn = -R_world_imu @ hat(self.v[-1])
+        by_turn = -R_world_imu @ hat(self.v[-1])  # (3, 3) derivative of the velocity in the world by an attitude error
         J[3:6, :2], J[3:6, 11] = self.tilt_axes, self.up
         J[6:9, :2], J[6:9, 11] = by_turn @ self.tilt_axes, by_turn @ self.up
         J[6:9, 2:5] = R_world_imu
         J[9:15, 5:11] = np.eye(6)
         P = self.covariance.copy()
-        P[11], P[:, 11] = 0.0, 0.0
+        P[11], P[:, 11] = 0.0, 0.0  # the scale is no error of the state; the heading is independent of the others
         P[11, 11] = heading_sd**2
         out: Array = J @ P @ J.T
         out[:3, :3] = place
@@ -173,10 +174,13 @@ def solve_gyro_bias(structure: Structure, preintegrations: Preintegration, prior
     """
     R_ic = priors.T_imu_camera[:3, :3]
     R = R_ic @ structure.R @ R_ic.T  # of the IMU at each image, in the axes of that at the newest
-    over = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
-    r = log(over)
+    # (K - 1, 3, 3) ΔRᵀ R_kᵀ R_(k+1): rotation that the cameras have turned more than the gyroscope measured
+    excess_rotation = np.swapaxes(preintegrations.delta_R, 1, 2) @ np.swapaxes(R[:-1], 1, 2) @ R[1:]
+    r = log(excess_rotation)
+    # rows 3-5 of a measurement are its rotation, columns 0-2 of `by_bias` the gyroscope's bias
     J, W = preintegrations.by_bias[:, 3:6, :3], np.linalg.inv(preintegrations.covariance[:, 3:6, 3:6])
     JtW = np.swapaxes(J, 1, 2) @ W
+    # H δb = Jᵀ W r, summed over the intervals, with the information of the prior
     H = (JtW @ J).sum(axis=0) + np.diag(priors.bias_sd[:3] ** -2.0)
     return np.asarray(np.linalg.solve(H, (JtW @ r[..., None])[..., 0].sum(axis=0)))
 
@@ -186,8 +190,8 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
 
     After Qin 2018 (16)-(19), per interval of duration dt between images a and b, with every row divided to be in m/s:
     scale (p_b − p_a) / dt − v_a − g dt / 2 = (ΔP − arm_b + arm_a) / dt and v_b − v_a − g dt = ΔV, in the axes of the
-    newest camera's IMU. `arm` is the camera's offset from the IMU. None if the scale is not positive or |g| is far from
-    gravity.
+    newest camera's IMU. `arm` is how much the camera's offset from its IMU has changed until the newest image. None if
+    the scale is not positive or |g| is far from gravity.
 
     Args:
         structure: Cameras of K images.
@@ -197,23 +201,27 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
     """
     K = len(structure.R)
     R_ic, p_ic = priors.T_imu_camera[:3, :3], priors.T_imu_camera[:3, 3]
-    R = R_ic @ structure.R @ R_ic.T
+    R = R_ic @ structure.R @ R_ic.T  # (K, 3, 3) of the IMU at each image, in the axes of that at the newest
+    # (K, 3) in the same axes: offset of the newest camera from its IMU less that of each; position of each camera
     arm, cameras = p_ic - R @ p_ic, structure.p @ R_ic.T
-    by = (z.by_bias @ (bias - z.bias)[..., None])[..., 0]
-    alpha, beta = (R[:-1] @ (d + c)[..., None] for d, c in ((z.delta_p, by[:, :3]), (z.delta_v, by[:, 6:])))
-    n = 3 * K + 4  # unknowns: K velocities, gravity, scale
+    # (K - 1, 9) changes of position, rotation and velocity by the difference of the biases
+    by_bias = (z.by_bias @ (bias - z.bias)[..., None])[..., 0]
+    # (K - 1, 3, 1) ΔP and ΔV: corrected measurements in the axes of the newest image's IMU
+    delta_p = R[:-1] @ (z.delta_p + by_bias[:, :3])[..., None]
+    delta_v = R[:-1] @ (z.delta_v + by_bias[:, 6:])[..., None]
+    n = 3 * K + 4  # unknowns: K velocities and gravity, of three axes each, and the scale
     A, b = np.zeros((6 * (K - 1), n)), np.zeros(6 * (K - 1))
     for k in range(K - 1):
-        dt, i, j = z.dt[k, 0], 6 * k, 3 * k
+        dt, i, j = z.dt[k, 0], 6 * k, 3 * k  # i: first row of the interval, j: first column of the velocity v_a
         # position: scale (p_b - p_a) / dt - v_a - g dt / 2 = (ΔP - arm_b + arm_a) / dt
         A[i : i + 3, j : j + 3] = -np.eye(3)
         A[i : i + 3, -4:-1] = -0.5 * dt * np.eye(3)
         A[i : i + 3, -1] = (cameras[k + 1] - cameras[k]) / dt
-        b[i : i + 3] = (alpha[k, :, 0] - arm[k + 1] + arm[k]) / dt
+        b[i : i + 3] = (delta_p[k, :, 0] - arm[k + 1] + arm[k]) / dt
         # velocity: v_b - v_a - g dt = ΔV
         A[i + 3 : i + 6, j : j + 3], A[i + 3 : i + 6, j + 3 : j + 6] = -np.eye(3), np.eye(3)
         A[i + 3 : i + 6, -4:-1] = -dt * np.eye(3)
-        b[i + 3 : i + 6] = beta[k, :, 0]
+        b[i + 3 : i + 6] = delta_v[k, :, 0]
     if structure.scaled:  # the scale is 1: its column moves to the right-hand side
         b, A = b - A[:, -1], A[:, :-1]
     x: Array = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
@@ -227,7 +235,7 @@ def _solve_linear(structure: Structure, z: Preintegration, bias: Array, priors: 
         p=structure.p,
         v=x[: 3 * K].reshape(K, 3),
         up=up,
-        tilt_axes=np.linalg.svd(up[None])[2][1:].T,
+        tilt_axes=np.linalg.svd(up[None])[2][1:].T,  # the right singular vectors beside `up`: perpendicular to it
         bias=bias,
         scale=scale,
         mount_R=R_ic,
@@ -254,11 +262,12 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     K = len(structure.R)
     V, TILT = 6 * K, 9 * K  # first index of the velocities and of the tilt; biases, scale, mount and clock follow
     n = TILT + 2 + 6 + 1 + 6 + 1
+    # per error: whether it is estimated, and the information 1/σ² of its prior
     free, prior = np.ones(n, bool), np.zeros(n)
     free[6 * K - 6 : 6 * K] = False  # the newest camera is the reference
-    prior_sd = np.concatenate(
-        [priors.bias_sd, [priors.scale_sd if structure.scaled else np.inf], priors.mount_sd, [priors.offset_sd]]
-    )
+    # of the errors after the tilt; without measured depths nothing is known of the scale
+    scale_sd = priors.scale_sd if structure.scaled else np.inf
+    prior_sd = np.concatenate([priors.bias_sd, [scale_sd], priors.mount_sd, [priors.offset_sd]])
     prior[TILT + 2 :] = np.where(prior_sd > 0, np.maximum(prior_sd, 1e-12), 1.0) ** -2.0
     free[TILT + 2 :] = prior_sd > 0
     deviation = np.zeros(n)  # sum of all steps, from the means of the priors
@@ -272,14 +281,14 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
         else:
             r = _residuals(s, z, rates, priors.gravity, np.zeros((1, 1, _LOCAL)))[0]
         H, b = np.diag(prior), -prior * deviation
-        H[:V, :V] += structure.information
+        H[:V, :V] += structure.information  # on the cameras, whose errors come first
         b[:V] -= structure.information @ deviation[:V]
         JtW = np.swapaxes(J, 1, 2) @ z.weight  # Jᵀ Σ⁻¹ of each interval
         H_interval, b_interval = JtW @ J, -(JtW @ r[..., None])[..., 0]
         for k in range(K - 1):
             H[np.ix_(index[k], index[k])] += H_interval[k]
             b[index[k]] += b_interval[k]
-        e = np.zeros(n)
+        e = np.zeros(n)  # step of all errors
         try:
             P = np.linalg.inv(H[np.ix_(free, free)])
         except np.linalg.LinAlgError:
@@ -290,7 +299,7 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
         s = _apply_step(s, e, K)
         # Attitude errors add to first order, as their information is of that order.
         deviation += e
-        size = np.abs(e[6 * K :]).max()
+        size = np.abs(e[6 * K :]).max()  # of the step without that of the cameras
         large = size > _LARGE
         if size < _SETTLED:
             break
@@ -298,8 +307,9 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
     cost = float(np.einsum("ki,kij,kj", r, z.weight, r) + deviation[:V] @ structure.information @ deviation[:V])
     full_covariance = np.zeros((n, n))
     full_covariance[np.ix_(free, free)] = P
-    out = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]  # as in `Alignment.covariance`
-    covariance = full_covariance[np.ix_(out, out)]
+    # rows of `Alignment.covariance`: tilt, newest velocity, then biases and scale
+    reported = np.r_[TILT : TILT + 2, V + 3 * K - 3 : V + 3 * K, TILT + 2 : TILT + 9]
+    covariance = full_covariance[np.ix_(reported, reported)]
     if not (np.isfinite(covariance).all() and (np.diag(covariance) >= 0).all()):
         return None
     # degrees of freedom: nine residuals per interval, less the velocities and the tilt
@@ -309,9 +319,15 @@ def _refine(s: CameraMotion, structure: Structure, z: Preintegration, rates: Arr
 def _residual_jacobian(s: CameraMotion, z: Preintegration, rates: Array, gravity: float) -> tuple[Array, Array]:
     """(K − 1, 9) residuals of docs/dvio.md (4), and their (K − 1, 9, 34) derivatives by finite differences.
 
-    The derivatives are by the errors of each interval, in the order of `_CAMERA_A` to `_OFFSET`. The arguments are
-    those of `_residuals`.
+    The derivatives are by the 34 errors that an interval depends on, in the order of `_CAMERA_A` to `_OFFSET`.
+
+    Args:
+        s: Unknowns of K images.
+        z: Preintegrated IMU over the K − 1 intervals.
+        rates: (K, 3) measured angular rate at each image, rad/s.
+        gravity: Size of gravity, m/s².
     """
+    # (35, 1, 34) error vectors: first all zeros, then each error in turn by `_STEP`
     x = np.concatenate([np.zeros((1, _LOCAL)), _STEP * np.eye(_LOCAL)])[:, None]
     r = _residuals(s, z, rates, gravity, x)
     return r[0], np.moveaxis((r[1:] - r[0]) / _STEP, 0, -1)
@@ -331,29 +347,33 @@ def _residuals(s: CameraMotion, z: Preintegration, rates: Array, gravity: float,
         gravity: Size of gravity, m/s².
         x: (D, 1, 34) errors added to the unknowns of every interval, in the order of `_CAMERA_A` to `_OFFSET`.
     """
-    ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
+    # the unknowns with their errors added; `R_ic` and `p_ic` are the mount, IMU <- camera
+    R_ic = s.mount_R @ exp(x[..., _MOUNT + 3 : _MOUNT + 6])
     p_ic, offset = s.mount_p + x[..., _MOUNT : _MOUNT + 3], s.offset + x[..., _OFFSET, None]
     scale = s.scale * np.exp(x[..., _SCALE, None])
     up = matvec(exp(-x[..., _TILT : _TILT + 2] @ s.tilt_axes.T), s.up)
     bias = s.bias + x[..., _BIAS : _BIAS + 6]
-    # pose of the IMU at each image's nominal time, in its axes at that of the newest
+    # pose of the IMU at each image's nominal time, in its axes at that of the newest; `back` turns from the axes at the
+    # newest image's exposure to those at its nominal time
     back = exp(offset * (rates[-1] - bias[..., :3]))
     poses = []
+    # images at the beginning and at the end of each interval
     for k, column in ((slice(0, -1), _CAMERA_A), (slice(1, None), _CAMERA_B)):
-        M = ic @ s.R[k] @ exp(x[..., column + 3 : column + 6]) @ np.swapaxes(ic, -1, -2)
-        p = matvec(ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - matvec(M, p_ic)
+        M = R_ic @ s.R[k] @ exp(x[..., column + 3 : column + 6]) @ np.swapaxes(R_ic, -1, -2)
+        p = matvec(R_ic, scale * (s.p[k] + x[..., column : column + 3])) + p_ic - matvec(M, p_ic)
         poses.append((back @ M @ exp(-offset * (rates[k] - bias[..., :3])), matvec(back, p)))
     (R_a, p_a), (R_b, p_b) = poses
     v_a, v_b = s.v[:-1] + x[..., _V_A : _V_A + 3], s.v[1:] + x[..., _V_B : _V_B + 3]
     dv, dt = v_b - v_a, z.dt
-    by = matvec(z.by_bias, bias - z.bias)
-    to_a = np.swapaxes(R_a, -1, -2)
+    by_bias = matvec(z.by_bias, bias - z.bias)  # changes of the measurements by the difference of the biases
+    to_a = np.swapaxes(R_a, -1, -2)  # into the axes of the IMU at the interval's beginning
     # docs/dvio.md (4) with g = -gravity up; positions at nominal times differ by v τ from those at the exposures
     rotation = np.swapaxes(z.delta_R, -1, -2) @ to_a @ R_b
     r = np.empty((*dv.shape[:-1], 9))
-    r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p - by[..., :3]
-    r[..., 3:6] = log(rotation) - by[..., 3:6]
-    r[..., 6:] = matvec(to_a, dv + gravity * up * dt) - z.delta_v - by[..., 6:]
+    r[..., :3] = matvec(to_a, p_b - p_a - dv * offset - v_a * dt + 0.5 * gravity * up * dt**2) - z.delta_p
+    r[..., :3] -= by_bias[..., :3]
+    r[..., 3:6] = log(rotation) - by_bias[..., 3:6]
+    r[..., 6:] = matvec(to_a, dv + gravity * up * dt) - z.delta_v - by_bias[..., 6:]
     return r
 
 
@@ -407,7 +427,13 @@ class Initializer:
     def process_image(self, frame: CameraFrame) -> Alignment | None:
         """Takes an image whose time the IMU has reached; returns the state there once it is certain enough.
 
-        None while there are too few images, after a gap, or while tilt or velocity are too uncertain.
+        Every image serves to track points, but its observations are kept only if it is `_MIN_INTERVAL_S` after the last
+        kept one. After a gap in the images, or if the IMU samples no longer reach back to the oldest kept image, the
+        collection starts anew.
+
+        Returns:
+            The alignment; None if this image is not kept, while there are too few images, if vision and IMU contradict
+            each other, or while tilt or velocity are too uncertain.
         """
         core, t_ns = self._core, self._core.imu_time(frame.t_ns)
         is_covered = not self._t_ns or core.inertial.covers(self._t_ns[0])
@@ -424,7 +450,7 @@ class Initializer:
         alignment = self._align()
         if alignment is None or alignment.misfit > _MAX_MISFIT:
             return None
-        variance = alignment.covariance.diagonal()
+        variance = alignment.covariance.diagonal()  # 0-1 tilt, 2-4 velocity
         is_certain = variance[:2].max() < _MAX_TILT_SD_RAD**2 and variance[2:5].sum() < _MAX_SPEED_SD_MPS**2
         return alignment if is_certain else None
 
@@ -433,7 +459,7 @@ class Initializer:
 
         The search begins where the rotation by the gyroscope puts them. Points that are lost are no longer alive.
         """
-        ids = np.flatnonzero(self._alive)
+        ids = np.flatnonzero(self._alive)  # points that the previous image shows
         if not len(ids):
             return
         core, z = self._core, blank_preintegration()
@@ -441,7 +467,8 @@ class Initializer:
         R_ic, previous_px = core.window.calibration.R, self._pixels[ids]
         # (N, 3) in the new camera; a depth of at least 0.2 keeps points that have left the view finite
         rays = directions(core.lens.to_normalized(previous_px)) @ (R_ic.T @ z.delta_R @ R_ic)
-        tracked_px, good = core.tracker.track(previous_px, core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2)))
+        expected_px = core.lens.pixels(rays[:, :2] / np.maximum(rays[:, 2:], 0.2))
+        tracked_px, good = core.tracker.track(previous_px, expected_px)
         self._alive[ids] = good
         self._pixels[ids] = tracked_px
 
@@ -456,7 +483,7 @@ class Initializer:
             self._t_ns.pop(0)
             for a in (self._seen, self._at, self._rho):
                 a[:-1] = a[1:].copy()
-        k = len(self._t_ns)
+        k = len(self._t_ns)  # row of this image
         self._t_ns.append(t_ns)
         free = np.flatnonzero(~self._seen[:k].any(axis=0) & ~self._alive)
         wanted = min(core.parameters.landmarks - int(self._alive.sum()), len(free))
@@ -473,13 +500,12 @@ class Initializer:
         structure = self._estimate_structure()
         if structure is None:
             return None
-        core, t_ns = self._core, self._t_ns[structure.first :]
+        core, t_ns = self._core, self._t_ns[structure.first :]  # times of the images that the structure has
         preintegrations = blank_preintegration(len(t_ns) - 1)
         for k in range(len(t_ns) - 1):
             preintegrate(preintegrations, k, core.inertial.imu_samples, t_ns[k], t_ns[k + 1], core.nav.bias, core.noise)
-        return align_vision_imu(
-            structure, preintegrations, np.array([core.inertial.rate_at(t) for t in t_ns]), self._build_priors()
-        )
+        rates = np.array([core.inertial.rate_at(t) for t in t_ns])
+        return align_vision_imu(structure, preintegrations, rates, self._build_priors())
 
     def _estimate_structure(self) -> Structure | None:
         """Structure of the kept images, with measured depths where there are any.
@@ -487,19 +513,20 @@ class Initializer:
         None if it is not determined, or if fewer than `_MIN_IMAGES` of them are connected.
         """
         p, K = self._core.parameters, len(self._t_ns)
-        often = self._seen[:K].sum(axis=0) > 1
+        in_two_images = self._seen[:K].sum(axis=0) > 1  # points of any use
         s = Observations(
-            seen=self._seen[:K, often],
-            at=self._at[:K, often],
-            rho=self._rho[:K, often],
+            seen=self._seen[:K, in_two_images],
+            at=self._at[:K, in_two_images],
+            rho=self._rho[:K, in_two_images],
             sd=p.pixel_noise_px / self._core.lens.focal_px,
             rho_sd=LATER_DEPTH_SD * p.inverse_depth_sd_per_m,
         )
-        structure = structure_with_depth(s) if (s.rho > 0).any() else structure_of_bearings(s)
+        structure = structure_with_depth(s) if (s.rho > 0).any() else structure_without_depth(s)
         return None if structure is None or len(structure.R) < _MIN_IMAGES else structure
 
     def _build_priors(self) -> Priors:
         """Prior knowledge of mount, clock, depth scale and biases from the window's parameters."""
+        # the estimated calibration, and how far it may be off
         core, c, prior = self._core, self._core.window.calibration, self._core.calibration_prior
         T_imu_camera: Array = np.eye(4)
         T_imu_camera[:3, :3], T_imu_camera[:3, 3] = c.R, c.p
@@ -507,7 +534,7 @@ class Initializer:
             T_imu_camera=T_imu_camera,
             bias=core.nav.bias.copy(),
             bias_sd=core.bias_sd,
-            mount_sd=np.repeat(prior.mount_sd, 3),
+            mount_sd=np.repeat(prior.mount_sd, 3),  # three axes of position, then of rotation
             offset_sd=prior.offset_sd_s,
             scale_sd=prior.depth_scale_sd,
             gravity=core.parameters.gravity_mps2,

@@ -105,12 +105,14 @@ def _add_landmark(
         last: Newest frame that counts.
         host_depth: Whether the depth that the host measured is a factor; without effect if depths are fixed.
     """
-    # J: (3, 24) of (x, y, inverse depth) by calibration, host's pose, observer's pose, then the residual; Jl: by ξ
+    # J: (3, 24) derivatives of (x, y, inverse depth) by calibration, host's and observer's pose, then the residual;
+    # Jl: (3,) those by the landmark's inverse depth ξ; at: (F, 2) its observations
     J, Jl, at = s.J, s.J_depth, marks.at[l]
     host, xi, scale = marks.host[l], marks.inverse_depth[l], calibration.scale[0]
     x, y = projection.to_ray(calibration, at[host, 0], at[host, 1])
-    cross = s.cross[l]
+    cross = s.cross[l]  # of this landmark with calibration and poses
     clear(cross)
+    # h_ll, b_l and the cost so far; the first begins with a little information, so that it can be inverted
     depth_information, b_depth, cost = _LOOSE, 0.0, 0.0
     rho = marks.rho[l, host]
     if rho > 0.0:
@@ -128,17 +130,19 @@ def _add_landmark(
             cross[D_SCALE] += w * scale * xi
             s.H[D_SCALE, D_SCALE] += w * xi * xi
             s.b[D_SCALE] -= w * xi * r
-    first = CALIBRATION + POSE * host
-    for j in range(last + 1):
+    first = CALIBRATION + POSE * host  # first column of the host's pose
+    for j in range(last + 1):  # frames that observe the landmark
         if j == host or not marks.seen[l, j]:
             continue
-        px, py, depth, before = projection.project(
+        # where the landmark should be in frame j, its inverse depth there, and whether it is in front of the camera
+        px, py, depth, in_front = projection.project(
             views.rotation[host, j], views.translation[host, j], x, y, xi, projection.LEAST_DEPTH
         )
-        if not before or not projection.observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
+        if not in_front or not projection.observation_jacobian(frames, calibration, views, host, j, x, y, xi, J, Jl):
             continue
         u, v = projection.to_ray(calibration, at[j, 0], at[j, 1])
-        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0  # docs/dvio.md (7)
+        # residuals of image and inverse depth, docs/dvio.md (7); the last has no weight w2 unless a depth is measured
+        r0, r1, r2, w2 = px - u, py - v, 0.0, 0.0
         # the focal lengths change the observation (u, v), too
         J[0, D_FOCAL] -= at[j, 0]
         J[1, D_FOCAL + 1] -= at[j, 1]
@@ -167,7 +171,7 @@ def _add_landmark(
             for e in range(projection.COLUMNS):
                 pair[a, e] += v0 * J[0, e] + v1 * J[1, e] + v2 * J[2, e]
         l0, l1, l2 = w0 * Jl[0], w0 * Jl[1], w2 * Jl[2]
-        second = CALIBRATION + POSE * j
+        second = CALIBRATION + POSE * j  # first column of the observer's pose
         for a in range(CALIBRATION):
             cross[a] += l0 * J[0, a] + l1 * J[1, a] + l2 * J[2, a]
         for a in range(POSE):
@@ -181,7 +185,10 @@ def _add_landmark(
 
 @njit(fastmath=REORDERED, error_model="numpy", **INNER_KERNEL)
 def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], last: int) -> None:
-    """Eliminates a landmark from the camera equations H and b: docs/dvio.md (11), first part.
+    """Eliminates a landmark from the camera equations H and b.
+
+    H -= h_l h_lᵀ / h_ll and b -= h_l b_l / h_ll, the first part of docs/dvio.md (11), for h_l = `cross`, h_ll =
+    `depth_information` and b_l = `b_depth` of the landmark.
 
     Args:
         s: Camera equations, changed in place.
@@ -197,7 +204,7 @@ def _eliminate(s: CameraEquations, l: int, host: int, seen: NDArray[np.uint8], l
         start = 0 if k < 0 else CALIBRATION + POSE * k
         end = CALIBRATION + POSE * (k + 1)
         for i in range(start, end):
-            f = cross[i] * share  # H -= h hᵀ / h_ll, b -= h b_l / h_ll
+            f = cross[i] * share  # h / h_ll
             s.b[i] -= f * s.b_depth[l]
             row = s.H[i]
             for e in range(end):
@@ -211,11 +218,11 @@ def _add_host_sums(s: CameraEquations, host: int, last: int) -> None:
     Row a of a pair is of the calibration (0-9), the host's pose (10-15) or the observing frame's pose (16-21); it goes
     to the row of that state in H. Frames up to `last` count.
     """
-    first = CALIBRATION + POSE * host
+    first = CALIBRATION + POSE * host  # row of the host's pose in H
     for j in range(host + 1, last + 1):
-        pair, second = s.pairs[j], CALIBRATION + POSE * j
+        pair, second = s.pairs[j], CALIBRATION + POSE * j  # second: row of the observing frame's pose
         for a in range(projection.OBSERVATION):
-            i = a
+            i = a  # row of H
             if a >= projection.HOST:
                 i = first + a - projection.HOST
             if a >= projection.OBSERVER:
@@ -239,7 +246,7 @@ def is_usable(marks: Landmarks, l: int, last: int) -> bool:
     host = marks.host[l]
     if host == NO_HOST or host > last:
         return False
-    j = 0
+    j = 0  # becomes the first observing frame beside the host, or last + 1 without any
     while j <= last and (j == host or not marks.seen[l, j]):
         j += 1
     return j <= last
@@ -271,7 +278,7 @@ def add_camera_factors(
         b: (N,) right-hand side, changed in place.
     """
     frames, marks, calibration = window.frames, window.landmarks, window.calibration
-    m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs
+    m, cost, pairs = CALIBRATION + POSE * (last + 1), 0.0, s.pairs  # m: columns of the camera equations in use
     clear_block(s.H, m)
     clear(s.b)
     for host in range(hosts):
@@ -290,7 +297,7 @@ def add_camera_factors(
         for e in range(CALIBRATION):
             row[e] += camera_row[e]
         for k in range(last + 1):
-            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k
+            o, q = CALIBRATION + FRAME * k, CALIBRATION + POSE * k  # first column of frame k in H, and in `s.H`
             for e in range(POSE):
                 row[o + e] += camera_row[q + e]
     return cost
@@ -335,6 +342,7 @@ def predict_observations(
         R_host, p_host = projection.pose_at_exposure(frames, k, c.offset[0])
         projection.set_camera(R_host, p_host, c, R_camera[k], p_camera[k])
     projection.set_camera(R, p, c, R_camera[n], p_camera[n])
+    # rotation and translation from each frame's camera to the new camera, and to that of the frame `before`
     A, t, A_before, t_before = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
     for k in range(n):
         projection.set_relative(transposed(R_camera[n]), p_camera[n], R_camera[k], p_camera[k], A[k], t[k])
@@ -346,11 +354,12 @@ def predict_observations(
         if h == NO_HOST:
             continue
         x, y = projection.to_ray(c, marks.at[l, h, 0], marks.at[l, h, 1])
-        u, v, depth, before_it = projection.project(A[h], t[h], x, y, xi, _FRONT)
-        u_before, v_before, _, before_both = projection.project(A_before[h], t_before[h], x, y, xi, _FRONT)
-        if not (before_it and before_both):
+        u, v, depth, in_front = projection.project(A[h], t[h], x, y, xi, _FRONT)  # depth: inverse depth
+        u_before, v_before, _, was_in_front = projection.project(A_before[h], t_before[h], x, y, xi, _FRONT)
+        if not (in_front and was_in_front):
             continue
         known[l] = 1
+        # observations are by the nominal focal lengths, u and v by the estimated ones
         expected[l, 0], expected[l, 1], expected[l, 2] = u / (1.0 + c.focal[0]), v / (1.0 + c.focal[1]), depth
         start[l, 0], start[l, 1] = u_before / (1.0 + c.focal[0]), v_before / (1.0 + c.focal[1])
         # derivative of (u, v) by the host's (x, y) on the landmark's plane, where ξ changes by `slope`
@@ -388,7 +397,7 @@ def cull(
     Returns:
         Number of remaining observations in the newest frame.
     """
-    scale, left = c.scale[0], 0
+    scale, remaining = c.scale[0], 0
     for l in range(marks.host.shape[0]):
         h = marks.host[l]
         if h == NO_HOST:
@@ -399,9 +408,10 @@ def cull(
             if j == h or not seen[j]:
                 continue
             A, t = views.rotation[h, j], views.translation[h, j]
-            px, py, depth, before = projection.project(A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH)
+            # position in frame j, inverse depth there, and whether the landmark is in front of the camera
+            px, py, depth, in_front = projection.project(A, t, x, y, marks.inverse_depth[l], projection.LEAST_DEPTH)
             off = math.inf  # squared residual in variances; infinite behind the camera
-            if before:
+            if in_front:
                 u, v = projection.to_ray(c, at[j, 0], at[j, 1])
                 off = ((px - u) ** 2 + (py - v) ** 2) * factors.pixel_weight
             if off > most * most:
@@ -414,8 +424,8 @@ def cull(
                 if r * r * factors.later_depth_weight > most * most:
                     rho[j] = 0.0
             if j == n - 1:
-                left += 1
-    return left
+                remaining += 1
+    return remaining
 
 
 def rehost(marks: Landmarks, c: Calibration, views: projection.Views, alive: NDArray[np.uint8], newest: int) -> None:
@@ -433,14 +443,15 @@ def rehost(marks: Landmarks, c: Calibration, views: projection.Views, alive: NDA
     """
     hosted = np.flatnonzero(marks.host == 0)
     rehosted = hosted[(alive[hosted] > 0) & (marks.seen[hosted, newest] > 0)]
+    # measured inverse depth in the newest frame, 0 where none; estimated one in the oldest
     rho, xi = marks.rho[rehosted, newest], marks.inverse_depth[rehosted]
     # q_z: depth in the newest camera over that in the oldest
-    depth = projection.directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
-    depth += xi * views.translation[0, newest, 2]
-    predicted = np.maximum(xi / np.maximum(depth, projection.LEAST_DEPTH), LEAST_INVERSE_DEPTH)
-    marks.inverse_depth[rehosted] = np.where(
-        rho > 0.0, rho / c.scale, np.where(depth < projection.LEAST_DEPTH, xi, predicted)
-    )
+    relative_depth = projection.directions(marks.at[rehosted, 0] * (1.0 + c.focal)) @ views.rotation[0, newest, 2]
+    relative_depth += xi * views.translation[0, newest, 2]
+    predicted = np.maximum(xi / np.maximum(relative_depth, projection.LEAST_DEPTH), LEAST_INVERSE_DEPTH)
+    # a landmark behind the newest camera keeps its inverse depth
+    predicted = np.where(relative_depth < projection.LEAST_DEPTH, xi, predicted)
+    marks.inverse_depth[rehosted] = np.where(rho > 0.0, rho / c.scale, predicted)
     marks.measured[rehosted[rho > 0.0]] = 1
     marks.host[hosted], marks.seen[hosted] = NO_HOST, 0
     marks.host[rehosted], marks.seen[rehosted, newest] = newest, 1
@@ -456,12 +467,14 @@ def parallax(window: WindowState, newest: int, since: int) -> tuple[float, int]:
     # At inverse depth 0 a point moves by the rotation A alone; the rest of its motion is by translation.
     f, marks, R_camera = window.frames, window.landmarks, window.calibration.R
     A = multiply(transposed(R_camera), multiply(multiply(transposed(f.R[newest]), f.R[since]), R_camera))
-    total, count, still = 0.0, 0, np.zeros(3)
+    total, count, no_translation = 0.0, 0, np.zeros(3)
     for l in range(marks.host.shape[0]):
         if marks.host[l] == NO_HOST or not (marks.seen[l, newest] and marks.seen[l, since]):
             continue
-        u, v, _, before = projection.project(A, still, marks.at[l, since, 0], marks.at[l, since, 1], 0.0, _FRONT)
-        if before:
+        u, v, _, in_front = projection.project(
+            A, no_translation, marks.at[l, since, 0], marks.at[l, since, 1], 0.0, _FRONT
+        )
+        if in_front:
             total += math.hypot(u - marks.at[l, newest, 0], v - marks.at[l, newest, 1])
             count += 1
     return (total / count if count else 0.0), count

@@ -82,17 +82,19 @@ class LevelGround:
         """
         if not len(measured):
             return
-        sd_rad = self._ground_sd_rad
+        sd_rad = self._ground_sd_rad  # how level ground is as built
         # of the errors that a slope depends on; the frame in the slot is the newest, so all states are in the equations
         covariance = covariance_of(slope_columns(slot), L, CALIBRATION + FRAME * (slot + 1))
+        # none was used yet in this window, and the IMU is still near the world's origin, where the odometry began
         at_start = self._p_last is None and float(np.linalg.norm(window.frames.p[slot])) < SPACING_M
         slopes = [slope_of(window, slot, *plane) for plane in zip(measured, weights)]
         level = [slope for slope in slopes if level_weight(slope, covariance, sd_rad, at_start=at_start)]
         if not level:  # ramps, or a mount that is off, which only the ground of the start may show
-            of_mount = start_slope(slopes, covariance) if at_start else None
-            if of_mount and mount.widen(window):
-                self._add_slope(window, slot, of_mount, START_MOUNT_SD_RAD**-2)
+            mount_slope = start_slope(slopes, covariance) if at_start else None
+            if mount_slope and mount.widen(window):
+                self._add_slope(window, slot, mount_slope, START_MOUNT_SD_RAD**-2)
             return
+        # one measurement: the mean of all planes that may be level, if it may be level itself
         common = mean_slope(level, [misfit(slope, covariance, sd_rad) for slope in level])
         if weight := level_weight(common, covariance, sd_rad, at_start=at_start):
             self._add_slope(window, slot, common, weight)
@@ -132,13 +134,14 @@ def slope_of(window: WindowState, slot: int, measured: Array, weight: Array | No
     m = measured * scale
     size = float(np.linalg.norm(m))
     m = m / size
-    in_imu = c.R @ m
+    in_imu = c.R @ m  # the normal in the IMU's axes
     variance = 0.0
     if weight is not None:
         # (2, 3) derivative of the slope by the measured plane; the variance is the mean of both components
-        turn = (R @ c.R)[:2] @ (np.eye(3) - np.outer(m, m)) * scale / size
-        variance = 0.5 * float(np.trace(turn @ np.linalg.solve(weight, turn.T)))
-    return Slope(r=(R @ in_imu)[:2], J=np.hstack([-(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]]), variance=variance)
+        by_plane = (R @ c.R)[:2] @ (np.eye(3) - np.outer(m, m)) * scale / size
+        variance = 0.5 * float(np.trace(by_plane @ np.linalg.solve(weight, by_plane.T)))
+    by_mount, by_attitude = -(R @ c.R @ hat(m))[:2], -(R @ hat(in_imu))[:2]
+    return Slope(r=(R @ in_imu)[:2], J=np.hstack([by_mount, by_attitude]), variance=variance)
 
 
 def misfit(slope: Slope, covariance: Array, ground_sd_rad: float) -> float:
@@ -162,7 +165,8 @@ def is_tilt_known(slope: Slope, covariance: Array) -> bool:
         slope: Slope of the ground, whose derivative projects the covariance.
         covariance: (6, 6) of the errors that the slope depends on, rad².
     """
-    return bool(np.trace(slope.J @ covariance @ slope.J.T) <= 2.0 * _MAX_TILT_SD_RAD**2)
+    tilt_covariance = slope.J @ covariance @ slope.J.T  # (2, 2) rad², of the slope's two components
+    return bool(np.trace(tilt_covariance) <= 2.0 * _MAX_TILT_SD_RAD**2)
 
 
 def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
@@ -178,6 +182,7 @@ def mean_slope(slopes: Sequence[Slope], misfits: Sequence[float]) -> Slope:
     Returns:
         The mean of slopes and derivatives; its variance is that of the slopes, plus their scatter.
     """
+    # the likelihood as level ground, over the variance
     weight = np.exp(-0.5 * np.array(misfits)) / np.array([slope.variance for slope in slopes])
     weight /= weight.sum()
     r = weight @ np.array([slope.r for slope in slopes])
@@ -201,7 +206,7 @@ def level_weight(slope: Slope, covariance: Array, ground_sd_rad: float, *, at_st
     steepest = _MAX_START_SLOPE_RAD if at_start else _MAX_SLOPE_RAD
     if not is_tilt_known(slope, covariance) or slope.r @ slope.r > steepest**2:
         return 0.0
-    square = misfit(slope, covariance, ground_sd_rad)
+    square = misfit(slope, covariance, ground_sd_rad)  # in variances
     if square > (_MAX_START_MISFIT if at_start else _MAX_MISFIT):
         return 0.0
     return min(1.0, _HUBER_SD / max(square**0.5, 1e-9)) / (ground_sd_rad**2 + slope.variance)
@@ -217,10 +222,10 @@ def start_slope(slopes: Sequence[Slope], covariance: Array) -> Slope | None:
         slopes: Slopes of all planes.
         covariance: (6, 6) of the errors that they depend on, rad².
     """
-    near = [slope for slope in slopes if slope.r @ slope.r < _MAX_MOUNT_SLOPE_RAD**2]
-    if not near or not is_tilt_known(near[0], covariance):
+    gentle = [slope for slope in slopes if slope.r @ slope.r < _MAX_MOUNT_SLOPE_RAD**2]  # others are too steep
+    if not gentle or not is_tilt_known(gentle[0], covariance):
         return None
-    common = mean_slope(near, [0.0] * len(near))
+    common = mean_slope(gentle, [0.0] * len(gentle))  # equal likelihoods: none of them looks level
     common.J[:, 3:] = 0.0  # no dependence on the frame's attitude
     return common if common.variance < _MAX_START_SCATTER_RAD**2 else None
 
@@ -258,9 +263,10 @@ def add_level(window: WindowState, slot: int, slope: Slope, weight: float) -> No
         slope: Slope of the ground, which should be 0.
         weight: Weight w, 1/rad².
     """
-    f, prior, at = window.frames, window.prior, slope_columns(slot)
+    f, prior, at = window.frames, window.prior, slope_columns(slot)  # at: (6,) rows of the prior
     if not f.in_prior[slot]:
         fix_first_estimate(window, slot)
+    # x: deviation of mount rotation and attitude from the prior's linearisation point
     moved = np.concatenate(
         [window.calibration.moved[D_ATTITUDE_IC : D_ATTITUDE_IC + 3], f.moved[slot, D_ATTITUDE : D_ATTITUDE + 3]]
     )

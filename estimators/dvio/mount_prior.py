@@ -60,18 +60,21 @@ class MountPrior:
     def update(self, window: WindowState, covariance: Array) -> None:
         """Updates the variances from the estimated mount, docs/dvio.md (13), and the window's prior with them.
 
+        A variance becomes (σ_0² + |e|² + tr P) / 4, for the nominal one σ_0², the deviation e of the estimated mount
+        from the prior's centre, and the covariance P of that estimate; it stays between its limits.
+
         Args:
             window: The sliding window, whose calibration is the estimate and whose prior is changed.
             covariance: (6, 6) of the mount, position (m) before rotation (rad).
         """
-        for i, group in enumerate(GROUPS):
+        for i, group in enumerate(GROUPS):  # position, then rotation: the columns of the calibration's errors
             # the position's variance stays until motion has measured the mount; a variance of 0 means exactly known
             before, spread = self._variance[i], float(covariance.diagonal()[group].sum())
             waits = i == _POSITION and spread > 3.0 * _MEASURED_SHARE * before
             if before == 0.0 or waits:
                 continue
             deviation = window.calibration.moved[group] - self._mean[group]
-            # docs/dvio.md (13); three axes share the variance
+            # three axes share the variance
             estimated = (_FREEDOM * self._least[i] + deviation @ deviation + spread) / (_FREEDOM + 3.0)
             self._exchange(window, i, min(max(estimated, self._least[i]), self._most[i]))
 
@@ -88,7 +91,8 @@ class MountPrior:
         The prior is a sum, so the difference of the inverse variances is added to it, about the centre `_mean`.
         """
         prior, group = window.prior, GROUPS[i]
-        change, at = 1.0 / after - 1.0 / self._variance[i], np.arange(group.start, group.stop)
+        change = 1.0 / after - 1.0 / self._variance[i]
+        at = np.arange(group.start, group.stop)  # rows of the group, of whose block only the diagonal changes
         prior.H[at, at] += change
         prior.b[group] += change * self._mean[group]
         self._variance[i] = after

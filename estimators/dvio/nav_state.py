@@ -49,7 +49,7 @@ class NavState(NamedTuple):
 
 
 def copy_of(nav: NavState) -> NavState:
-    """A copy of a state."""
+    """A copy of a state that shares no array with it."""
     return NavState._make(a.copy() for a in nav)
 
 
@@ -94,8 +94,11 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
     dt, delta_R, delta_p, delta_v, by_bias = z.dt[0], z.delta_R, z.delta_p, z.delta_v, z.by_bias
     R, p, v, covariance = empty_mat3(), nav.p, nav.v, nav.covariance
     copy_matrix(nav.R, R)
+    # derivatives of position and velocity by the attitude's error (with the opposite sign), and by the biases
     p_by_turn, v_by_turn = multiply(R, hat(delta_p)), multiply(R, hat(delta_v))
     p_by_bias, v_by_bias = multiply(R, by_bias[0:3]), multiply(R, by_bias[6:9])
+    # Rows and columns of F: 0-2 position, 3-5 attitude, 6-8 velocity, 9-11 and 12-14 biases of gyroscope and
+    # accelerometer. Rows of `by_bias`: 0-2 position, 3-5 rotation, 6-8 velocity.
     F, G = identity(FRAME), np.zeros((9, 9))
     for i in range(3):
         F[i, 6 + i] = dt
@@ -111,10 +114,10 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
             F[3 + i, 9 + j] = by_bias[3 + i, j]
             F[6 + i, 9 + j] = v_by_bias[i, j]
     P, Q = transform_covariance(F, covariance), transform_covariance(G, z.covariance)
-    for i in range(FRAME):
+    for i in range(FRAME):  # P <- F P Fᵀ, exactly symmetric
         for j in range(FRAME):
             covariance[i, j] = 0.5 * (P[i, j] + P[j, i])
-    for i in range(9):
+    for i in range(9):  # + G Σ Gᵀ
         for j in range(9):
             covariance[i, j] += 0.5 * (Q[i, j] + Q[j, i])
     for i in range(3):
@@ -125,7 +128,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
         for j in range(3):
             p[i] += R[i, j] * delta_p[j]
             v[i] += R[i, j] * delta_v[j]
-    p[2] -= 0.5 * gravity * dt * dt
+    p[2] -= 0.5 * gravity * dt * dt  # gravity acts along -z only
     v[2] -= gravity * dt
     copy_matrix(multiply(R, delta_R), nav.R)
 
@@ -134,6 +137,7 @@ def add_increment(nav: NavState, z: Preintegration, noise: ImuNoise, gravity: fl
 def is_plausible(nav: NavState) -> bool:
     """Whether a state is finite, and its speed and biases are possible for a person with a consumer IMU."""
     # The sum of all entries is finite only if each is.
+    # fast: squared speed; gyro and accel: largest entry of each bias
     total, fast, gyro, accel = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         total += nav.p[i] + nav.R[i, 0] + nav.R[i, 1] + nav.R[i, 2]
@@ -212,11 +216,12 @@ class ImuBuffer:
         if not (size <= self._largest).all():  # also where a value is NaN
             return False
         half = self._half
+        # a full buffer drops its older half: the newer half moves to the front
         if self.count == 2 * half:
             for a in (self.t_ns, self.samples, self.invalid):
                 a[:half] = a[half:].copy()
             self.count = half
-        i = self.count
+        i = self.count  # row of this sample
         missing = i > 0 and (sample.t_ns - self.t_ns[i - 1]) * 1e-9 > _MAX_PERIODS * self.period_s
         self.t_ns[i] = sample.t_ns
         self.samples[i] = 0.5 * (x + self.samples[i - 1]) if missing else x
@@ -241,7 +246,7 @@ class ImuBuffer:
         return int(self.t_ns[max(self.count - self._half, 0)])
 
     def gap_s(self) -> float:
-        """Time between the two newest samples, s."""
+        """Time between the two newest samples, s; 0 while there is at most one."""
         return (self.newest_ns - int(self.t_ns[self.count - 2])) * 1e-9 if self.count > 1 else 0.0
 
     def rate_at(self, t_ns: int) -> Array:
@@ -273,6 +278,7 @@ class ImuBuffer:
         if not self.covers(start):
             return False
         x = self.since(start, until_ns)
+        # samples are missing if there are too few for this time at the nominal rate
         if len(x) < _MIN_COMPLETE_SHARE * STATIONARY_S / self.period_s:
             return False
         spread, (max_rate, max_force) = x.std(axis=0), self._max_stationary

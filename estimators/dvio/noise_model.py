@@ -37,8 +37,12 @@ LATER_DEPTH_SD = 2.0
 
 
 def imu_noise(parameters: DvioParameters, imu: ImuCalibration) -> ImuNoise:
-    """Noise of an IMU's samples: that of its data sheet, with lower limits, times the parameters' factor."""
-    f, w = parameters.imu_noise_factor, _BIAS_WALK_FACTOR
+    """Noise of an IMU's samples: that of its data sheet, with lower limits, times a factor.
+
+    The white noise is multiplied by `imu_noise_factor` of the parameters, the random walk of the biases by a constant.
+    What the data sheet does not know is added: noise proportional to the rate, and that of invalid samples.
+    """
+    f, w = parameters.imu_noise_factor, _BIAS_WALK_FACTOR  # on the white noise, and on the biases' random walk
     return ImuNoise(
         rate=f * max(imu.gyroscope_noise_density, _MIN_RATE_NOISE),
         force=f * max(imu.accelerometer_noise_density, _MIN_FORCE_NOISE),
@@ -53,11 +57,12 @@ def imu_noise(parameters: DvioParameters, imu: ImuCalibration) -> ImuNoise:
 def bias_sd(imu: ImuCalibration) -> Array:
     """(6,) standard deviations of the turn-on biases of gyroscope (rad/s) and accelerometer (m/s²)."""
     rate = max(imu.gyroscope_bias_sd, _MIN_RATE_BIAS_SD_RADPS)
-    return np.repeat([rate, max(imu.accelerometer_bias_sd, _MIN_FORCE_BIAS_SD_MPS2)], 3)
+    force = max(imu.accelerometer_bias_sd, _MIN_FORCE_BIAS_SD_MPS2)
+    return np.repeat([rate, force], 3)
 
 
 def factor_parameters(parameters: DvioParameters, focal_px: float, noise: ImuNoise) -> FactorParameters:
-    """Noise model and choice of the factors.
+    """Noise model of the window's factors, as weights 1 / variance, and which factors the method uses.
 
     Args:
         parameters: Noise of images and depth, and the method.
@@ -106,6 +111,7 @@ def calibration_prior(parameters: DvioParameters) -> CalibrationPrior:
     """
     p, method = parameters, parameters.method
     refines_mount_and_clock, refines_all = method.calibration != NOMINAL, method.calibration == ALL
+    # a factor False makes a standard deviation 0
     return CalibrationPrior(
         mount_sd=np.array([p.extrinsic_position_sd_m, p.extrinsic_rotation_sd_rad]) * refines_mount_and_clock,
         slipped_sd=np.array([_SLIPPED_POSITION_SD_M, _SLIPPED_ROTATION_SD_RAD]) * refines_all,

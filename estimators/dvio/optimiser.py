@@ -120,7 +120,7 @@ def _linearise(
     """
     kernel.update_views(window.frames, window.calibration, factors.first_estimates, work.views)
     prior, d, size = window.prior, _deviation(window), CALIBRATION + FRAME * int(window.frames.count[0])
-    by_prior = prior.H @ d
+    by_prior = prior.H @ d  # d: deviation of the states from the prior's linearisation point
     work.H[:size, :size], work.b[:] = prior.H[:size, :size], prior.b - by_prior
     cost = d @ (0.5 * by_prior - prior.b)  # Zhao 2023 (6), up to a constant
     cost += kernel.add_imu_factors(window, factors, frames, work.H, work.b)
@@ -131,10 +131,11 @@ def _linearise(
 
 
 def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: int, cost_tolerance: float) -> float:
-    """Minimises docs/dvio.md (10) by Levenberg-Marquardt in at most `steps`; returns a recent cost.
+    """Minimises the cost of prior, IMU and camera factors by Levenberg-Marquardt; returns a recent cost.
 
-    It stops if a step lowers the cost by less than the share `cost_tolerance`. `work.factor` is afterwards the undamped
-    Cholesky factor of the last equations, from which covariances follow. The cost after the last step is not computed.
+    The cost is docs/dvio.md (10). There are at most `steps` steps; it stops if a step lowers the cost by less than the
+    share `cost_tolerance`. `work.factor` is afterwards the undamped Cholesky factor of the last equations, from which
+    covariances follow. The cost after the last step is not computed.
 
     Args:
         window: The sliding window, whose frames, landmarks and calibration change.
@@ -144,10 +145,10 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
         cost_tolerance: Relative decrease of the cost below which it stops.
     """
     n = int(window.frames.count[0])
-    size, moving = CALIBRATION + FRAME * n, _state_arrays(window)
+    size, moving = CALIBRATION + FRAME * n, _state_arrays(window)  # moving: the arrays that a step changes
     damping, cost = _FIRST_DAMPING, _linearise(window, factors, work, n, n - 1, factors.host_depth)
     for i in range(steps):
-        if not kernel.solve(work.H, work.b, size, damping, work.factor, work.step):
+        if not kernel.solve(work.H, work.b, size, damping, work.factor, work.step):  # not positive definite
             damping = max(10 * damping, 1e-4)
             continue
         for saved, a in zip(work.saved, moving):
@@ -156,7 +157,7 @@ def minimise(window: WindowState, factors: FactorParameters, work: Work, steps: 
         if i == steps - 1:  # the last step is taken without a check of its cost, which saves time
             break
         new = _linearise(window, factors, work, n, n - 1, factors.host_depth)
-        if new <= cost * (1.0 + 1e-9) + 1e-9:
+        if new <= cost * (1.0 + 1e-9) + 1e-9:  # not higher, but for rounding
             done = cost - new < cost_tolerance * abs(cost)
             cost, damping = new, max(0.1 * damping, 1e-12)
             if done:
@@ -203,6 +204,7 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
     f = window.frames
     newest = int(f.count[0]) - 1
     size = CALIBRATION + FRAME * (newest + 1)
+    # the prior and the oldest frame's factors alone, without observations by the newest frame
     _linearise(window, factors, work, 1, newest - 1, factors.host_depth and factors.host_depth_in_prior)
     # equations of the remaining states, at the present states; b becomes that at their first estimates, by + H d
     left, right = eliminate_oldest(work.H[:size, :size], work.b[:size])
@@ -212,13 +214,15 @@ def marginalize_oldest(window: WindowState, factors: FactorParameters, work: Wor
     prior.H[:n, :n], prior.b[:n] = left, right + left @ d[:n]
     for k in range(1, newest):
         o = CALIBRATION + FRAME * (k - 1)  # index of frame k in the prior, from which the oldest frame is gone
-        if not f.in_prior[k] and prior.H[o, o] > 0.0:
+        if not f.in_prior[k] and prior.H[o, o] > 0.0:  # the prior now has information on this frame
             fix_first_estimate(window, k)
     rehost(window.landmarks, window.calibration, work.views, alive, newest)
 
 
 def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
-    """The equations H d = b without the oldest frame o: H_rr − H_ro H_oo⁻¹ H_or, docs/dvio.md (11).
+    """The equations H d = b without the oldest frame o: docs/dvio.md (11).
+
+    They are H_rr − H_ro H_oo⁻¹ H_or and b_r − H_ro H_oo⁻¹ b_o for the remaining states r.
 
     Args:
         H: (N, N) equations of calibration and frames; only the lower triangle is read.
@@ -227,15 +231,15 @@ def eliminate_oldest(H: Array, b: Array) -> tuple[Array, Array]:
     Returns:
         H (symmetric) and b of the N − 15 remaining states. H_oo is scaled to a unit diagonal before its inversion.
     """
-    lower = np.tril(H, -1)
+    lower = np.tril(H, -1)  # below the diagonal
     full = lower + lower.T + np.diag(np.diag(H))
     oldest, remaining = slice(CALIBRATION, CALIBRATION + FRAME), np.r_[:CALIBRATION, CALIBRATION + FRAME : len(b)]
-    scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5
+    scale = np.maximum(full.diagonal()[oldest], 1e-12) ** -0.5  # which makes the diagonal of H_oo 1
     scales = np.outer(scale, scale)
-    cover = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
-    share = full[remaining, oldest] @ cover  # H_ro H_oo⁻¹
-    left = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
-    return left + np.tril(left, -1).T, b[remaining] - share @ b[oldest]
+    H_oo_inverse = np.linalg.inv(full[oldest, oldest] * scales + 1e-12 * np.eye(FRAME)) * scales
+    share = full[remaining, oldest] @ H_oo_inverse  # H_ro H_oo⁻¹
+    reduced = np.tril(full[np.ix_(remaining, remaining)] - share @ full[oldest, remaining])
+    return reduced + np.tril(reduced, -1).T, b[remaining] - share @ b[oldest]
 
 
 def drop_oldest(window: WindowState) -> None:
@@ -245,11 +249,11 @@ def drop_oldest(window: WindowState) -> None:
     """
     frames, marks = window.frames, window.landmarks
     n = int(frames.count[0])
-    for a in (*frames[1:], *window.preintegrations):
+    for a in (*frames[1:], *window.preintegrations):  # `frames[0]` is the number of frames in use
         a[: n - 1] = a[1:n]
     for a in (marks.seen, marks.at, marks.rho):
         a[:, : n - 1] = a[:, 1:n]
     marks.seen[:, n - 1] = 0
-    marks.host[marks.host > 0] -= 1
+    marks.host[marks.host > 0] -= 1  # hosts are slots of frames
     frames.in_prior[n - 1] = 0
     frames.count[0] = n - 1

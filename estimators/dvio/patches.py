@@ -59,7 +59,8 @@ def cornerness(grey: NDArray[np.uint8], x: int, y: int, reach: int) -> tuple[flo
             a += dx * dx
             b += dx * dy
             c += dy * dy
-    n = (2 * reach + 1) ** 2
+    n = (2 * reach + 1) ** 2  # pixels
+    # the eigenvalues of a symmetric (2, 2) matrix are the mean of its diagonal, plus and minus the second number
     mean, half = 0.5 * (a + c) / n, math.sqrt(0.25 * (a - c) ** 2 + b * b) / n
     return mean - half, mean + half
 
@@ -124,12 +125,12 @@ def pick(
     for r in range(rows):
         for c in range(columns):
             filled[r, c] = 0
-    for i in range(taken.shape[0]):
+    for i in range(taken.shape[0]):  # counts the existing points in their cells
         c = min(max(int(taken[i, 0] * columns / width), 0), columns - 1)
         r = min(max(int(taken[i, 1] * rows / height), 0), rows - 1)
         filled[r, c] += 1
     count = 0
-    # In each round only cells with at most `most` points may get another one.
+    # Four rounds: in each, only cells with at most `most` points (0, then 1, 2, 3) may get another one.
     for most in range(4):
         for n in range(order.shape[0]):
             if count == out.shape[0]:
@@ -240,7 +241,9 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
     without enough texture.
     """
     height, width = grey.shape
-    side = 2 * REACH + 3  # of T, the patch with one more pixel on each side for the gradients; H is basisᵀ basis
+    # T is the patch with one more pixel on each side for the gradients, of `side` pixels; H is basisᵀ basis. The limit
+    # 1.001 px from the border keeps the next pixel, with which `_interpolate` averages, inside the image.
+    side = 2 * REACH + 3
     T, mean, H = np.empty((side, side)), np.empty(3), np.empty((3, 3))
     for n in range(len(ids)):
         for i in range(side):
@@ -249,8 +252,8 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
                 y = min(max(points[n, 1] + i - REACH - 1, 0.0), height - 1.001)
                 T[i, j] = _interpolate(grey, x, y)
         B = patches.basis[ids[n]]
-        clear(mean)
-        k = 0
+        clear(mean)  # of each of the three columns of B over the patch
+        k = 0  # pixel of the patch, row by row
         for i in range(1, side - 1):
             for j in range(1, side - 1):
                 B[k, 0] = 0.5 * (T[i, j + 1] - T[i, j - 1])
@@ -279,14 +282,16 @@ def cut_patches(grey: NDArray[np.uint8], ids: NDArray[np.int64], points: NDArray
 def _correlate(
     grey: NDArray[np.uint8], x: float, y: float, M: Array, basis: NDArray[np.float32]
 ) -> tuple[float, float, float, float]:
-    """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3), see `Patches`.
+    """Correlates the image about (x, y) px, warped by M (2, 2), with a patch's basis (PIXELS, 3).
 
-    M maps a pixel of the patch, relative to its middle, to one of the image, relative to (x, y).
+    The basis has, per pixel of the patch, its gradient along x and y and its grey value, each minus its mean. M maps a
+    pixel of the patch, relative to its middle, to one of the image, relative to (x, y).
 
     Returns:
         basisᵀ s (three numbers) for the warped grey values s, and Σ (s − mean)².
     """
-    # (u, v) is the first pixel of row i of the patch in the image; 128 is subtracted so that 32 bit suffice.
+    # (u, v) is where the first pixel of row i of the patch is in the image, (a, b) where pixel j is: bilinear between
+    # the four pixels around. 128 is subtracted from the grey values so that 32 bit suffice.
     g0, g1, g2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     total, square = np.float32(0.0), np.float32(0.0)
     k = 0
@@ -344,12 +349,12 @@ def align(
         stretch = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
         if not 1.0 / _MAX_STRETCH < stretch < _MAX_STRETCH or inverse[2, 2] == 0.0:
             continue
-        # half of the warped patch's extent, px
+        # half of the warped patch's extent and 2 px of margin, within which the whole patch is inside the image
         reach_x = REACH * (abs(M[0, 0]) + abs(M[0, 1])) + 2
         reach_y = REACH * (abs(M[1, 0]) + abs(M[1, 1])) + 2
         x, y = float(points[l, 0]), float(points[l, 1])
-        x0, y0 = x, y
-        correlation = 0.0
+        x0, y0 = x, y  # the first guess
+        correlation = 0.0  # 0 means failure
         for _ in range(_MAX_STEPS):
             if not (reach_x < x < width - reach_x and reach_y < y < height - reach_y):
                 correlation = 0.0
@@ -387,16 +392,19 @@ def read_slope(
     lie between `min_depth_m` and `max_depth_m`. `depth` is (H, W), m.
     """
     reach, (height, width) = _SLOPE_REACH_PX, depth.shape
-    at = np.floor(points.astype(float) + 0.5).astype(int)
-    inside = np.flatnonzero(((at >= reach) & (at < (width - reach, height - reach))).all(axis=1))
+    at = np.floor(points.astype(float) + 0.5).astype(int)  # (N, 2) nearest pixels
+    is_inside = ((at >= reach) & (at < (width - reach, height - reach))).all(axis=1)
+    inside = np.flatnonzero(is_inside)  # indices of the points far enough from the border
     steps = np.arange(-reach, reach + 1, _SLOPE_STEP_PX)
-    columns, rows = (a.ravel() for a in np.meshgrid(steps, steps))
+    columns, rows = (a.ravel() for a in np.meshgrid(steps, steps))  # (S,) offsets of the samples about a point, px
+    # (M, S) m, depths of the samples about each point that is inside
     z = depth[at[inside, 1, None] + rows, at[inside, 0, None] + columns].astype(float)
     is_complete = ((z >= min_depth_m) & (z <= max_depth_m)).all(axis=1)
-    v, inside = 1.0 / z[is_complete], inside[is_complete]
+    inverse_depth, inside = 1.0 / z[is_complete], inside[is_complete]
     # The samples are symmetric about the point: both gradients are independent, and `columns` and `rows` alike.
-    gradient = v @ np.column_stack([columns, rows]) / (columns @ columns)
-    scatter = v.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
+    gradient = inverse_depth @ np.column_stack([columns, rows]) / (columns @ columns)
+    # variance of the samples about the plane: their variance less that by the gradient
+    scatter = inverse_depth.var(axis=1) - (gradient**2).sum(axis=1) * (columns @ columns) / len(columns)
     slope = np.zeros((len(points), 2))
     slope[inside] = np.where(scatter[:, None] < roughness**2, gradient, 0.0)
     return slope

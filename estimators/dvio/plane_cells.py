@@ -29,8 +29,10 @@ _SUMS = 11
 
 def sample_pixels(shape: tuple[int, int]) -> NDArray[np.float32]:
     """(R, C, 2) px of the depth samples of an image (H, W); R and C are whole numbers of cells."""
-    rows, columns = (n // (_STEP_PX * _SIDE) * _SIDE for n in shape)
-    v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2
+    height, width = shape
+    cell_px = _STEP_PX * _SIDE
+    rows, columns = height // cell_px * _SIDE, width // cell_px * _SIDE  # samples of the cells that fit
+    v, u = np.mgrid[:rows, :columns] * _STEP_PX + _STEP_PX // 2  # each in the middle of its step
     return np.stack([u, v], axis=-1).astype(np.float32)
 
 
@@ -54,7 +56,7 @@ def invert_symmetric(s: Array, out: Array) -> bool:
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def _solve(s: Array, inverse: Array, plane: Array) -> bool:
+def _fit_plane(s: Array, inverse: Array, plane: Array) -> bool:
     """Fits a plane to samples of inverse depth by least squares; returns False if they do not determine a plane.
 
     The model is ξ = plane · (x, y, 1) for the inverse depth ξ, 1/m, at (x, y) on the plane at depth 1.
@@ -87,6 +89,7 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
         sd: Standard deviation of an inverse depth, 1/m.
         cells: (R, C, 11) out.
     """
+    # middle: offset of a sample's pixel within its step, as in `sample_pixels`
     inverse, plane, side, middle = np.empty((3, 3)), np.empty(3), _SIDE, _STEP_PX // 2
     for r in range(cells.shape[0]):
         for c in range(cells.shape[1]):
@@ -108,9 +111,10 @@ def _sum_cells(depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: 
                     s[7] += y * xi
                     s[8] += xi
                     s[9] += xi * xi
-            if s[5] < _MIN_MEASURED_SHARE * side * side or not _solve(s, inverse, plane):
+            if s[5] < _MIN_MEASURED_SHARE * side * side or not _fit_plane(s, inverse, plane):
                 s[5] = 0.0
                 continue
+            # sum of the squared residuals from the cell's own plane
             s[10] = max(s[9] - plane[0] * s[6] - plane[1] * s[7] - plane[2] * s[8], 0.0)
             if s[10] > (_MAX_ROUGHNESS_SD * sd) ** 2 * s[5]:
                 s[5] = 0.0
@@ -122,19 +126,21 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
 
     Args:
         s: (11,) sums of the cell, see `_SUMS`.
-        region: (3, 3) inverse of the region's normal equations, see `_solve`; zeros take the region's plane as exact.
+        region: (3, 3) inverse of the matrix of the region's normal equations; zeros take the region's plane as exact.
         variance: Variance of a sample's inverse depth, 1/m².
         plane: (3,) plane of the region.
         buffers: (2, 3, 3) overwritten.
     """
     inverse, inverse_sum = buffers[0], buffers[1]
     e = np.empty(3)  # plane of the cell, then its difference from the region's
-    if not _solve(s, inverse, e):
+    if not _fit_plane(s, inverse, e):
         return math.inf
+    # the covariance of the difference, over the variance of a sample: sum of the two inverses
     for i in range(3):
         e[i] -= plane[i]
         for j in range(3):
             inverse[i, j] += region[i, j]
+    # its upper triangle, as `invert_symmetric` takes it
     t = np.array([inverse[0, 0], inverse[0, 1], inverse[0, 2], inverse[1, 1], inverse[1, 2], inverse[2, 2]])
     if not invert_symmetric(t, inverse_sum):
         return math.inf
@@ -146,7 +152,7 @@ def _plane_distance(s: Array, region: Array, variance: float, plane: Array, buff
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
-def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
+def _grow_region(cells: Array, group: NDArray[np.int64], name: int, variance: float, total: Array, plane: Array) -> int:
     """Grows a region by neighbouring cells on its plane, then by all other cells on it; returns its number of cells.
 
     Cells that do not lie on the final plane are removed at the end.
@@ -162,7 +168,7 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
     """
     rows, columns = group.shape
     inverse, buffers, count = np.zeros((3, 3)), np.empty((2, 3, 3)), 1
-    _solve(total, inverse, plane)
+    _fit_plane(total, inverse, plane)
     # Passes over the image: first only neighbours join, until a pass adds none; then cells anywhere join as well.
     anywhere, grown = False, True
     while grown or not anywhere:
@@ -172,17 +178,17 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
             for c in range(columns):
                 if group[r, c] or cells[r, c, 5] == 0.0:
                     continue
-                beside = (
+                may_join = (
                     anywhere
                     or (r > 0 and group[r - 1, c] == name)
                     or (r + 1 < rows and group[r + 1, c] == name)
                     or (c > 0 and group[r, c - 1] == name)
                     or (c + 1 < columns and group[r, c + 1] == name)
                 )
-                if beside and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
+                if may_join and _plane_distance(cells[r, c], inverse, variance, plane, buffers) < _CELL_GATE:
                     group[r, c] = name
                     total += cells[r, c]
-                    _solve(total, inverse, plane)
+                    _fit_plane(total, inverse, plane)
                     count += 1
                     grown = True
     # Cells added early may not lie on the final plane, which counts as exact here.
@@ -200,7 +206,9 @@ def _grow(cells: Array, group: NDArray[np.int64], name: int, variance: float, to
 def read_planes(
     depth: NDArray[np.float32], rays: Array, min_depth_m: float, sd: float, planes: Array, weights: Array
 ) -> int:
-    """Reads the largest planes of a depth image; 0.4 ms.
+    """Reads the largest planes of a depth image, which takes 0.4 ms.
+
+    The image is divided into square cells, each with its own plane; regions of cells on a common plane are its planes.
 
     Args:
         depth: (H, W) m, 0 or NaN where none.
@@ -214,6 +222,7 @@ def read_planes(
         Number of planes.
     """
     rows, columns = rays.shape[0] // _SIDE, rays.shape[1] // _SIDE
+    # sums of each cell; number of its region, 0 while it has none, -1 where it was removed from one
     cells, group = np.empty((rows, columns, _SUMS)), np.zeros((rows, columns), np.int64)
     _sum_cells(depth, rays, min_depth_m, sd, cells)
     # Regions grow from the smoothest cells first: by the mean squared residual about the cell's own plane.
@@ -221,19 +230,20 @@ def read_planes(
     for i in range(len(score)):
         s = cells[i // columns, i % columns]
         score[i] = s[10] / s[5] if s[5] > 0.0 else math.inf
-    count, name = 0, 0
+    count, name = 0, 0  # planes in the list so far; number of the newest region
+    # number of cells of each plane in the list; sums, plane and inverse of the region that grows
     size, total, plane, inverse = np.zeros(len(planes)), np.empty(_SUMS), np.empty(3), np.empty((3, 3))
     for i in np.argsort(score):
         r, c = i // columns, i % columns
-        if score[i] == math.inf:
+        if score[i] == math.inf:  # only unusable cells are left
             break
-        if group[r, c]:
+        if group[r, c]:  # part of a region, or removed from one
             continue
         name += 1
         group[r, c] = name
         total[:] = cells[r, c]
-        n = _grow(cells, group, name, sd * sd, total, plane)
-        if n < _MIN_CELLS or not _solve(total, inverse, plane):
+        n = _grow_region(cells, group, name, sd * sd, total, plane)
+        if n < _MIN_CELLS or not _fit_plane(total, inverse, plane):
             continue
         # insertion by size; a plane smaller than all of a full list is left out
         at = min(count, len(planes))

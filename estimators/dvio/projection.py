@@ -63,9 +63,10 @@ def directions(at: Array) -> Array:
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Array]:
-    """Pose of the IMU in slot `k` when its image was taken, by the present time offset (s). See docs/dvio.md (5).
+    """Pose of the IMU when the image of the frame in slot `k` was taken, by the present time offset (s).
 
-    The state is at the time by an earlier offset, `frames.offset`. It moves on by its velocity and angular rate.
+    The frame's state is of the time that an earlier estimate of the offset gave (`frames.offset`). By the difference of
+    the two offsets it moves on at its velocity and angular rate: docs/dvio.md (5).
 
     Returns:
         (3, 3) rotation, world <- IMU, and (3,) position, m.
@@ -80,11 +81,19 @@ def pose_at_exposure(frames: Frames, k: int, offset: float) -> tuple[Array, Arra
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def set_camera(R: Array, p: Array, c: Calibration, R_camera: Array, p_camera: Array) -> None:
-    """Writes the camera's rotation (3, 3) and position (3,) in the world, for a pose R, p of the IMU."""
+    """Writes the pose of the camera in the world, for a pose of the IMU: R R_c and p + R p_c.
+
+    Args:
+        R: (3, 3) rotation, world <- IMU.
+        p: (3,) position of the IMU, m.
+        c: Calibration with the camera's mount R_c, p_c on the IMU.
+        R_camera: (3, 3) out: rotation, world <- camera.
+        p_camera: (3,) out: position of the camera, m.
+    """
     copy_matrix(multiply(R, c.R), R_camera)
-    mounted = apply(R, c.p)
+    offset = apply(R, c.p)  # from the IMU to the camera, in the world's axes
     for i in range(3):
-        p_camera[i] = p[i] + mounted[i]
+        p_camera[i] = p[i] + offset[i]
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
@@ -117,8 +126,9 @@ def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: V
         views: Overwritten.
     """
     n = frames.count[0]
+    # cameras in the world by the present states, and by those where Jacobians are taken
     R, p, R_first, p_first = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3, 3)), np.empty((n, 3))
-    R_imu = np.empty((n, 3, 3))  # where Jacobians are taken
+    R_imu = np.empty((n, 3, 3))  # world <- IMU, where Jacobians are taken
     for k in range(n):
         R_k, p_k = pose_at_exposure(frames, k, c.offset[0])
         set_camera(R_k, p_k, c, R[k], p[k])
@@ -127,8 +137,8 @@ def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: V
         copy_matrix(R_k, R_imu[k])
         set_camera(R_k, p_k, c, R_first[k], p_first[k])
         copy_matrix(transposed(R_first[k]), views.C[k])
-    for j in range(1, n):
-        C, C_first = transposed(R[j]), views.C[j]
+    for j in range(1, n):  # observers, each after its hosts i
+        C, C_first = transposed(R[j]), views.C[j]  # camera <- world
         for i in range(j):
             set_relative(C, p[j], R[i], p[i], views.rotation[i, j], views.translation[i, j])
             set_relative(
@@ -139,7 +149,10 @@ def update_views(frames: Frames, c: Calibration, first_estimates: bool, views: V
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def to_ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
-    """An observation (x, y) by the nominal intrinsics as (x, y) by the estimated focal lengths, at depth 1."""
+    """Corrects an observation (x, y) on the plane at depth 1 for the estimated error of the focal lengths.
+
+    The argument is by the nominal focal lengths; `calibration.focal` holds the relative corrections of x and y.
+    """
     return x * (1.0 + calibration.focal[0]), y * (1.0 + calibration.focal[1])
 
 
@@ -147,7 +160,9 @@ def to_ray(calibration: Calibration, x: float, y: float) -> tuple[float, float]:
 def project(
     A: Array, s: Array, x: float, y: float, inverse_depth: float, least: float
 ) -> tuple[float, float, float, bool]:
-    """Projects a landmark along (x, y, 1) in its host's camera into an observer's camera. See docs/dvio.md (6).
+    """Projects a landmark along (x, y, 1) in its host's camera into an observer's camera: docs/dvio.md (6).
+
+    q = A (x, y, 1) + ξ s is the point times its inverse depth ξ in the host, in the observer's axes.
 
     Args:
         A: (3, 3) rotation of `Views` from the host to the observer.
@@ -158,7 +173,8 @@ def project(
         least: Smallest depth in the observer, as a share of the depth in the host, of a point in front of the camera.
 
     Returns:
-        x and y on the plane at depth 1, the inverse depth, and whether the point is in front of the observer's camera.
+        x and y on the plane at depth 1 of the observer, the inverse depth there, and whether the point is in front of
+        the observer's camera. If it is not, the three numbers are q and must not be used.
     """
     q0 = A[0, 0] * x + A[0, 1] * y + A[0, 2] + inverse_depth * s[0]
     q1 = A[1, 0] * x + A[1, 1] * y + A[1, 2] + inverse_depth * s[1]
@@ -181,9 +197,10 @@ def observation_jacobian(
     J: Array,
     Jl: Array,
 ) -> bool:
-    """Derivatives of `project` at the linearisation states, docs/dvio.md (6).
+    """Derivatives of a landmark's x, y and inverse depth in an observer's camera, at the linearisation states.
 
-    Written out, because it runs a thousand times per image and allocation is slow.
+    They are those of `project`, docs/dvio.md (6). Every product is written out, because this runs a thousand times per
+    image and allocation is slow.
 
     Args:
         frames: Velocities and rates, for the derivative by the time offset.
@@ -217,7 +234,7 @@ def observation_jacobian(
     u0 = q0 + xi * (R[0, 0] * p[0] + R[1, 0] * p[1] + R[2, 0] * p[2])
     u1 = q1 + xi * (R[0, 1] * p[0] + R[1, 1] * p[1] + R[2, 1] * p[2])
     u2 = q2 + xi * (R[0, 2] * p[0] + R[1, 2] * p[1] + R[2, 2] * p[2])
-    a, b = HOST, OBSERVER
+    a, b = HOST, OBSERVER  # first columns of the two poses
     for i in range(3):  # of the point times its inverse depth, in the observer's camera
         for j in range(3):
             J[i, j] = xi * (CR[i, j] - R[j, i])

@@ -85,6 +85,7 @@ class SlidingWindow:
     ) -> None:
         """Begins with an empty window; `T_imu_camera` is the nominal mount (4, 4), camera to IMU, m."""
         self.parameters, self.noise = parameters, imu_noise(parameters, imu)
+        # factor on that noise, by images; priors of biases and calibration; samples; intrinsics; weights of the factors
         self.inflation = ImuInflation(self.noise)
         self.bias_sd, self.calibration_prior = bias_sd(imu), calibration_prior(parameters)
         self.inertial = ImuBuffer(imu, parameters)
@@ -93,7 +94,7 @@ class SlidingWindow:
         self.tracker = Tracker(self.lens.shape)
         self._frames = parameters.keyframes + 2  # slots for frames; one more than are ever in use
         self.window: WindowState = blank_window(self._frames, LANDMARK_SLOTS, T_imu_camera, camera.timeshift_cam_imu_s)
-        self._work = blank_work(self.window)
+        self._work = blank_work(self.window)  # buffers of the optimisation
         self.nav: NavState = blank_nav_state()
         # `nav` at the newest frame, or later, as far back as IMU samples are kept: a late image restarts from it
         self._previous: NavState = blank_nav_state()
@@ -134,7 +135,7 @@ class SlidingWindow:
         """
         w, prior = self.window, self.calibration_prior
         f, c = w.frames, w.calibration
-        self._alive[:] = 0
+        self._alive[:] = 0  # no landmark is tracked
         w.landmarks.host[:], w.landmarks.seen[:] = NO_HOST, 0
         f.in_prior[:], f.count[0] = 0, 1
         self._set_frame(0, frame.t_ns, self.nav)
@@ -171,6 +172,7 @@ class SlidingWindow:
         P = np.zeros((FRAME, FRAME))
         R = self.nav.R
         P[:3, :3] = position_covariance
+        # attitude errors are about the IMU's axes; the vertical and the heading are about the world's
         P[3:6, 3:6] = R.T @ np.diag([tilt_sd**2, tilt_sd**2, heading_sd**2]) @ R
         P[6:9, 6:9] = np.eye(3) * speed_sd**2
         P[range(9, 15), range(9, 15)] = self.bias_sd**2
@@ -194,12 +196,13 @@ class SlidingWindow:
         t_ns = self.imu_time(frame.t_ns)
         predicted = state_of(f, before)
         self._propagate(predicted, t_ns)
-        moved = self._track_landmarks(frame, predicted, before, slot)
-        stationary &= moved < _MAX_STATIONARY_PX and self._drift_px(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
+        moved_px = self._track_landmarks(frame, predicted, before, slot)
+        stationary &= moved_px < _MAX_STATIONARY_PX and self._drift_px(slot, frame.t_ns) < _MAX_STATIONARY_DRIFT_PX
         f.count[0] = slot + 1
         self._set_frame(slot, frame.t_ns, predicted)
         f.in_prior[slot] = 0
         f.zero_velocity_sd[slot] = STATIONARY_SPEED_SD_MPS if stationary and p.method.zero_velocity_updates else np.inf
+        # the IMU factor from the last keyframe to the new frame
         preintegrate(
             w.preintegrations,
             slot - 1,
@@ -209,8 +212,9 @@ class SlidingWindow:
             f.bias[slot - 1],
             self.noise,
         )
-        key = self._is_key(slot)
-        minimise(w, self.factors, self._work, _KEYFRAME_STEPS if key else p.method.steps, _COST_TOLERANCE)
+        key = self._is_key(slot)  # whether the new frame becomes a keyframe
+        steps = _KEYFRAME_STEPS if key else p.method.steps
+        minimise(w, self.factors, self._work, steps, _COST_TOLERANCE)
         self._mark_observable_depths()
         # The newest frame is the last in the equations, so the last block L of the Cholesky factor gives its
         # covariance, (L Lᵀ)⁻¹.
@@ -231,7 +235,8 @@ class SlidingWindow:
                 drop_oldest(w)
             self._store_patches(frame, int(f.count[0]) - 1)
         self._newest_is_key = key
-        self.nav = state_of(f, int(f.count[0]) - 1)._replace(covariance=inverse.T @ inverse)
+        newest = int(f.count[0]) - 1  # one less than `slot` after the oldest frame is gone
+        self.nav = state_of(f, newest)._replace(covariance=inverse.T @ inverse)
         self._previous = copy_of(self.nav)
 
     def propagate(self, until_ns: int) -> None:
@@ -277,7 +282,10 @@ class SlidingWindow:
         return bool(kernel.is_plausible(self.nav))
 
     def _propagate(self, state: NavState, until_ns: int) -> None:
-        """Propagates a state in place to a later time by the buffered IMU samples; an earlier time changes nothing."""
+        """Propagates a state in place to a later time by the buffered IMU samples; an earlier time changes nothing.
+
+        `_preintegration` is only a buffer here.
+        """
         if until_ns > state.t_ns[0]:
             z = self._preintegration
             kernel.integrate(z, self.inertial.imu_samples, state.t_ns[0], until_ns, state.bias, self.noise)
@@ -290,17 +298,20 @@ class SlidingWindow:
         The frame's angular rate is that of the gyroscope at that time, and it counts as moving.
         """
         f = self.window.frames
+        # the estimate of the clock's offset by which `f.t_ns` follows from the stamp
         f.offset[slot] = self.window.calibration.offset[0]
         f.t_ns[slot] = self.imu_time(t_ns)
         f.R[slot], f.p[slot], f.v[slot], f.bias[slot] = state.R, state.p, state.v, state.bias
         f.rate[slot] = self.inertial.rate_at(int(f.t_ns[slot])) - state.bias[:3]
-        f.zero_velocity_sd[slot] = np.inf
+        f.zero_velocity_sd[slot] = np.inf  # no measurement of its velocity
 
     def _track_landmarks(self, frame: CameraFrame, predicted: NavState, before: int, slot: int) -> float:
         """Tracks landmarks into a new image and stores their observations in its slot.
 
-        Points that are not where the predicted pose and their depth put them, or at another depth, are rejected:
-        something moves there, or hides them. `_alive` and `_pixels` are then those of the new image.
+        A point is aligned with the patch of its host frame near its prediction (methods with `anchored`). If that fails
+        for too many points, optical flow searches for all of them. Points that are not where the predicted pose and
+        their depth put them, or at another depth, are rejected: something moves there, or hides them. `_alive` and
+        `_pixels` are then those of the new image.
 
         Args:
             frame: The new image.
@@ -312,30 +323,33 @@ class SlidingWindow:
             Median motion of the tracked points since the last image, px; inf if they are fewer than `_MIN_POINTS`.
         """
         w, marks, p = self.window, self.window.landmarks, self.parameters
-        n = len(marks.host)
+        n = len(marks.host)  # number of landmark slots
+        # known: 1 where the landmark is in front of both cameras, so that the others are written.
         # expected: x, y and inverse depth in the new image; start: x, y in the last one; warp: from host to new image
         expected, start, warp, known = np.zeros((n, 3)), np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, np.uint8)
         kernel.predict_observations(w, predicted.R, predicted.p, before, expected, start, warp, known)
         ids = np.flatnonzero((self._alive > 0) & (known > 0))
         marks.seen[:, slot] = 0
-        self._alive[:] = 0
+        self._alive[:] = 0  # set again below, for the landmarks that are tracked
         previous_px, inverse_depth, warps = self._pixels[ids], expected[ids, 2], warp[ids]
+        # predicted motion since the last image, added to where the point was seen there
         motion = self.lens.pixels(expected[ids, :2]) - self.lens.pixels(start[ids])
         predicted_px = previous_px + motion
         self.tracker.set_image(frame.grey)
-        tracked_px, good = predicted_px, np.zeros(len(ids), bool)
+        tracked_px, good = predicted_px, np.zeros(len(ids), bool)  # good: which points are tracked
         if p.method.anchored:
             tracked_px, good = self.tracker.align(ids, predicted_px, warps)
         # Too few are near their predictions: the prediction is poor, so optical flow searches for them farther away.
-        elsewhere = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
-        if elsewhere:
+        mispredicted = good.sum() < _MIN_PREDICTED_SHARE * len(ids)
+        if mispredicted:
             tracked_px, good = self.tracker.track(previous_px, predicted_px)
         # Reject moving points: they are not where the wearer's motion and the point's depth predict them.
         distance_px = np.linalg.norm(tracked_px - predicted_px, axis=1)
+        # standard deviation of the speed by the covariance of the velocity; time since the last image, s
         speed_sd = float(np.sqrt(np.trace(self.nav.covariance[6:9, 6:9])))
         dt = (predicted.t_ns[0] - w.frames.t_ns[before]) * 1e-9
         # The gate widens by the uncertainty of the velocity, and by the motion of points of unknown depth.
-        unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)
+        unsure = np.where(marks.measured[ids] > 0, 0.0, 1.0)  # 1 where the depth is not measured
         moved = np.linalg.norm(motion, axis=1)
         gate = (
             _GATE_PX + 2 * self.lens.focal_px * speed_sd * dt * inverse_depth + unsure * (_UNMEASURED_GATE_PX + moved)
@@ -345,8 +359,9 @@ class SlidingWindow:
         if good.sum() >= _MIN_POINTS and (good & fits).sum() < _MIN_PREDICTED_SHARE * good.sum():
             fits = self._pnp_inliers(ids, tracked_px, good)
         good &= fits
-        if p.method.anchored and elsewhere:
+        if p.method.anchored and mispredicted:  # flow drifts: the patches correct its result
             tracked_px, good = self.tracker.align_fine(ids, tracked_px, warps, good)
+        # only the tracked points from here on
         ids, tracked_px, previous_px, inverse_depth = (
             ids[good],
             tracked_px[good],
@@ -357,7 +372,7 @@ class SlidingWindow:
         image_time_px = self.lens.at_image_time(
             tracked_px, inverse_depth, w.calibration, predicted.R, predicted.v, rate
         )
-        rho = self.inverse_depths(frame, image_time_px)
+        rho = self.inverse_depths(frame, image_time_px)  # measured; 0 where none is reliable
         # Reject points at another depth, or occluded by something in front.
         is_off_depth = (
             np.abs(w.calibration.scale[0] * inverse_depth - rho) > _MAX_DEPTH_ERROR_SD * p.inverse_depth_sd_per_m
@@ -384,6 +399,7 @@ class SlidingWindow:
         there are too few common points. `t_ns` is the stamp of the image in the slot.
         """
         f, marks = self.window.frames, self.window.landmarks
+        # slot of the earlier frame; -1 if there is none
         since = int(np.searchsorted(f.t_ns[:slot], t_ns - round(STATIONARY_S * 1e9), "right")) - 1
         both = (marks.seen[:, [since, slot]] > 0).all(axis=1)
         motion = self.lens.focal_px * np.linalg.norm(marks.at[both, slot] - marks.at[both, since], axis=1)
@@ -392,21 +408,23 @@ class SlidingWindow:
     def _cull(self) -> int:
         """Removes observations beyond `_CULL_SD` standard deviations; returns how many the newest frame still has.
 
-        The relative camera poses are updated before. A point that is an outlier in the newest frame is no longer alive.
+        The relative camera poses (`work.views`) are updated before. A point that is an outlier in the newest frame is
+        no longer alive.
         """
         w, factors, work = self.window, self.factors, self._work
         kernel.update_views(w.frames, w.calibration, factors.first_estimates, work.views)
-        return int(
-            kernel.cull(w.landmarks, w.calibration, factors, work.views, w.frames.count[0], _CULL_SD, self._alive)
-        )
+        count = w.frames.count[0]
+        remaining = kernel.cull(w.landmarks, w.calibration, factors, work.views, count, _CULL_SD, self._alive)
+        return int(remaining)
 
     def _mark_observable_depths(self) -> None:
         """Marks landmarks as measured whose inverse depth motion alone determines to `_MEASURED_SD`."""
         marks = self.window.landmarks
-        l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))
-        # inverse depth over its standard deviation; at least three frames must see the point
+        l = np.flatnonzero((self._alive > 0) & (marks.measured == 0))  # landmarks in question
+        # squared inverse depth over its variance; at least three frames must see the point
         sure = marks.inverse_depth[l] ** 2 * self._work.camera.depth_information[l] > _MEASURED_SD**2
-        marks.measured[l[sure & (marks.seen[l].sum(axis=1) > 2)]] = 1
+        in_three_frames = marks.seen[l].sum(axis=1) > 2
+        marks.measured[l[sure & in_three_frames]] = 1
 
     def _pnp_inliers(
         self, ids: NDArray[np.int64], tracked_px: NDArray[np.float32], good: NDArray[np.bool_]
@@ -424,17 +442,18 @@ class SlidingWindow:
         f, c = w.frames, w.calibration
         use = good & (marks.measured[ids] > 0)
         is_inlier = np.zeros(len(ids), bool)
-        h = marks.host[ids]
+        h = marks.host[ids]  # (N,) slots of the host frames
         m = directions(marks.at[ids, h]) / marks.inverse_depth[ids, None]  # (N, 3) m, in the host's camera
-        points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]
+        points = np.einsum("nij,nj->ni", f.R[h], m @ c.R.T + c.p) + f.p[h]  # (N, 3) m, in the world
         at = self.lens.to_normalized(tracked_px)
-        if (pose := solve_pnp(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)) is not None:
-            is_inlier[use] = pose[2]
+        pose = solve_pnp(points[use], at[use], _MAX_PNP_ERROR_PX / self.lens.focal_px, _MIN_POINTS)
+        if pose is not None:
+            is_inlier[use] = pose[2]  # after rotation and translation: the inliers among the points given
         return is_inlier
 
     def inverse_depths(self, frame: CameraFrame, points: NDArray[np.float32]) -> Array:
         """(N,) measured inverse depths at (N, 2) px, 1/m; 0 where none is reliable."""
-        rho = np.zeros(len(points))
+        rho = np.zeros(len(points))  # written by `read_depth`
         if frame.depth is not None and self.parameters.method.uses_depth and len(points):
             kernel.read_depth(frame.depth, points, *self._depth_range_m, rho)
         return rho
@@ -450,7 +469,7 @@ class SlidingWindow:
         taken = self._pixels[self._alive > 0]
         points = self.tracker.find(taken, min(p.landmarks - len(taken), len(free)))
         ids = free[: len(points)]
-        rho, f = self.inverse_depths(frame, points), self.window.frames
+        rho, f = self.inverse_depths(frame, points), self.window.frames  # rho: 0 where not measured
         rho_guess = np.where(rho > 0, rho, _UNKNOWN_INVERSE_DEPTH_PER_M)
         image_time_px = self.lens.at_image_time(
             points, rho_guess, self.window.calibration, f.R[slot], f.v[slot], f.rate[slot]
@@ -463,7 +482,7 @@ class SlidingWindow:
         marks.at[ids, slot] = self.lens.to_normalized(image_time_px)
         marks.rho[ids, slot] = rho
         marks.measured[ids] = rho > 0
-        scale = self.window.calibration.scale[0]
+        scale = self.window.calibration.scale[0]  # of measured depths: true over measured
         marks.inverse_depth[ids] = np.where(rho > 0, rho / scale, _UNKNOWN_INVERSE_DEPTH_PER_M)
         self._alive[ids] = 1
         self._pixels[ids] = points
@@ -476,7 +495,7 @@ class SlidingWindow:
         w = self.window
         if frame.depth is None or not self._level.is_due(w.frames.p[slot]):
             return
-        rho, weights = self._measured_planes
+        rho, weights = self._measured_planes  # buffers: planes (P, 3), 1/m, and inverses of their covariances
         sd = float(self.parameters.inverse_depth_sd_per_m)
         count = kernel.read_planes(frame.depth, self._rays, self._depth_range_m[0], sd, rho, weights)
         self._level.observe(w, self._work.factor, slot, rho[:count], weights[:count], self._mount)

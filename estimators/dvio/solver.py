@@ -45,12 +45,12 @@ def _step_frame(f: Frames, k: int, e: Array) -> None:
     refers to.
     """
     R, p, v, bias = f.R[k], f.p[k], f.v[k], f.bias[k]
-    R_0, p_0, v_0, bias_0 = R, p, v, bias
+    R_0, p_0, v_0, bias_0 = R, p, v, bias  # the state to which `e` is added
     if f.in_prior[k]:
-        m = f.moved[k]
+        moved = f.moved[k]  # sum of all steps since the first estimate
         for i in range(FRAME):
-            m[i] += e[i]
-        R_0, p_0, v_0, bias_0, e = f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k], m
+            moved[i] += e[i]
+        R_0, p_0, v_0, bias_0, e = f.R_first[k], f.p_first[k], f.v_first[k], f.bias_first[k], moved
     copy_matrix(multiply(R_0, exp(e[3:6])), R)
     for i in range(3):
         p[i] = p_0[i] + e[i]
@@ -78,13 +78,14 @@ def apply_step(frames: Frames, marks: Landmarks, calibration: Calibration, camer
     _step_calibration(calibration, d)
     for k in range(n):
         _step_frame(frames, k, d[CALIBRATION + FRAME * k : CALIBRATION + FRAME * (k + 1)])
-    by_pose = np.empty(CALIBRATION + POSE * n)
-    for i in range(by_pose.shape[0]):
-        by_pose[i] = d[state_index(i)]
+    # the part of the step that landmarks depend on: calibration and poses, without velocities and biases
+    pose_step = np.empty(CALIBRATION + POSE * n)
+    for i in range(pose_step.shape[0]):
+        pose_step[i] = d[state_index(i)]
     for l in range(marks.host.shape[0]):
         if is_usable(marks, l, n - 1):
-            s = camera.b_depth[l]  # b_l - h_lᵀ d
-            for i in range(by_pose.shape[0]):
-                s -= camera.cross[l, i] * by_pose[i]
-            xi = marks.inverse_depth[l] + s / camera.depth_information[l]
+            remainder = camera.b_depth[l]  # b_l - h_lᵀ d
+            for i in range(pose_step.shape[0]):
+                remainder -= camera.cross[l, i] * pose_step[i]
+            xi = marks.inverse_depth[l] + remainder / camera.depth_information[l]
             marks.inverse_depth[l] = min(max(xi, LEAST_INVERSE_DEPTH), MOST_INVERSE_DEPTH)

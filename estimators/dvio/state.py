@@ -228,12 +228,12 @@ class WindowState(NamedTuple):
 def blank_preintegration(slots: int | None = None) -> Preintegration:
     """Preintegrated measurements of zero duration: one, or `slots` of them with a leading axis."""
     lead = () if slots is None else (slots,)
-    gamma = np.zeros((*lead, 3, 3))
-    gamma[...] = np.eye(3)
+    delta_R = np.zeros((*lead, 3, 3))
+    delta_R[...] = np.eye(3)
     return Preintegration(
         dt=np.zeros((*lead, 1)),
         delta_p=np.zeros((*lead, 3)),
-        delta_R=gamma,
+        delta_R=delta_R,
         delta_v=np.zeros((*lead, 3)),
         by_bias=np.zeros((*lead, 9, 6)),
         covariance=np.zeros((*lead, 9, 9)),

@@ -59,7 +59,7 @@ class Lens:
         self.shape = (camera.height, camera.width)
         self._fisheye = camera.distortion_model == "equidistant"
         self._distortion = np.array(camera.distortion, dtype=float)
-        self._K, (fu, fv, pu, pv) = camera.K, camera.intrinsics
+        self._K, (fu, fv, pu, pv) = camera.K, camera.intrinsics  # focal lengths and principal point, px
         self._centre, self._focal = np.array([pu, pv]), np.array([fu, fv])
         self.focal_px = float(np.sqrt(fu * fv))
         # time from the exposure of the first row to that of the last (0: global shutter), and the last row's index
@@ -67,21 +67,22 @@ class Lens:
 
     def to_normalized(self, pixels: NDArray[np.floating]) -> Array:
         """(N, 2) points on the plane at depth 1 of (N, 2) pixels, without distortion."""
-        if not self._fisheye and not self._distortion.any():
+        if not self._fisheye and not self._distortion.any():  # no distortion: a plain pinhole
             return np.asarray((pixels - self._centre) / self._focal)
-        if not len(pixels):
+        if not len(pixels):  # OpenCV refuses empty arrays
             return np.zeros((0, 2))
         undistort = cv2.fisheye.undistortPoints if self._fisheye else cv2.undistortPoints
         return np.asarray(undistort(pixels[:, None].astype(float), self._K, self._distortion)[:, 0], dtype=float)
 
     def pixels(self, at: Array) -> Points:
         """(N, 2) pixels of (N, 2) points on the plane at depth 1, with distortion."""
-        if not len(at):
+        if not len(at):  # OpenCV refuses empty arrays
             return np.zeros((0, 2), np.float32)
         if self._fisheye:
             return np.asarray(cv2.fisheye.distortPoints(at[:, None], self._K, self._distortion)[:, 0], np.float32)
-        seen = cv2.projectPoints(directions(at), np.zeros(3), np.zeros(3), self._K, self._distortion)[0]
-        return np.asarray(seen[:, 0], np.float32)
+        # the rays are points in the camera's own axes: rotation and translation are 0
+        projected = cv2.projectPoints(directions(at), np.zeros(3), np.zeros(3), self._K, self._distortion)[0]
+        return np.asarray(projected[:, 0], np.float32)
 
     def at_image_time(
         self, points: Points, inverse_depth: Array, calibration: Calibration, R: Array, v: Array, rate: Array
@@ -104,14 +105,16 @@ class Lens:
         # (N,) s, time from the image's stamp to the exposure of each point's row
         late_s = (points[:, 1] / self._last_row - 0.5) * self._readout_s
         at, c = self.to_normalized(points), calibration
-        flow = image_velocity(at, inverse_depth, c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate)
+        # of the camera in its own axes; `c.R` is IMU <- camera, `c.p` the camera in the IMU's frame
+        camera_velocity, camera_rate = c.R.T @ (R.T @ v + np.cross(rate, c.p)), c.R.T @ rate
+        flow = image_velocity(at, inverse_depth, camera_velocity, camera_rate)
         return self.pixels(at - late_s[:, None] * flow)
 
 
 def image_velocity(at: Array, inverse_depth: Array, velocity: Array, rate: Array) -> Array:
-    """(N, 2) 1/s, motion on the plane at depth 1 of resting points (Longuet-Higgins & Prazdny 1980).
+    """(N, 2) 1/s, motion on the plane at depth 1 of resting points, as the camera moves: docs/dvio.md (14).
 
-    See docs/dvio.md (14).
+    After Longuet-Higgins & Prazdny 1980.
 
     Args:
         at: (N, 2) points on the plane at depth 1.
@@ -167,7 +170,7 @@ class Tracker:
         self._grey, self._scales = None, []
 
     def set_image(self, grey: NDArray[np.uint8]) -> None:
-        """Makes `grey` (H, W) the last image; the last one becomes the previous image."""
+        """Makes `grey` (H, W) the last image, and the one that was so far the previous image."""
         self._before, self._grey, self._scales = self._grey, grey, []
 
     def track(self, points: Points, start: Points) -> tuple[Points, NDArray[np.bool_]]:
@@ -188,6 +191,7 @@ class Tracker:
         tracked, status, _ = cv2.calcOpticalFlowPyrLK(
             before, grey, points, start.copy(), winSize=window, maxLevel=_FLOW_LEVELS, criteria=criteria, flags=flags
         )
+        # back again from the result, at the whole resolution only
         back, back_status, _ = cv2.calcOpticalFlowPyrLK(
             grey, before, tracked, points.copy(), winSize=window, maxLevel=0, criteria=criteria, flags=flags
         )
@@ -200,8 +204,10 @@ class Tracker:
 
     def store_patches(self, slots: NDArray[np.int64], points: Points) -> None:
         """Stores the patches of the last image about (N, 2) px in slots (N,)."""
+        # scale 0 is the full resolution, scale 1 half of it
         for scale, (grey, patches) in enumerate(zip(self._image_pyramid(), self._patches)):
-            kernel.cut_patches(grey, slots, np.ascontiguousarray(points) / np.float32(2**scale), patches)
+            scaled_points = np.ascontiguousarray(points) / np.float32(2**scale)
+            kernel.cut_patches(grey, slots, scaled_points, patches)
 
     def align(self, slots: NDArray[np.int64], points: Points, warps: Array) -> tuple[Points, NDArray[np.bool_]]:
         """Aligns points (N, 2) px with the patches in their slots (N,): at half the resolution, then whole.
@@ -209,9 +215,9 @@ class Tracker:
         `warps` (N, 2, 2) map a patch's pixels to the image's. Returns (N, 2) px, and (N,) which were aligned. A point
         that cannot be aligned at half the resolution is still tried at the whole one, from its first guess.
         """
-        half, is_aligned = points / np.float32(2.0), np.ones(len(points), bool)
-        kernel.align(self._image_pyramid()[1], self._patches[1], slots, warps, _COARSE, half, is_aligned)
-        points = np.where(is_aligned[:, None], np.float32(2.0) * half, points)
+        half_points, is_aligned = points / np.float32(2.0), np.ones(len(points), bool)  # changed by `kernel.align`
+        kernel.align(self._image_pyramid()[1], self._patches[1], slots, warps, _COARSE, half_points, is_aligned)
+        points = np.where(is_aligned[:, None], np.float32(2.0) * half_points, points)
         return self.align_fine(slots, points, warps, np.ones(len(points), bool))
 
     def align_fine(
@@ -228,13 +234,13 @@ class Tracker:
         Returns:
             (N, 2) px, and (N,) which points were aligned.
         """
-        points, good = points.copy(), good.copy()
+        points, good = points.copy(), good.copy()  # `kernel.align` changes both
         kernel.align(self._image_pyramid()[0], self._patches[0], slots, warps, FINE, points, good)
         return points, good
 
     def _image_pyramid(self) -> list[NDArray[np.uint8]]:
         """The last image, smoothed, at full and at half resolution; computed once per image."""
-        assert self._grey is not None
+        assert self._grey is not None  # `set_image` was called
         if not self._scales:
             smooth = np.asarray(cv2.GaussianBlur(self._grey, (3, 3), 0.0), np.uint8)
             self._scales = [smooth, np.asarray(cv2.pyrDown(smooth), np.uint8)]
@@ -254,10 +260,11 @@ class Tracker:
         # A detector with a lower threshold follows only if the one before gives too few points.
         for detector in self._detectors:
             candidates = np.array([c.pt for c in detector.detect(self._grey)], np.float32).reshape(-1, 2)
-            score = np.empty(len(candidates))
+            score = np.empty(len(candidates))  # -1 for a candidate that is no corner
             kernel.cornerness(self._grey, candidates, _MIN_CORNERNESS, _MIN_ROUNDNESS, score)
-            order = np.argsort(-score, kind="stable")[: np.count_nonzero(score >= 0.0)]
-            cells = np.empty(_GRID, int)
+            corner_count = np.count_nonzero(score >= 0.0)
+            order = np.argsort(-score, kind="stable")[:corner_count]  # the corners, from the best
+            cells = np.empty(_GRID, int)  # buffer of `kernel.pick`
             count = kernel.pick(
                 self._shape, candidates, order, np.ascontiguousarray(taken), _MIN_DISTANCE_PX, cells, out
             )
@@ -296,6 +303,7 @@ class Stereo:
         Raises ConfigError where the right camera is not beside the left one, or the model of distortion is unknown.
         """
         self.topic, self._lens = topic, Lens(left)
+        # (4, 4) right camera <- left camera; the left one must lie to the left, more than above or before
         T = np.linalg.inv(right.mount.T_body_sensor) @ left.mount.T_body_sensor
         if T[0, 3] >= 0 or abs(T[0, 3]) < np.abs(T[1:3, 3]).max():
             raise ConfigError(right.topic, "mount", T[:3, 3].tolist(), f"a camera to the right of {left.topic}")
@@ -303,24 +311,29 @@ class Stereo:
         small = (left.width // _SHRINK, left.height // _SHRINK)
         fisheye = left.distortion_model == "equidistant"
         D = [np.array(c.distortion, dtype=float) for c in (left, right)]
-        # The rectifying rotation of each camera depends only on the rotation between them.
+        # The rectifying rotation of each camera depends only on the pose between them, so it is computed without
+        # distortion. R1, R2 (3, 3): rectified camera <- camera; P1, P2 (3, 4): projections of the rectified cameras.
         none = np.zeros(4)
         R1, R2, P1, P2 = cv2.stereoRectify(left.K, none, right.K, none, size, T[:3, :3], T[:3, 3:], alpha=0)[:4]
         P1, P2 = (np.diag([1 / _SHRINK, 1 / _SHRINK, 1.0]) @ P for P in (P1, P2))
-        maps = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
-        self._maps = [
-            maps(c.K, d, R, P[:, :3], small, cv2.CV_16SC2) for c, d, R, P in zip((left, right), D, (R1, R2), (P1, P2))
-        ]
+        compute_map = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
         # maps of both cameras to their rectified images, at 1 / `_SHRINK` of the resolution
+        self._maps = [
+            compute_map(c.K, d, R, P[:, :3], small, cv2.CV_16SC2)
+            for c, d, R, P in zip((left, right), D, (R1, R2), (P1, P2))
+        ]
         self._times_depth = float(-P2[0, 3])  # disparity, px, of a point at 1 m
         v, u = np.mgrid[: left.height, : left.width]
         pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float32)
-        # Per pixel of the left image: where it is in the rectified one, and its depth there over its depth here.
+        # Per pixel of the left image: where it is in the rectified one (`_column`, `_row`), and its depth there over
+        # its depth here (`_along`), which is the third entry of its ray (x, y, 1) in the rectified axes.
         rays = np.concatenate([self._lens.to_normalized(pixels), np.ones((len(pixels), 1))], axis=1) @ R1.T
+        # (H W, 2) px in the rectified image
         at = rays[:, :2] / rays[:, 2:] * [P1[0, 0], P1[1, 1]] + [P1[0, 2], P1[1, 2]]
         shape = (left.height, left.width)
         self._column, self._row = (np.ascontiguousarray(a.astype(np.float32).reshape(shape)) for a in at.T)
         self._along = rays[:, 2].astype(np.float32).reshape(shape)
+        # semi-global matching of the rectified images
         self._matcher = cv2.StereoSGBM.create(
             minDisparity=0,
             numDisparities=_DISPARITIES,
@@ -335,11 +348,15 @@ class Stereo:
 
     def depth(self, left: Image, right: Image) -> Depth:
         """Depth image, m, registered to the left image of a pair of the same time; 0 where there is no match."""
-        pair = [cv2.remap(_grey(p.pixels), *m, cv2.INTER_LINEAR) for p, m in zip((left, right), self._maps)]
-        disparity = self._matcher.compute(*pair).astype(np.float32) / _FIXED_POINT
-        seen = cv2.remap(disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
+        rectified_pair = [
+            cv2.remap(_to_grey(image.pixels), *maps, cv2.INTER_LINEAR) for image, maps in zip((left, right), self._maps)
+        ]
+        rectified_disparity = self._matcher.compute(*rectified_pair).astype(np.float32) / _FIXED_POINT
+        # from the rectified image back to the left one: at each pixel, px; -1 outside
+        disparity = cv2.remap(rectified_disparity, self._column, self._row, cv2.INTER_NEAREST, borderValue=-1.0)
         with np.errstate(divide="ignore"):
-            depth = np.where(seen >= _MIN_DISPARITY_PX, self._times_depth / (seen * self._along), 0.0)
+            # depth in the rectified camera is `_times_depth` / disparity; `_along` converts it to the left camera's
+            depth = np.where(disparity >= _MIN_DISPARITY_PX, self._times_depth / (disparity * self._along), 0.0)
         return Depth(topic=self.topic, t_ns=left.t_ns, depth=depth.astype(np.float32))
 
 
@@ -365,6 +382,6 @@ def with_depth(samples: Iterable[Sample], stereo: Stereo, right: str) -> Iterato
             pair.clear()
 
 
-def _grey(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _to_grey(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(H, W) grey values of a grey or RGB image."""
     return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), np.uint8)

@@ -87,13 +87,13 @@ def align(memory: state.FilterState, parameters: KernelParameters, t_ns: int, fo
     tilt_sd = _TILT_SD_RAD if stationary else _MOVING_TILT_SD_RAD
     speed_sd = _SPEED_SD_MPS if stationary else _MOVING_SPEED_SD_MPS
     _set_covariance(memory, parameters, t_ns, tilt_sd, speed_sd)
-    if stationary or late:
+    if stationary or late:  # the alignment ends
         size = math.sqrt(dot(vec3_at(force_sum[0], 0), vec3_at(force_sum[0], 0))) / max(force_sum[0, 3], 1.0)
         memory.norm[0] = size if stationary else parameters.gravity_mps2
         _widen_accel_bias(memory, memory.norm[0] - parameters.gravity_mps2)
         clock[state.PHASE] = state.NAVIGATING
         clock[state.HEADING_KNOWN] = 1
-        if clock[state.LEVER_KNOWN] == 0:
+        if clock[state.LEVER_KNOWN] == 0:  # the first alignment
             clock[state.LEVER_KNOWN] = 1
             up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
             store_vec3_at(axpy((0.0, 0.0, 0.0), -parameters.lever_arm_m, up), memory.lever, 0)
@@ -126,19 +126,20 @@ def level_attitude(memory: state.FilterState, force: Vec3) -> None:
         force: (3,) sum of the specific force, sensor axes.
     """
     q = quaternion_at(memory.tilted, 0)
-    x, y, z = matvec(to_matrix(q), force)
+    x, y, z = matvec(to_matrix(q), force)  # the force in the world of that attitude
     size = math.sqrt(x * x + y * y + z * z)
     if size > 0.0:
-        q = normalized(multiply(_onto_vertical(x / size, y / size, z / size), q))
+        q = normalized(multiply(_rotation_to_vertical(x / size, y / size, z / size), q))
     if memory.clock[state.HEADING_KNOWN] == 0:
         R = to_matrix(q)
+        # of the sensor's x axis, the first column of R, or of its z axis where x is nearly vertical
         heading = math.atan2(R[1][0], R[0][0]) if abs(R[2][0]) < 0.9 else math.atan2(R[1][2], R[0][2])
         q = normalized(multiply(exp((0.0, 0.0, -heading), state.SERIES_RAD), q))
     store_quaternion_at(q, memory.nominal, state.ATTITUDE)
 
 
 @njit(**INNER_KERNEL)
-def _onto_vertical(x: float, y: float, z: float) -> Quaternion:
+def _rotation_to_vertical(x: float, y: float, z: float) -> Quaternion:
     """The shortest rotation of a unit vector (x, y, z) onto the vertical: a quaternion (w, x, y, z), not normalised.
 
     A vector that points straight down is rotated by half a turn about x: there the shortest rotation is not unique.
@@ -163,13 +164,14 @@ def _set_covariance(
         tilt_sd: Standard deviation of roll and pitch, rad.
         speed_sd: Standard deviation of each axis of the velocity, m/s.
     """
-    P, clock, o = memory.covariance, memory.clock, memory.row
+    P, clock, o = memory.covariance, memory.clock, memory.row  # o: first of this foot's rows in P
     for i in range(o, o + state.STATES):
         for j in range(P.shape[0]):
             if j != i:
                 P[i, j] = P[j, i] = 0.0
     # time without tracking, s, now and at the last call; `growth` in s² is added to the variances, at each call anew
     lost, lost_before = (t_ns - clock[state.T_KNOWN]) * 1e-9, (clock[state.T_LAST] - clock[state.T_KNOWN]) * 1e-9
+    # memory.start_sd: standard deviations of position and heading of the start
     growth, levered = lost**2 - lost_before**2, clock[state.LEVER_KNOWN] != 0  # levered: not the first alignment
     for i in range(3):
         p, g, b = o + state.D_POSITION + i, o + state.D_GYRO_BIAS + i, o + state.D_ACCEL_BIAS + i

@@ -29,11 +29,9 @@ _MIN_LANDING_COSINE = 0.7  # between the vertical and a channel that senses a la
 def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> None:
     """Rewinds to before a channel reached its range, and propagates again with the reconstructed peak.
 
-    docs/foot_ins.md (15).
-
-    It adds the peak to the samples in the ring, and writes the corrections of position, velocity and attitude after
-    each of them into `memory.restored`. `memory.clock[RESTORED]` becomes the number of samples since the peak began, 0
-    if no peak has just ended.
+    The peak is the cubic of docs/foot_ins.md (15). It is added to the samples in the ring. The corrections of position,
+    velocity and attitude after each of them are written into `memory.restored`, and `memory.clock[RESTORED]` becomes
+    the number of samples since the peak began, 0 if no peak has just ended.
 
     At push-off the foot rotates faster than many a gyro's range, and before landing it brakes beyond many an
     accelerometer's: always in the same direction, by some tenths of a radian or a metre per second. A linear filter
@@ -44,7 +42,7 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
     A landing impact is too short for a shape. It is known to push upwards, so on average it hides `impact_excess` per
     sample. Without this, the foot sinks a little at every landing, up stairs and down.
     """
-    first = 0
+    first = 0  # the oldest sample before a peak, counted back from the newest
     for channel in range(6):
         first = max(first, _reconstruct_peak(memory, parameters, channel))
     memory.clock[state.RESTORED] = first
@@ -52,22 +50,22 @@ def restore_peaks(memory: state.FilterState, parameters: KernelParameters) -> No
         return
     x, moved, gravity = memory.nominal, memory.restored, parameters.gravity_mps2
     down = vec3_at(memory.lever, 0)
-    p, v = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY)
+    p, v = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY)  # without the peak
     for back in range(first + 1):  # backward from the newest sample, without the peak; stores each state in `moved`
         i = state.ring_row(memory, back)
-        for k in range(state.GYRO_BIAS):
+        for k in range(state.GYRO_BIAS):  # position, velocity and quaternion come before the biases
             moved[back, k] = x[k]
-        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), -_dt(memory, i), gravity, down)
+        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), -_interval_s(memory, i), gravity, down)
     for back in range(first, -1, -1):  # forward again with the peak; `moved` becomes the difference of the states
         i = state.ring_row(memory, back)
         for channel in range(6):
             memory.ring[i, channel] += memory.hidden[back, channel]  # later reads of the ring include the peak
             memory.hidden[back, channel] = 0.0
-        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), _dt(memory, i), gravity, down)
+        propagate_state(x, state.rate_of(memory, i), state.force_of(memory, i), _interval_s(memory, i), gravity, down)
         for k in range(state.ATTITUDE):
             moved[back, k] = x[k] - moved[back, k]
         before = quaternion_at(moved[back], state.ATTITUDE)
-        turn = normalized(multiply(quaternion_at(x, state.ATTITUDE), inverse(before)))
+        turn = normalized(multiply(quaternion_at(x, state.ATTITUDE), inverse(before)))  # rotation in the world
         store_quaternion_at(turn, moved[back], state.ATTITUDE)
     shift_covariance(
         memory.covariance,
@@ -85,20 +83,21 @@ def is_clipped(memory: state.FilterState, parameters: KernelParameters) -> bool:
     """
     for back in range(2):
         for channel in range(6):
-            known, size = _range(parameters, channel), abs(memory.ring[state.ring_row(memory, back), channel])
-            if known > 0.0 and size >= parameters.clipped_share * known:
+            sensor_range = _channel_range(parameters, channel)
+            size = abs(memory.ring[state.ring_row(memory, back), channel])
+            if sensor_range > 0.0 and size >= parameters.clipped_share * sensor_range:
                 return True
     return False
 
 
 @njit(**INNER_KERNEL)
-def _dt(memory: state.FilterState, i: int) -> float:
-    """Length of the interval of the ring's sample `i`, s."""
+def _interval_s(memory: state.FilterState, i: int) -> float:
+    """Time from the sample before to the sample in the ring's row `i`, s."""
     return (memory.ring_t_ns[i] - memory.ring_t_ns[(i - 1) % state.RING]) * 1e-9
 
 
 @njit(**INNER_KERNEL)
-def _range(parameters: KernelParameters, channel: int) -> float:
+def _channel_range(parameters: KernelParameters, channel: int) -> float:
     """Range of a channel of the ring, rad/s or m/s²; 0 if unknown."""
     return parameters.gyro_range_radps if channel < 3 else parameters.accel_range_mps2
 
@@ -119,41 +118,43 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
     Returns:
         Number of samples since the peak began; 0 if none has just ended.
     """
-    known = _range(parameters, channel)
+    sensor_range = _channel_range(parameters, channel)
     least = _MIN_PEAK_RATES if channel < 3 else _MIN_PEAK_FORCES
     fill = memory.clock[state.FILL]
-    limit = parameters.clipped_share * known
-    last = memory.ring[state.ring_row(memory, 2), channel]
-    if known <= 0.0 or fill < 6 or abs(last) < limit:
+    limit = parameters.clipped_share * sensor_range  # a sample of this size or more is clipped
+    third_newest = memory.ring[state.ring_row(memory, 2), channel]
+    # the range is unknown, the ring has too few samples, or the third newest of them is not clipped
+    if sensor_range <= 0.0 or fill < 6 or abs(third_newest) < limit:
         return 0
-    sign = 1.0 if last > 0.0 else -1.0
+    # that of the peak: all samples are taken times it, so that the peak is positive
+    sign = 1.0 if third_newest > 0.0 else -1.0
     # samples 2 to `end` - 1, counted back from the newest, are clipped; `top` is their sum, later their mean
     end, top = 2, 0.0
-    while end < fill - 3 and _sample(memory, end, channel, sign) >= limit:
-        top += _sample(memory, end, channel, sign)
+    while end < fill - 3 and _signed_value(memory, end, channel, sign) >= limit:
+        top += _signed_value(memory, end, channel, sign)
         end += 1
     # x0, x1: the two samples after the peak; x_end, x_before: the two before it
-    x0, x1 = _sample(memory, 0, channel, sign), _sample(memory, 1, channel, sign)
-    x_end, x_before = _sample(memory, end, channel, sign), _sample(memory, end + 1, channel, sign)
+    x0, x1 = _signed_value(memory, 0, channel, sign), _signed_value(memory, 1, channel, sign)
+    x_end, x_before = _signed_value(memory, end, channel, sign), _signed_value(memory, end + 1, channel, sign)
     span = (memory.ring_t_ns[state.ring_row(memory, 0)] - memory.ring_t_ns[state.ring_row(memory, end + 1)]) * 1e-9
     dt = span / (end + 1)
     rise, fall = (x_end - x_before) / dt, (x1 - x0) / dt  # slopes at both ends, positive for a peak
     if max(x0, x1, x_end) >= limit:  # the peak goes on, or began before the samples in the ring
         return 0
-    if end - 2 < least:
+    if end - 2 < least:  # too short for a shape: a landing, or nothing
         up = to_matrix(quaternion_at(memory.nominal, state.ATTITUDE))[2]  # in the sensor
         if channel < 3 or sign * up[channel - 3] < _MIN_LANDING_COSINE:
             return 0
         for back in range(2, end):
-            memory.hidden[back, channel] = sign * parameters.impact_excess * known
+            memory.hidden[back, channel] = sign * parameters.impact_excess * sensor_range
         return end
-    if min(rise, fall) <= 0.0 or span > _MAX_PEAK_S:
+    if min(rise, fall) <= 0.0 or span > _MAX_PEAK_S:  # no peak between these slopes, or too long a one
         return 0
     top /= end - 2
     # time from the last sample before the peak to the range, and from the range to the first sample after it, s
     before, after = min((top - x_end) / rise, dt), min((top - x1) / fall, dt)
-    length = (end - 1) * dt - before - after
-    if length <= 0.0:
+    length = (end - 1) * dt - before - after  # duration of the peak beyond the range, s
+    if length <= 0.0:  # no time is left beyond the range
         return 0
     # the slopes are measured outside the range; a peak of even curvature is flatter where it begins
     flatter = 1.0 / (1.0 + (dt + before + after) / length)
@@ -164,6 +165,6 @@ def _reconstruct_peak(memory: state.FilterState, parameters: KernelParameters, c
 
 
 @njit(**INNER_KERNEL)
-def _sample(memory: state.FilterState, back: int, channel: int, sign: float) -> float:
+def _signed_value(memory: state.FilterState, back: int, channel: int, sign: float) -> float:
     """A channel of the sample `back` samples older than the newest, times `sign`."""
     return sign * memory.ring[state.ring_row(memory, back), channel]

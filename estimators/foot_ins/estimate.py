@@ -16,6 +16,11 @@ from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.samples import Array
 from stridetwin.streams.trajectory import Pose, Trajectory
 
+LONGEST_WITHOUT_STANCE_S = 6.0
+"""A pose counts up to this long after a stance, s. No walk of `docs/foot_ins.md` moves a foot for longer than 2.2 s (it
+crawls); after 6 s a consumer IMU alone is off by metres."""
+NO_STANCE = "the sensor never rests as a foot does in every stance; is it worn on a foot?"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StartPose:
@@ -50,7 +55,7 @@ class StartPose:
 
         The first alignment then keeps the heading of the pose and corrects only its tilt.
         """
-        q = np.asarray(self.q_world_imu, dtype=float)
+        q = np.asarray(self.q_world_imu, dtype=float)  # a unit quaternion but for rounding
         memory.nominal[state.POSITION : state.POSITION + 3] = self.p_imu_in_world
         memory.nominal[state.ATTITUDE : state.ATTITUDE + 4] = q / np.linalg.norm(q)
         memory.start_sd[:] = self.position_sd, self.heading_sd
@@ -92,9 +97,10 @@ class FootInsEstimate:
         x, o, t_ns = memory.nominal.copy(), memory.row, int(memory.clock[state.T_LAST])
         p, q = x[state.POSITION : state.POSITION + 3], x[state.ATTITUDE : state.ATTITUDE + 4]
         covariance = memory.covariance[o : o + state.REPORTED, o : o + state.REPORTED].copy()
-        # the length of the path is unknown by the share `path[3]`: variance along the line from the first sample
-        way = p - memory.path[:3]
-        covariance[:3, :3] += memory.path[3] ** 2 * (way[:, None] * way)
+        # the length of the path is unknown by a share of it: variance along the line from the first sample
+        p_start, unknown_share = memory.path[:3], memory.path[3]
+        way = p - p_start
+        covariance[:3, :3] += unknown_share**2 * (way[:, None] * way)
         return cls(
             t_ns=t_ns,
             pose=Pose(t_ns=t_ns, p_frame_in_world=p, rotation=q, frame=frame, valid=phase == state.NAVIGATING),
@@ -153,6 +159,20 @@ class FootInsPath:
             aligned=phase[used] == state.NAVIGATING,
         )
 
+    @property
+    def reliable(self) -> NDArray[np.bool_]:
+        """(N,) whether a stance, or the alignment, was at most `LONGEST_WITHOUT_STANCE_S` ago.
+
+        A path without any stance is not reliable at all: the sensor is worn elsewhere than on a foot.
+        """
+        in_stance = np.isfinite(self.standing_speed_sd)
+        if not in_stance.any():
+            return np.zeros(len(in_stance), bool)
+        t_ns = self.trajectory.t_ns
+        in_stance[self.aligned.argmax()] = True  # the alignment ends there
+        last = np.maximum.accumulate(np.where(in_stance, t_ns, t_ns[0]))  # time of the last stance so far, ns
+        return np.asarray(self.aligned & ((t_ns - last) * 1e-9 <= LONGEST_WITHOUT_STANCE_S))
+
     def estimate(
         self, recording: Recording, name: str, foot: str, label: str, nis: Mapping[str, float], world: str = ""
     ) -> PathEstimate:
@@ -167,17 +187,22 @@ class FootInsPath:
             world: Frame of the world.
 
         Raises:
-            RecordingError: The vertical was never found.
+            RecordingError: The vertical was never found, or there is no stance.
         """
         frame = f"foot_{foot}/imu"
-        if not self.aligned.any():
+        if not self.aligned.any():  # no alignment has ended
             raise RecordingError(f"{recording.path}: /{frame}: the foot never stands still")
-        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])
+        reliable = self.reliable
+        if not reliable.any():
+            raise RecordingError(f"{recording.path}: /{frame}: {NO_STANCE}")
+        ready_ns = int(self.trajectory.t_ns[self.aligned.argmax()])  # the first sample with a known vertical
         return PathEstimate(
             name=f"{name}_{foot}",
             frame=frame,
             path=self.trajectory,
             ready_ns=ready_ns,
+            # only where a part is not reliable; None stands for all
+            healthy=None if reliable[self.aligned].all() else reliable,
             nis=nis,
             world=world,
             label=label,
@@ -189,6 +214,7 @@ def nis_by_kind(memory: state.FilterState) -> dict[str, float]:
 
     The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate).
     """
+    # (2,) each: sum of the normalised innovation squared, and number of updates
     sums = {
         "standing": memory.nis[state.BY_VELOCITY],
         "floor": memory.nis[state.BY_FLOOR],

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from stridetwin.estimators.base import PATH, Declaration, Options, PathEstimate, Progress, Stream
 from stridetwin.estimators.foot_ins import kernel
-from stridetwin.estimators.foot_ins.estimate import FootInsEstimate, FootInsPath, StartPose, nis_by_kind
+from stridetwin.estimators.foot_ins.estimate import NO_STANCE, FootInsEstimate, FootInsPath, StartPose, nis_by_kind
 from stridetwin.estimators.foot_ins.parameters import FootInsParameters, for_sensor
 from stridetwin.estimators.foot_ins.smoother import FootInsSmoother
 from stridetwin.estimators.foot_ins.state import IGNORED, initial_state
-from stridetwin.streams.errors import ConfigError
+from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Array, Block, Imu
@@ -60,17 +60,17 @@ class FootIns:
     ) -> None:
         """Prepares a foot without samples, with the noise of the rig's IMU on the foot that the options name."""
         if rig is not None:
-            Rig.check(rig, "FootIns")
+            Rig.check(rig, "FootIns")  # raises if `rig` is no `Rig`
         options = options or Options()
         if options.lag_s is not None:
             raise ConfigError("FootIns", "lag_s", options.lag_s, "None; FootIns.batch and FootInsSmoother take a lag")
         calibration = None if rig is None else rig.imu(_topic(options))
         self._frame = "" if calibration is None else calibration.topic.removeprefix("/")
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = initial_state()
+        self._memory = initial_state()  # of the filter
         # time, rate and force of one sample: `update` uses these buffers and allocates none
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
-        self._results = self._allocate_results(1)
+        self._results = self._allocate_results(1)  # phase, speed, state and covariance after that sample
         if start is not None:
             start.apply_to(self._memory)
 
@@ -96,15 +96,26 @@ class FootIns:
         """
         topic = _topic(options)
         block, estimator = recording.block(topic).as_kind(Imu), cls.batch(recording.rig, options, parameters)
-        path = estimator.run(block)
-        return [path.estimate(recording, cls.declaration.name, options.foot, "", estimator.nis)]
+        path, label = estimator.run(block), ""
+        return [path.estimate(recording, cls.declaration.name, options.foot, label, estimator.nis)]
 
     @classmethod
     def follow_block(
         cls, block: Block[Imu], options: Options, rig: Rig | None = None, parameters: FootInsParameters | None = None
     ) -> Trajectory:
-        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor."""
-        return cls.batch(rig, options, parameters).run(block).trajectory
+        """The path of a single IMU; without a rig, of one that is assumed to be a consumer sensor.
+
+        Poses long after a stance (`LONGEST_WITHOUT_STANCE_S`) are left out.
+
+        Raises:
+            StrideTwinError: There is no stance after the alignment.
+        """
+        path = cls.batch(rig, options, parameters).run(block)
+        reliable = path.reliable
+        if path.aligned.any() and not reliable.any():
+            raise StrideTwinError(f"{block.topic}: {NO_STANCE}")
+        # poses before the vertical is known stay, as in a path without a gap
+        return path.trajectory[reliable | ~path.aligned]
 
     @classmethod
     def batch(
@@ -128,7 +139,10 @@ class FootIns:
 
     @property
     def nis(self) -> dict[str, float]:
-        """Mean normalised innovation squared by kind of update; see `estimate.nis_by_kind`."""
+        """Mean normalised innovation squared, per degree of freedom, by kind of update: 1 if consistent.
+
+        The kinds are `standing` (zero velocity), `floor` and `rest` (zero rate); those not used so far are left out.
+        """
         return nis_by_kind(self._memory)
 
     def run(self, block: Block[Imu]) -> FootInsPath:

@@ -56,7 +56,7 @@ def workspace(states: int, measured: int) -> Workspace:
 
 @njit(**INNER_KERNEL)
 def clear(work: Workspace, m: int) -> None:
-    """Clears the first m rows of the Jacobian."""
+    """Sets the first m rows of the workspace's Jacobian to 0, before new measurements are written into them."""
     for i in range(m):
         zero(work.jacobian[i])
 
@@ -90,10 +90,12 @@ def correct(P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: flo
 def correct_probably(
     P: Array, dx: Array, gain: Array, o: int, h: Array, z: float, r: float, probability: float
 ) -> None:
-    """`correct` by a measurement that applies with a probability only; the moments are those of the mixture.
+    """Scalar Kalman update, in place, by a measurement that applies with a probability only.
 
-    With the innovation z' and its variance s, the mean moves by the share `probability`, and the covariance loses (p /
-    s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom & Tse 1975).
+    Mean and covariance become those of the mixture of both cases: corrected as by `correct`, and not corrected. With
+    the innovation z' and its variance s, the mean moves by the share p = `probability` of the full correction, and the
+    covariance loses (p / s - p (1 - p) z'² / s²) of P hᵀ h P: the spread of the two means is part of it (Bar-Shalom &
+    Tse 1975).
 
     Args:
         P: (n, n) covariance.
@@ -107,6 +109,7 @@ def correct_probably(
     """
     n = P.shape[0]
     z, s = _innovation(P, dx, gain, o, h, z, r)
+    # factor of P hᵀ h P, which the covariance loses
     lost = probability / s * (1.0 - (1.0 - probability) * z * z / s)
     for i in range(n):
         dx[i] += gain[i] * probability * z / s
@@ -176,7 +179,7 @@ def innovation_norm(work: Workspace, m: int, variance: float) -> float:
     √(zᵀ S⁻¹ z), S = H P Hᵀ + variance 1, as |L⁻¹ z| with Cholesky's L Lᵀ = S. `spread_measurements` must have been
     called before: it leaves H P Hᵀ in `work.spread`. L is left in `work.factor`, L⁻¹ z in `work.solved`.
     """
-    y, length2 = work.solved, 0.0
+    y, length2 = work.solved, 0.0  # y: L⁻¹ z; length2: its squared length
     factorise(work.spread, variance, work.factor, m)
     for i in range(m):
         y[i] = work.innovation[i]
@@ -194,10 +197,10 @@ def back_substitute(work: Workspace, m: int) -> None:
 
 @njit(**INNER_KERNEL)
 def apply_gated_update(P: Array, dx: Array, work: Workspace, o: int, m: int, innovation_gate: float) -> float:
-    """Update with m measurements; their noise is increased if the innovation is improbably large.
+    """Kalman update with m measurements, in place; their noise is increased if the innovation is improbably large.
 
-    docs/foot_ins.md (11). If the innovation is k times as long as the gate, k > 1, the noise has k times its standard
-    deviation. The measurements are applied one after the other, each of unit noise, as scalar updates.
+    This is docs/foot_ins.md (11): if the innovation is k times as long as the gate, k > 1, the noise has k times its
+    standard deviation. The measurements are applied one after the other, each of unit noise, as scalar updates.
 
     Args:
         P: (n, n) covariance, changed in place.

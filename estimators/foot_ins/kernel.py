@@ -42,11 +42,11 @@ _MAX_VELOCITY_SD_MPS = 2.0  # zero-velocity updates with a larger standard devia
 @njit(**INNER_KERNEL)
 def is_possible(rate: Vec3, force: Vec3) -> bool:
     """Whether a sensor on a foot can have measured this; False for NaN."""
-    fine = True
+    possible = True
     for i in range(3):
-        fine = fine and abs(rate[i]) <= _MAX_RATE_RADPS
-        fine = fine and abs(force[i]) <= _MAX_FORCE_MPS2
-    return fine
+        possible = possible and abs(rate[i]) <= _MAX_RATE_RADPS
+        possible = possible and abs(force[i]) <= _MAX_FORCE_MPS2
+    return possible
 
 
 @njit(**INNER_KERNEL)
@@ -87,7 +87,7 @@ def add_sample(
     phase = state.NAVIGATING
     if clock[state.PHASE] == state.ALIGNING:
         phase = state.ALIGNING
-        memory.peak[0] = statistic
+        memory.peak[0] = statistic  # recent peak of the statistic
         align(memory, parameters, t_ns, force, statistic)
     else:
         clock[state.T_KNOWN] = t_ns  # the last time at which the filter followed the foot
@@ -123,11 +123,12 @@ def step(
     move_contact_point(memory, parameters, dt)
     vary_height_drift(memory, parameters, dt)
     speed = stationary_speed_sd(statistic, memory.peak[0], parameters)
-    if speed < _MAX_VELOCITY_SD_MPS:
+    if speed < _MAX_VELOCITY_SD_MPS:  # with a larger one, the foot counts as moving
         zero_velocity_update(memory, parameters, rate, dt, speed)
     else:
         speed = math.inf
     level_floor_update(memory, parameters, t_ns, speed)
+    # at rest for long: even the recent peak of the statistic is low, but for what an unknown gyro bias adds to it
     if memory.peak[0] < parameters.rest_level + unknown_bias_statistic(memory):
         zero_rate_update(memory, parameters, rate, dt)
     return state.NAVIGATING, speed
@@ -135,7 +136,7 @@ def step(
 
 @njit(**INNER_KERNEL)
 def write_estimate(memory: state.FilterState, nominal: Array, covariance: Array) -> None:
-    """Writes the nominal state, and the covariance of position and attitude.
+    """Writes the nominal state, and the covariance of position and attitude, into the last two arguments.
 
     The filter may be wrong about the length of the path by a constant share, which no update of one foot can observe.
     This error is no state of the filter. Only the reported covariance of the position has it: along the straight line

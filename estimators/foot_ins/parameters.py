@@ -175,7 +175,7 @@ def as_record(kind: type[RecordT], values: Mapping[str, float]) -> RecordT:
         values: Numbers by attribute.
     """
     dtype = np.dtype([(name, type(value)) for name, value in values.items()], align=True)
-    record: RecordT = np.rec.array([tuple(values.values())], dtype=dtype)[0]
+    record: RecordT = np.rec.array([tuple(values.values())], dtype=dtype)[0]  # the one row of a record array
     return record
 
 
@@ -193,7 +193,7 @@ def for_sensor(
         calibration: Calibration of the sensor; None: a consumer sensor without one.
         data_sheet_alone: The noise is the calibration's, without any addition for motion, limits and scale errors.
     """
-    imu = calibration or _UNKNOWN
+    imu = calibration or _UNKNOWN  # in which every number is 0, which means unknown
     values = {name: float(value) for name, value in asdict(parameters).items()} | {
         "gyro_limit_noise_radps_rthz": _GYRO_LIMIT_NOISE_RADPS_RTHZ,
         "accel_limit_noise_mps2_rthz": (
@@ -206,10 +206,12 @@ def for_sensor(
         "gyro_range_radps": imu.gyroscope_range,
         "accel_range_mps2": imu.accelerometer_range,
     }
-    if data_sheet_alone:
+    if data_sheet_alone:  # 0 is added to the calibration's noise below
         values |= dict.fromkeys(_ADDED_NOISE, 0.0)
     if imu.gyroscope_misalignment_sd > 0.0:
+        # a calibration that knows the misalignment replaces the noise that stands for it
         values["gyro_noise_radps_rthz"] = _MISALIGNMENT_NOISE_PER_RTHZ * imu.gyroscope_misalignment_sd
+    # noise of the calibration in addition: the variances add, so the densities add as the sides of a right triangle
     for name, density in (
         ("gyro_noise_radps_rthz", imu.gyroscope_noise_density),
         ("accel_noise_mps2_rthz", imu.accelerometer_noise_density),
@@ -218,6 +220,7 @@ def for_sensor(
         ("rest_rate_noise_radps_rthz", imu.gyroscope_noise_density),
     ):
         values[name] = math.hypot(values[name], density)
+    # what the calibration does not know is 0 there, and stays as the parameters have it
     values["gyro_bias_sd_radps"] = imu.gyroscope_bias_sd or values["gyro_bias_sd_radps"]
     values["accel_bias_sd_mps2"] = imu.accelerometer_bias_sd or values["accel_bias_sd_mps2"]
     values["path_scale_sd"] = imu.accelerometer_scale_sd or values["path_scale_sd"]

@@ -37,11 +37,12 @@ Rows = tuple[NDArray[np.int64], NDArray[np.int8], Array, Array, Array]
 
 
 @njit(**INNER_KERNEL)
-def _write(window: TransitionWindow, out: Rows, k: int) -> None:
+def _write_oldest(window: TransitionWindow, out: Rows, k: int) -> None:
     """Takes the oldest sample out of the window, smoothed, and writes it into row `k` of the buffers `out`."""
+    t_ns, phase, speed, nominal, covariance = out
     i = release_oldest(window)  # row of the sample in the window's ring
-    out[0][k], out[1][k], out[2][k] = window.t_ns[i], window.phase[i], window.speed[i]
-    write_estimate(window.released, out[3][k], out[4][k])
+    t_ns[k], phase[k], speed[k] = window.t_ns[i], window.phase[i], window.speed[i]
+    write_estimate(window.released, nominal[k], covariance[k])
 
 
 @_entry_kernel
@@ -74,21 +75,21 @@ def run(
     Returns:
         Number of rows written.
     """
-    n = 0
+    n = 0  # rows written so far
     for k in range(len(t_ns)):
-        augment(memory)
+        augment(memory)  # so that the step also yields the transition of the error over it
         phase, speed = step(memory, parameters, t_ns[k], vec3_at(rate[k], 0), vec3_at(force[k], 0))
         if phase == IGNORED:
             continue
-        if phase == NAVIGATING and memory.clock[RESTORED] > 0:
+        if phase == NAVIGATING and memory.clock[RESTORED] > 0:  # samples since the beginning of a peak just restored
             apply_restored(window, memory)
         append(window, memory, phase, speed)
-        full = window.place[HELD] == len(window.t_ns)
-        if full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
-            _write(window, out, n)
+        is_full = window.place[HELD] == len(window.t_ns)
+        if is_full or t_ns[k] - window.t_ns[window.place[OLDEST]] >= lag_ns:
+            _write_oldest(window, out, n)
             n += 1
     while finish and window.place[HELD] > 0:
-        _write(window, out, n)
+        _write_oldest(window, out, n)
         n += 1
     return n
 
@@ -131,11 +132,11 @@ class FootInsSmoother:
             raise ConfigError("FootInsSmoother", "lag_s", lag_s, f"0 to {MAX_LAG_S:g} s")
         self._lag_ns = round(lag_s * 1e9)
         self._parameters = for_sensor(parameters or FootInsParameters(), calibration)
-        self._memory = initial_augmented_state()
+        self._memory = initial_augmented_state()  # of the filter
         # time, rate and force of one sample: `update` uses these buffers and allocates none
         self._sample = np.empty(1, np.int64), np.empty((1, 3)), np.empty((1, 3))
-        self._row = _rows(1)
-        self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)
+        self._row = _allocate_rows(1)
+        self._window = empty_window(math.ceil(lag_s * MAX_RATE_HZ) + 1)  # the samples not yet returned
         if start is not None:
             start.apply_to(self._memory)
 
@@ -144,17 +145,19 @@ class FootInsSmoother:
         t_ns, rate, force = self._sample
         t_ns[0], rate[0], force[0] = sample.t_ns, sample.angular_rate, sample.specific_force
         out = self._row
-        if run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, False, out) == 0:
+        _, phase, speed, _, _ = out
+        written = run(self._memory, self._window, self._parameters, self._lag_ns, t_ns, rate, force, False, out)
+        if written == 0:
             return None
-        return FootInsEstimate.of(self._window.released, int(out[1][0]), float(out[2][0]))
+        return FootInsEstimate.of(self._window.released, int(phase[0]), float(speed[0]))
 
     def run(self, block: Block[Imu]) -> FootInsPath:
         """The path over the usable samples of a block and those held before, the last ones smoothed with less."""
-        return self._path(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
+        return self._smooth_all(block.t_ns, block.columns["angular_rate"], block.columns["specific_force"])
 
     def finish(self) -> FootInsPath:
         """The samples not yet returned, smoothed with what is available."""
-        return self._path(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
+        return self._smooth_all(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
 
     @property
     def nis(self) -> dict[str, float]:
@@ -166,7 +169,7 @@ class FootInsSmoother:
         """Number of samples not yet returned."""
         return int(self._window.place[HELD])
 
-    def _path(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> FootInsPath:
+    def _smooth_all(self, t_ns: NDArray[np.int64], rate: Array, force: Array) -> FootInsPath:
         """The path over the samples still held, and then over new ones; afterwards none is held.
 
         Args:
@@ -174,7 +177,7 @@ class FootInsSmoother:
             rate: (N, 3) rad/s.
             force: (N, 3) m/s², specific force.
         """
-        out = _rows(len(t_ns) + self.held)
+        out = _allocate_rows(len(t_ns) + self.held)
         n = run(
             self._memory,
             self._window,
@@ -189,6 +192,6 @@ class FootInsSmoother:
         return FootInsPath.of(out[0][:n], out[1][:n], out[2][:n], out[3][:n], out[4][:n])
 
 
-def _rows(n: int) -> Rows:
-    """Buffers for `n` samples, as `FootInsPath.of` takes them."""
+def _allocate_rows(n: int) -> Rows:
+    """Empty buffers for `n` samples, in the order of `Rows`, which is that of the arguments of `FootInsPath.of`."""
     return np.empty(n, np.int64), np.empty(n, np.int8), np.empty(n), np.empty((n, NOMINAL)), np.empty((n, 6, 6))

@@ -84,18 +84,19 @@ def motion_statistic(memory: state.FilterState, parameters: KernelParameters) ->
     newest = memory.ring_t_ns[state.ring_row(memory, 0)]
     span = int(parameters.window_s * 1e9)
     bias = vec3_at(memory.nominal, state.GYRO_BIAS)
-    n, rate2, force2, mean = 0, 0.0, 0.0, (0.0, 0.0, 0.0)
+    # number of samples; sums of |ω - b_g|², of |f|² and of f
+    n, rate2, force2, force_sum = 0, 0.0, 0.0, (0.0, 0.0, 0.0)
     for back in range(memory.clock[state.FILL]):
         i = state.ring_row(memory, back)
-        if newest - memory.ring_t_ns[i] >= span and back > 0:
+        if newest - memory.ring_t_ns[i] >= span and back > 0:  # the newest sample always counts
             break
         rate, force = axpy(state.rate_of(memory, i), -1.0, bias), state.force_of(memory, i)
         rate2 += dot(rate, rate)
         force2 += dot(force, force)
-        mean = axpy(mean, 1.0, force)
+        force_sum = axpy(force_sum, 1.0, force)
         n += 1
-    size, g = math.sqrt(dot(mean, mean)) / n, memory.norm[0]
-    if g == 0.0:
+    size, g = math.sqrt(dot(force_sum, force_sum)) / n, memory.norm[0]  # |f̄| and |g|
+    if g == 0.0:  # not aligned yet
         most = _MAX_NORM_ERROR * parameters.gravity_mps2
         g = parameters.gravity_mps2 + min(max(size - parameters.gravity_mps2, -most), most)
     spread2 = force2 / n - 2.0 * g * size + g * g  # mean |f - g f̄/|f̄||², multiplied out
@@ -113,6 +114,7 @@ def stationary_speed_sd(statistic: float, peak: float, parameters: KernelParamet
         peak: Slowly decaying peak of it: the stances of a fast gait are less quiet.
         parameters: Parameters of the filter.
     """
+    # from this value of the statistic on the trust in zero velocity decreases
     level = max(parameters.stationary_level, parameters.stationary_share * peak)
     return parameters.stationary_speed_mps * math.sqrt(1.0 + (statistic / level) ** parameters.stationary_power)
 
@@ -138,7 +140,11 @@ def move_contact_point(memory: state.FilterState, parameters: KernelParameters, 
 
 @njit(**INNER_KERNEL)
 def vary_height_drift(memory: state.FilterState, parameters: KernelParameters, dt: float) -> None:
-    """Lets the height drift per metre of path change over `dt` (s), as a Gauss-Markov process of `_HEIGHT_DRIFT_S`."""
+    """Lets the height drift per metre of path change over `dt` (s), as the gait does.
+
+    It is a first-order Gauss-Markov process of standard deviation `height_drift_sd` and time constant
+    `_HEIGHT_DRIFT_S`: the drift returns to 0, and its uncertainty to that standard deviation.
+    """
     x, P, o = memory.nominal, memory.covariance, memory.row + state.D_DRIFT
     # share of the drift that is left after dt; it scales the state, and its row and column of P
     kept = math.exp(-dt / _HEIGHT_DRIFT_S)
@@ -153,7 +159,7 @@ def vary_height_drift(memory: state.FilterState, parameters: KernelParameters, d
 def add_across_sole(memory: state.FilterState, variance: float) -> None:
     """Adds `variance` (m²) to the covariance of the stationary point, in every direction across the lever arm."""
     P, o, lever = memory.covariance, memory.row + state.D_CONTACT, vec3_at(memory.lever, 0)
-    down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)
+    down = axpy((0.0, 0.0, 0.0), 1.0 / max(math.sqrt(dot(lever, lever)), 1e-9), lever)  # unit vector along it
     for i in range(3):
         for j in range(3):
             P[o + i, o + j] += variance * (_UNIT[i][j] - down[i] * down[j])
@@ -163,9 +169,10 @@ def add_across_sole(memory: state.FilterState, variance: float) -> None:
 def zero_velocity_update(
     memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float, stationary_speed_sd: float
 ) -> None:
-    """Update with v + w × r = 0, w = R (ω - b_g), r the lever arm in the world (after Foxlin 2005).
+    """Update with zero velocity of the sole's stationary point (after Foxlin 2005), docs/foot_ins.md (8)-(10).
 
-    docs/foot_ins.md (8)-(10).
+    v + w × r = 0 for the velocity v of the sensor, the angular rate w = R (ω - b_g) and the lever arm r from the sensor
+    to that point, all in the world.
 
     It is a measurement in sensor axes, invariant to a rotation of the whole world; so the Jacobian on the attitude is
     [v]x.
@@ -192,12 +199,14 @@ def zero_velocity_update(
     x, work = memory.nominal, memory.work
     R = to_matrix(quaternion_at(x, state.ATTITUDE))
     v = vec3_at(x, state.VELOCITY)
+    # w and r as above; r is the lever arm with the point's displacement along the sole
     w = matvec(R, axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS)))
     r = matvec(R, axpy(vec3_at(memory.lever, 0), 1.0, vec3_at(x, state.CONTACT)))
+    # factor on the noise, as many updates share one error
     shared = math.sqrt(max(1.0, parameters.stationary_correlation_s / dt))
     whitening = _whitening(w, shared * stationary_speed_sd, shared * parameters.lever_sd_m)
     clear(work, 3)
-    axes = transposed(R)
+    axes = transposed(R)  # the sensor's axes in the world
     for i in range(3):
         _put_column(work.jacobian, state.D_VELOCITY + i, matvec(whitening, _UNIT[i]))
         _put_column(work.jacobian, state.D_ATTITUDE + i, matvec(whitening, cross(v, _UNIT[i])))
@@ -214,15 +223,16 @@ def zero_velocity_update(
 
 @njit(**INNER_KERNEL)
 def _put_column(H: Array, column: int, v: Vec3) -> None:
-    """Writes a vector into the first three rows of a column."""
+    """Writes a vector into the first three rows of one column of a Jacobian H (6, m)."""
     H[0, column], H[1, column], H[2, column] = v
 
 
 @njit(**INNER_KERNEL)
 def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
-    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (9).
+    """Inverse square root of the noise speed_sd² I + lever_sd² (|w|² I - w wᵀ): docs/foot_ins.md (10).
 
-    A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger.
+    A velocity multiplied by it has noise of unit covariance. Along w the noise is speed_sd, across w it is larger. So
+    the result is `across` I + k w wᵀ, with k such that its factor along w is 1 / speed_sd.
 
     Args:
         w: (3,) rad/s, angular rate of the foot, world axes.
@@ -230,7 +240,7 @@ def _whitening(w: Vec3, speed_sd: float, lever_sd: float) -> Mat3:
         lever_sd: Standard deviation of the lever arm in every direction, m.
     """
     w2 = dot(w, w)
-    across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)
+    across = 1.0 / math.sqrt(speed_sd**2 + lever_sd**2 * w2)  # one over the noise across w
     k = (1.0 / speed_sd - across) / max(w2, 1e-12)
     return (
         (across + k * w[0] * w[0], k * w[0] * w[1], k * w[0] * w[2]),
@@ -253,7 +263,8 @@ def unknown_bias_statistic(memory: state.FilterState) -> float:
 def zero_rate_update(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, dt: float) -> None:
     """Update with ω = b_g: a foot at rest for long does not rotate.
 
-    A person who stands for long sways: a rate improbable as a bias is down-weighted, as in `zero_velocity_update`.
+    A person who stands for long sways. So if the rate is improbable as a bias, the noise of the update grows in
+    proportion to the excess of the innovation over `innovation_gate`.
 
     Args:
         memory: State of the foot, changed in place.
@@ -280,8 +291,9 @@ def inject(memory: state.FilterState) -> None:
     moved, the covariance is transformed by `shift_covariance`.
     """
     x, error, o = memory.nominal, memory.error, memory.row
-    for i in range(state.ATTITUDE):
+    for i in range(state.ATTITUDE):  # position and velocity come first in both
         x[i] += error[o + i]
+    # the states after the attitude, which has four entries in the nominal state but three in the error
     for i in range(state.D_GYRO_BIAS, state.STATES):
         x[i + state.GYRO_BIAS - state.D_GYRO_BIAS] += error[o + i]
     rotation = exp(vec3_at(error, o + state.D_ATTITUDE), state.SERIES_RAD)
@@ -321,12 +333,13 @@ def _learn_level_step(memory: state.FilterState, same: float, step: float, varia
     memory.floor[1] += same
     memory.nis[state.BY_FLOOR, 0] += same * step * step / (variance + spread)
     memory.nis[state.BY_FLOOR, 1] += same
+    # expected square of the floor's part of the step: square of its mean, and its variance
     memory.floor[2] += same * (share * share * step * step + share * spread)
 
 
 @njit(**INNER_KERNEL)
 def _normal_density(x: float, variance: float) -> float:
-    """Density of a normal distribution of mean 0."""
+    """Density at `x` of the normal distribution of mean 0 with this variance."""
     return math.exp(-0.5 * x * x / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
@@ -336,7 +349,7 @@ def level_floor_update(
 ) -> None:
     """Compares the height of a foot that has just become stationary with that of its last floor.
 
-    docs/foot_ins.md (14).
+    If it is probably the same floor, the foot's height is corrected, docs/foot_ins.md (14).
 
     Zero-velocity updates do not observe height, so its error grows with every stride, mostly with one sign. Built
     ground is often level (Abdulrahim, Hide, Moore, Hill 2012). Whether it is here is a hypothesis: the same floor, up
@@ -354,29 +367,35 @@ def level_floor_update(
         stationary_speed_sd: Standard deviation of a stationary foot's speed, m/s; inf for a moving foot.
     """
     clock = memory.clock
-    if stationary_speed_sd > _STAND_SPEED_MPS:
+    if stationary_speed_sd > _STAND_SPEED_MPS:  # not surely stationary
         clock[state.T_LAST_MOTION] = t_ns
         if stationary_speed_sd == math.inf and clock[state.CONTACT_PHASE] == state.STANDING:
             clock[state.CONTACT_PHASE] = state.SWINGING
         return
+    # compared in this stance already, or not stationary for long enough
     if clock[state.CONTACT_PHASE] == state.STANDING or (t_ns - clock[state.T_LAST_MOTION]) * 1e-9 < _STAND_S:
         return
     x, P, o, work = memory.nominal, memory.covariance, memory.row, memory.work
+    # the lever arm from the sensor to the sole, in the world
     r = matvec(to_matrix(quaternion_at(x, state.ATTITUDE)), vec3_at(memory.lever, 0))
     clear(work, 1)
-    h = work.jacobian[0]  # of the sole's height above the floor
+    h = work.jacobian[0]  # of the sole's height above the floor, by the error states
+    # r_z grows by r_y δθ_x - r_x δθ_y with an error δθ of the attitude
     h[state.D_POSITION + 2], h[state.D_ATTITUDE], h[state.D_ATTITUDE + 1], h[state.D_FLOOR] = 1.0, r[1], -r[0], -1.0
     height = x[state.POSITION + 2] + r[2]  # of the sole in the world, m
-    known, clock[state.CONTACT_PHASE] = clock[state.CONTACT_PHASE] != state.NEVER_LANDED, state.STANDING
-    step = height - x[state.FLOOR]
+    has_floor = clock[state.CONTACT_PHASE] != state.NEVER_LANDED  # not at the first landing
+    clock[state.CONTACT_PHASE] = state.STANDING
+    step = height - x[state.FLOOR]  # of the sole above the last floor, m
     lift = _SOLE_M * math.hypot(r[0], r[1]) / max(parameters.lever_arm_m, 1e-9)  # by the tilt of the sole, m
     variance = _floor_variance(memory, parameters) + lift**2
     spread_measurements(P, work, o, 1)
-    likelihood = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
-    same, last = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on the floor
-    prior = last * parameters.same_floor + (1.0 - last) * _SAME_AFTER_NEW
-    if known and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
-        same = likelihood / (likelihood + 1.0 / prior - 1.0)
+    # ratio of the densities of the step on the same floor and on a new one, which is 1 / `_NEW_FLOOR_RANGE_M`
+    likelihood_ratio = _normal_density(step, work.spread[0, 0] + variance) * _NEW_FLOOR_RANGE_M
+    same, last_same = 0.0, memory.floor[0]  # probability that this step, and the last one, stayed on its floor
+    # the same of this step, before its height counts
+    prior = last_same * parameters.same_floor + (1.0 - last_same) * _SAME_AFTER_NEW
+    if has_floor and prior > 0.0 and abs(step) < _LEVEL_STEP_M:
+        same = likelihood_ratio / (likelihood_ratio + 1.0 / prior - 1.0)  # Bayes' rule
         _learn_level_step(memory, same, step, variance, work.spread[0, 0])
         correct_probably(P, memory.error, work.gain, o, h, -step, variance, same)
         inject(memory)
@@ -385,7 +404,7 @@ def level_floor_update(
     height = x[state.POSITION + 2] + r[2]  # again, as a correction may have moved the foot
     x[state.FLOOR] = height
     h[state.D_FLOOR] = 0.0  # the new floor does not depend on the old one
-    spread_measurements(P, work, o, 1)
+    spread_measurements(P, work, o, 1)  # of the foot's height: `gain` is P hᵀ, `spread` its variance
     for j in range(P.shape[0]):
         P[o + state.D_FLOOR, j] = P[j, o + state.D_FLOOR] = work.gain[j]
     P[o + state.D_FLOOR, o + state.D_FLOOR] = work.spread[0, 0] + variance

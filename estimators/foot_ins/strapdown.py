@@ -35,8 +35,8 @@ _MIN_GYRO_RANGE_RADPS, _MIN_ACCEL_RANGE_MPS2 = 7.0, 45.0  # least limits of a se
 def propagate_covariance(P: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path: float, turn: Vec3) -> None:
     """P <- F P Fᵀ in place, for the foot whose 21 error states begin at row `o`.
 
-    See docs/foot_ins.md (4). F is the strapdown error model of Titterton & Weston 2004, ch. 12, without Earth rotation.
-    P is symmetric: so F P Fᵀ is computed as F (F P)ᵀ.
+    F propagates the error over one interval, docs/foot_ins.md (4). It is the strapdown error model of Titterton &
+    Weston 2004, ch. 12, without Earth rotation. P is symmetric: so F P Fᵀ is computed as F (F P)ᵀ.
 
     Args:
         P: (n, n) covariance of the error states.
@@ -95,7 +95,8 @@ def _apply_transition(M: Array, o: int, R: Mat3, f_world: Vec3, dt: float, path:
     g, b = o + state.D_GYRO_BIAS, o + state.D_ACCEL_BIAS
     fx, fy, fz = f_world[0] * dt, f_world[1] * dt, f_world[2] * dt
     for j in range(M.shape[1]):
-        a0, a1, a2 = M[a, j], M[a + 1, j], M[a + 2, j]
+        a0, a1, a2 = M[a, j], M[a + 1, j], M[a + 2, j]  # attitude before the step
+        # changes of attitude and velocity by the biases
         gyro = matvec(R, (dt * M[g, j], dt * M[g + 1, j], dt * M[g + 2, j]))
         accel = matvec(R, (dt * M[b, j], dt * M[b + 1, j], dt * M[b + 2, j]))
         for i in range(3):
@@ -118,10 +119,13 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
     The foot's rows begin at `o`; the corrections were `dp` (m) and `dv` (m/s), world axes.
 
-    P <- T P Tᵀ with T of `shift_rows`. A rotation of the whole world about the vertical z is unobservable; in the error
-    it is (z × p, z × v, z) at position, velocity and attitude. Where a correction moves p and v, this direction must
-    move along; otherwise the filter takes the difference for a heading measurement, which adds up to false certainty.
-    This is the invariant filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
+    P <- T P Tᵀ, where T adds δθ × dp to the error of the position and δθ × dv to that of the velocity, for an error δθ
+    of the attitude. As P is symmetric, it is computed as T (T P)ᵀ.
+
+    A rotation of the whole world about the vertical z is unobservable; in the error it is (z × p, z × v, z) at
+    position, velocity and attitude. Where a correction moves p and v, this direction must move along; otherwise the
+    filter takes the difference for a heading measurement, which adds up to false certainty. This is the invariant
+    filter of Barrau & Bonnabel 2017 (IEEE TAC 62:1797) in the coordinates of the plain one.
     """
     shift_rows(P, o, dp, dv)
     transpose_rows(P, o + state.D_POSITION, 6)
@@ -131,7 +135,9 @@ def shift_covariance(P: Array, o: int, dp: Vec3, dv: Vec3) -> None:
 
 @njit(**INNER_KERNEL)
 def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T M in place, T of `shift_covariance`: δp += δθ × dp, δv += δθ × dv.
+    """M <- T M in place: adds δθ × dp to the rows of the position δp, and δθ × dv to those of the velocity δv.
+
+    δθ are the rows of the attitude, so T moves the errors of position and velocity along when the state is corrected.
 
     Args:
         M: (n, m) matrix with a row per error state.
@@ -141,7 +147,7 @@ def shift_rows(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
     """
     p, v, a = o + state.D_POSITION, o + state.D_VELOCITY, o + state.D_ATTITUDE
     for j in range(M.shape[1]):
-        x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]
+        x, y, z = M[a, j], M[a + 1, j], M[a + 2, j]  # δθ
         M[p, j] += y * dp[2] - z * dp[1]
         M[p + 1, j] += z * dp[0] - x * dp[2]
         M[p + 2, j] += x * dp[1] - y * dp[0]
@@ -159,6 +165,7 @@ def force_at_middle(f: Vec3, x: float, y: float, z: float) -> Vec3:
     The velocity changes by Γ₁(φ) f dt, Γ₁ the left Jacobian of SO(3), which is Exp(φ/2) (1 + [φ]x²/24) to the second
     order (Barfoot 2017, ch. 7).
     """
+    # f + [φ]x² f / 24 = (1 - |φ|²/24) f + (φ · f)/24 φ
     along = (x * f[0] + y * f[1] + z * f[2]) / 24.0
     less = 1.0 - (x * x + y * y + z * z) / 24.0
     return less * f[0] + along * x, less * f[1] + along * y, less * f[2] + along * z
@@ -182,10 +189,11 @@ def propagate_state(
         Attitude at the interval's middle, world <- sensor; specific force in the world, m/s²; path length, m; rotation
         across `down` in the world, rad.
     """
-    w = axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS))
+    w = axpy(rate, -1.0, vec3_at(x, state.GYRO_BIAS))  # the rate without the gyro's bias
     # part of the rate perpendicular to the sole's normal: the scale error acts on it
     across = axpy(w, -dot(w, down) / max(dot(down, down), 1e-9), down)
     wx, wy, wz = axpy(w, -x[state.SCALE], across)
+    # half of the rotation over the interval, applied twice: to the middle and to the end
     half = exp((0.5 * dt * wx, 0.5 * dt * wy, 0.5 * dt * wz), state.SERIES_RAD)
     q_middle = normalized(multiply(quaternion_at(x, state.ATTITUDE), half))
     R = to_matrix(q_middle)
@@ -193,7 +201,7 @@ def propagate_state(
     f_world = matvec(R, f_sensor)
     acceleration = f_world[0], f_world[1], f_world[2] - gravity
     moved = axpy((0.0, 0.0, 0.0), dt, axpy(vec3_at(x, state.VELOCITY), 0.5 * dt, acceleration))
-    path = math.copysign(math.sqrt(dot(moved, moved)), dt)
+    path = math.copysign(math.sqrt(dot(moved, moved)), dt)  # negative where the propagation is reversed
     for i in range(3):
         x[state.POSITION + i] += moved[i]
         x[state.VELOCITY + i] += dt * acceleration[i]
@@ -205,7 +213,7 @@ def propagate_state(
 
 @njit(**INNER_KERNEL)
 def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3, force: Vec3, dt: float) -> None:
-    """Propagates state and covariance over one interval: docs/foot_ins.md (5).
+    """Propagates state and covariance over one interval: docs/foot_ins.md (2)-(5).
 
     The force acts at the attitude of the interval's middle (Titterton & Weston 2004, ch. 11). Scale, alignment and
     sampling errors are white noise that grows with the motion; an axis at its limit has an unknown excess. In an
@@ -218,45 +226,49 @@ def predict(memory: state.FilterState, parameters: KernelParameters, rate: Vec3,
         force: (3,) m/s², mean specific force over the interval.
         dt: Length of the interval, s.
     """
-    P, o = memory.covariance, memory.row
-    down = vec3_at(memory.lever, 0)
+    P, o = memory.covariance, memory.row  # o: first row of this foot's error states
+    down = vec3_at(memory.lever, 0)  # along the sole's normal
+    # attitude and specific force in the middle of the interval; length of the path, m; rotation across the sole, rad
     R, f_world, path, turn = propagate_state(memory.nominal, rate, force, dt, parameters.gravity_mps2, down)
     acceleration = f_world[0], f_world[1], f_world[2] - parameters.gravity_mps2
     propagate_covariance(P, o, R, f_world, dt, path, turn)
+    # variances per second of attitude and velocity
     attitude_noise = parameters.gyro_noise_radps_rthz**2
     velocity_noise = parameters.accel_noise_mps2_rthz**2
     velocity_noise += parameters.accel_motion_noise_per_rthz**2 * dot(acceleration, acceleration)
-    if memory.clock[state.FILL] > 1:
+    if memory.clock[state.FILL] > 1:  # the ring has a sample before this one
         change = axpy(force, -1.0, state.force_of(memory, state.ring_row(memory, 1)))
         jerk2 = dot(change, change) / (dt * dt)
         velocity_noise += parameters.accel_jerk_noise_s_rthz**2 * jerk2
     if dt > _MAX_STEP_S:
         attitude_noise += _GAP_GYRO_NOISE_RADPS_RTHZ**2
         velocity_noise += _GAP_ACCEL_NOISE_MPS2_RTHZ**2
-    axes = transposed(R)
+    axes = transposed(R)  # the sensor's axes in the world
     for i in range(3):
         P[o + state.D_ATTITUDE + i, o + state.D_ATTITUDE + i] += attitude_noise * dt
         P[o + state.D_VELOCITY + i, o + state.D_VELOCITY + i] += velocity_noise * dt
         P[o + state.D_GYRO_BIAS + i, o + state.D_GYRO_BIAS + i] += parameters.gyro_bias_walk_radps2_rthz**2 * dt
         P[o + state.D_ACCEL_BIAS + i, o + state.D_ACCEL_BIAS + i] += parameters.accel_bias_walk_mps3_rthz**2 * dt
-        known = parameters.gyro_range_radps
-        if _at_limit(memory.extreme, i, abs(rate[i]), known, _MIN_GYRO_RANGE_RADPS, parameters.limit_share):
+        gyro_range = parameters.gyro_range_radps
+        if _may_be_limited(memory.extreme, i, abs(rate[i]), gyro_range, _MIN_GYRO_RANGE_RADPS, parameters.limit_share):
             _add_along(P, o + state.D_ATTITUDE, axes[i], parameters.gyro_limit_noise_radps_rthz**2 * dt)
-        known = parameters.accel_range_mps2
-        if _at_limit(memory.extreme, 3 + i, abs(force[i]), known, _MIN_ACCEL_RANGE_MPS2, parameters.limit_share):
+        accel_range = parameters.accel_range_mps2
+        if _may_be_limited(
+            memory.extreme, 3 + i, abs(force[i]), accel_range, _MIN_ACCEL_RANGE_MPS2, parameters.limit_share
+        ):
             _add_along(P, o + state.D_VELOCITY, axes[i], parameters.accel_limit_noise_mps2_rthz**2 * dt)
 
 
 @njit(**INNER_KERNEL)
-def _at_limit(extreme: Array, channel: int, size: float, known: float, least: float, limit_share: float) -> bool:
+def _may_be_limited(extreme: Array, channel: int, size: float, known: float, least: float, limit_share: float) -> bool:
     """Whether a channel may be limited: near its range or, where unknown, near the largest value so far.
 
     A limited channel returns to the same extreme in every stride. An unlimited one rarely reaches its largest value, so
     little is lost by down-weighting it there.
 
     Args:
-        extreme: (6,) largest magnitude of each channel so far, updated.
-        channel: Index of the channel.
+        extreme: (6,) largest magnitude of each channel so far, at least `least`; updated where the range is unknown.
+        channel: Index of the channel: 0-2 angular rate, 3-5 specific force.
         size: Magnitude of the sample, rad/s or m/s².
         known: Range of the channel; 0 if unknown.
         least: Least range of any sensor.
@@ -270,7 +282,7 @@ def _at_limit(extreme: Array, channel: int, size: float, known: float, least: fl
 
 @njit(**INNER_KERNEL)
 def _add_along(P: Array, row: int, axis: Vec3, variance: float) -> None:
-    """Adds variance along an axis to the 3×3 block of `P` at `row`, in place."""
+    """Adds variance along a unit axis to the 3×3 block of `P` that begins at row and column `row`, in place."""
     for i in range(3):
         for j in range(3):
             P[row + i, row + j] += variance * (axis[i] * axis[j])

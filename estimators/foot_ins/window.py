@@ -136,24 +136,26 @@ def augment(memory: state.FilterState) -> None:
 def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
     """Corrects the stored samples since a clipped peak began by the result of `restore_peaks`, in place.
 
-    `memory.restored` has a row per sample, counted back from the newest: correction of position (entries 0-2, m),
-    velocity (3-5, m/s) and attitude (quaternion, 6-9). It is added to the stored nominal states; covariances and
-    transitions are mapped to the errors of the corrected states.
+    Two samples after a peak, the filter restores it and so moves its own state; the samples stored since the peak
+    began are moved here. `memory.restored` has a row per sample, counted back from the newest: correction of position
+    (entries 0-2, m), velocity (3-5, m/s) and attitude (quaternion, 6-9). It is added to the stored nominal states;
+    covariances and transitions are mapped to the errors of the corrected states.
 
     Args:
         window: The samples held.
         memory: State after the sample at which the peak was restored, which the window does not hold yet.
     """
     place, capacity = window.place, len(window.t_ns)
-    held, summed, moved = place[HELD], place[SUMMED], memory.restored
+    held, summed, moved = place[HELD], place[SUMMED], memory.restored  # moved: the corrections
     reach = 0  # how many samples of the peak the window still holds, from the newest on
     for back in range(1, min(memory.clock[state.RESTORED], held) + 1):
+        # both must be the same sample: the window's, and the filter's in its ring
         if window.t_ns[(place[OLDEST] + held - back) % capacity] != memory.ring_t_ns[state.ring_row(memory, back)]:
             break
         reach = back
     if reach == 0:
         return
-    for back in range(1, reach + 1):
+    for back in range(1, reach + 1):  # samples back from the newest, 1 is the newest that the window holds
         i = (place[OLDEST] + held - back) % capacity
         x, dp, dv = window.nominal[i], vec3_at(moved[back], state.POSITION), vec3_at(moved[back], state.VELOCITY)
         store_vec3_at(axpy(vec3_at(x, state.POSITION), 1.0, dp), x, state.POSITION)
@@ -162,23 +164,25 @@ def apply_restored(window: TransitionWindow, memory: state.FilterState) -> None:
         store_quaternion_at(normalized(q), x, state.ATTITUDE)
         shift_covariance(window.covariance[i], 0, dp, dv)
         if held - back >= summed:  # its transition is that from the sample before, not a sum
-            _apply_reset(window, i, moved, back, back + 1, reach)
+            _shift_transition(window, i, moved, back, back + 1, reach)
     last_summed = held - summed + 1  # the last sample that sums of transitions reach to, counted back
     if last_summed <= reach:
         for k in range(summed):
-            _apply_reset(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
-    _apply_reset(window, capacity, moved, 1, last_summed, reach)  # the transition over all samples not yet summed
+            _shift_transition(window, (place[OLDEST] + k) % capacity, moved, last_summed, held - k + 1, reach)
+    _shift_transition(window, capacity, moved, 1, last_summed, reach)  # the transition over all samples not yet summed
     # the transition of the newest sample, which `append` is about to take from the rows of `augment`
     dp, dv = vec3_at(moved[1], state.POSITION), vec3_at(moved[1], state.VELOCITY)
-    _reset_symmetric(memory.covariance, state.STATES, dp, dv)
-    _reset_row(memory.error, state.STATES, dp, dv)
+    _unshift_symmetric(memory.covariance, state.STATES, dp, dv)
+    _unshift_row(memory.error, state.STATES, dp, dv)
 
 
 @njit(**INNER_KERNEL)
-def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
+def _shift_transition(window: TransitionWindow, row: int, moved: Array, end: int, begin: int, reach: int) -> None:
     """Maps a transition to the errors of the states with the restored peak, in place.
 
-    Ψ <- T_end Ψ T_begin⁻¹; J and j are mapped through T_begin⁻¹.
+    Ψ <- T_end Ψ T_begin⁻¹; J and j are mapped through T_begin⁻¹. T maps the error of a stored state to that of the
+    corrected state: where position and velocity were moved by `dp` and `dv`, it adds δθ × dp and δθ × dv to their
+    errors for an error δθ of the attitude (`strapdown.shift_rows`).
 
     Args:
         window: The samples held.
@@ -192,30 +196,38 @@ def _apply_reset(window: TransitionWindow, row: int, moved: Array, end: int, beg
         shift_rows(window.transition[row], 0, vec3_at(moved[end], state.POSITION), vec3_at(moved[end], state.VELOCITY))
     if begin <= reach:
         dp, dv = vec3_at(moved[begin], state.POSITION), vec3_at(moved[begin], state.VELOCITY)
-        _reset_columns(window.transition[row], 0, dp, dv)
-        _reset_symmetric(window.information[row], 0, dp, dv)
-        _reset_row(window.evidence[row], 0, dp, dv)
+        _unshift_columns(window.transition[row], 0, dp, dv)
+        _unshift_symmetric(window.information[row], 0, dp, dv)
+        _unshift_row(window.evidence[row], 0, dp, dv)
 
 
 @njit(**INNER_KERNEL)
-def _reset_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- T⁻ᵀ M T⁻¹ in place, M symmetric; T of `strapdown.shift_covariance`, at the rows and columns from `o` on."""
-    _reset_columns(M, o, dp, dv)
+def _unshift_symmetric(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """M <- T⁻ᵀ M T⁻¹ in place for a symmetric matrix M (n, n), with T of `_shift_transition`.
+
+    The foot's error states begin at row and column `o`. `dp` (m) and `dv` (m/s) are the corrections of position and
+    velocity. As M is symmetric, both products are taken from the right, with a transposition between.
+    """
+    _unshift_columns(M, o, dp, dv)
     transpose_rows(M, o + state.D_ATTITUDE, 3)
-    _reset_columns(M, o, dp, dv)
+    _unshift_columns(M, o, dp, dv)
     mirror(M, o + state.D_ATTITUDE, 3)
 
 
 @njit(**INNER_KERNEL)
-def _reset_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """M <- M T⁻¹ in place; T of `strapdown.shift_covariance`, at the columns from `o` on."""
+def _unshift_columns(M: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """M <- M T⁻¹ in place, row by row, for M (m, n) with the foot's error states from column `o` on."""
     for i in range(M.shape[0]):
-        _reset_row(M[i], o, dp, dv)
+        _unshift_row(M[i], o, dp, dv)
 
 
 @njit(**INNER_KERNEL)
-def _reset_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
-    """Multiplies a row by T⁻¹ in place: its attitude columns become a + p × dp + v × dv."""
+def _unshift_row(row: Array, o: int, dp: Vec3, dv: Vec3) -> None:
+    """Multiplies a row (n,) by T⁻¹ in place: of its columns, those of the attitude become a + p × dp + v × dv.
+
+    p, v and a are its entries for position, velocity and attitude, with the foot's error states from column `o` on. T
+    is that of `_shift_transition` for the corrections `dp` (m) and `dv` (m/s).
+    """
     by_position = cross(vec3_at(row, o + state.D_POSITION), dp)
     by_velocity = cross(vec3_at(row, o + state.D_VELOCITY), dv)
     attitude = axpy(axpy(vec3_at(row, o + state.D_ATTITUDE), 1.0, by_position), 1.0, by_velocity)
@@ -236,7 +248,7 @@ def append(window: TransitionWindow, memory: state.FilterState, phase: int, spee
         speed: Standard deviation of a stationary foot's speed, m/s; inf if it is moving.
     """
     capacity = len(window.t_ns)
-    i = (window.place[OLDEST] + window.place[HELD]) % capacity
+    i = (window.place[OLDEST] + window.place[HELD]) % capacity  # the ring's row after the newest
     window.place[HELD] += 1
     window.t_ns[i], window.phase[i], window.speed[i] = memory.clock[state.T_LAST], phase, speed
     P, n = memory.covariance, state.STATES
@@ -257,6 +269,7 @@ def _compose(window: TransitionWindow, earlier: int, later: int) -> None:
 
     Ψ <- Ψ_later Ψ, J <- J + Ψᵀ J_later Ψ, j <- j + Ψᵀ j_later; row `later` does not change.
     """
+    # A and B are Ψ of both; JA and BA use the same scratch memory one after the other
     A, B, JA = window.transition[earlier], window.transition[later], window.scratch[0]
     add_transposed_matvec(A, window.evidence[later], window.evidence[earlier])
     multiply_into(window.information[later], A, JA)
@@ -288,7 +301,7 @@ def release_oldest(window: TransitionWindow) -> int:
     place, capacity = window.place, len(window.t_ns)
     i = place[OLDEST]
     if place[SUMMED] == 0:
-        for k in range(place[HELD] - 2, -1, -1):
+        for k in range(place[HELD] - 2, -1, -1):  # from the second newest: each gets the sum of the one after it
             _compose(window, (i + k) % capacity, (i + k + 1) % capacity)
         place[SUMMED] = place[HELD]
         clear_block(window.transition[capacity], state.STATES)
@@ -299,12 +312,14 @@ def release_oldest(window: TransitionWindow) -> int:
     place[OLDEST] = (i + 1) % capacity
     place[HELD] -= 1
     place[SUMMED] -= 1
+    # `first` and `second` are scratch memory of (21, 21), used for one product after the other
     released, P, first, second = window.released, window.covariance[i], window.scratch[0], window.scratch[1]
     # `released.work.gain` is used as scratch memory of (21,)
+    # information and evidence of all later samples: those not yet summed, then with the sum of the next sample's row
     J, evidence, evidence_sum = window.information[capacity], window.evidence[capacity], released.work.gain
     if place[SUMMED] > 0:
         oldest = place[OLDEST]
-        A = window.transition[oldest]
+        A = window.transition[oldest]  # Ψ over the summed samples
         multiply_into(J, A, first)
         copy_matrix(window.information[oldest], second)
         add_transposed_product(A, first, second)
@@ -323,5 +338,5 @@ def release_oldest(window: TransitionWindow) -> int:
     copy(window.nominal[i], released.nominal)
     copy(window.path, released.path)
     released.clock[state.T_LAST] = window.t_ns[i]
-    inject(released)
+    inject(released)  # x ⊕ P j
     return i

@@ -48,13 +48,13 @@ class BoardPrediction:
             points_in_board: (M, 3) m, points that are in front of the camera.
             focal_px: Focal length of the camera, pixels.
         """
-        # points in the camera; `project` (M, 2, 3) and J (M, 2, 6): derivatives of the normalised image coordinates by
-        # the point and by the board's pose
-        arms = points_in_board @ self.T_camera_board[:3, :3].T
-        x, y, z = (arms + self.T_camera_board[:3, 3]).T
+        arms = points_in_board @ self.T_camera_board[:3, :3].T  # from the board's origin to the points, camera axes
+        x, y, z = (arms + self.T_camera_board[:3, 3]).T  # points in the camera
         zero = np.zeros_like(z)
-        project = np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
-        J = np.concatenate([project, np.cross(arms[:, None, :], project)], axis=2)
+        # derivatives of the normalised image coordinates x / z and y / z: `by_point` (M, 2, 3) by the point, and
+        # J (M, 2, 6) by the board's position and rotation
+        by_point = np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
+        J = np.concatenate([by_point, np.cross(arms[:, None, :], by_point)], axis=2)
         variance = np.einsum("mij,jk,mik->m", J, self.covariance, J)
         return focal_px * float(np.sqrt(variance.max()))
 
@@ -77,7 +77,7 @@ class BoardTracker:
         self._detectors: dict[str, BoardDetector] = {}
         self._cameras: dict[str, tuple[int, CameraCalibration]] = {}
         for i, foot in enumerate(FEET):
-            board = shoes.boards.get(FEET[1 - i])
+            board = shoes.boards.get(FEET[1 - i])  # on the other shoe
             if foot in shoes.cameras and board is not None:
                 camera = shoes.cameras[foot]
                 self._cameras[camera.topic] = i, camera
@@ -115,11 +115,11 @@ class BoardTracker:
         for _ in range(len(self._waiting)):
             image = self._waiting.popleft()
             foot, camera = self._cameras[image.topic]
-            t_ns = image.t_ns + round(camera.timeshift_cam_imu_s * 1e9)
+            t_ns = image.t_ns + round(camera.timeshift_cam_imu_s * 1e9)  # on the IMUs' clock
             if t_ns <= reached_ns:
                 ready.append((image, foot, t_ns))
             else:
-                self._waiting.append(image)
+                self._waiting.append(image)  # it stays, in the same order as before
         return sorted(ready, key=lambda item: item[2])
 
     def detect(self, image: Image, expected: BoardPrediction) -> BoardObservation | None:
@@ -127,10 +127,10 @@ class BoardTracker:
 
         If no board has been found at its prediction for `_MISSED_NS`, the whole image is searched first.
         """
-        if self._found_ns is None:
+        if self._found_ns is None:  # the first image
             self._found_ns = image.t_ns
         if image.t_ns - self._found_ns > _MISSED_NS:
-            observation = self._search(image, self._detectors[image.topic], _MISSED_EVERY_NS)
+            observation = self._search_whole_image(image, self._detectors[image.topic], _MISSED_EVERY_NS)
             if observation is not None:
                 return observation
         return self._search_prediction(image, expected)
@@ -146,34 +146,38 @@ class BoardTracker:
             None if it is not detected, or not searched because it faces away or is out of view.
         """
         detector, (_, camera) = self._detectors[image.topic], self._cameras[image.topic]
+        # (N, 2) px, where the corners are expected; None if the board faces away or is not in front of the camera
         guess = detector.predict(expected.T_camera_board)
-        error_px = np.inf
+        error_px = np.inf  # half width of the region in which each corner is searched
         if guess is not None:
             error_px = _REGION_SD * expected.error_px(detector.points_in_board, camera.intrinsics[0]) + _MIN_REGION_PX
-        elif _REGION_SD**2 * np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1] < 1.0 and self._is_near(expected):
-            return None  # it certainly faces away, or is behind the camera
+        else:
+            rotation_variance = np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]  # about the least certain axis
+            if _REGION_SD**2 * rotation_variance < 1.0 and self._is_position_certain(expected):
+                return None  # it certainly faces away, or is behind the camera
         if guess is None or not error_px < _LOST_PX:
-            return self._search(image, detector, _LOST_EVERY_NS)
+            return self._search_whole_image(image, detector, _LOST_EVERY_NS)
         # a predicted corner may be in the image, given the size of the search region
         inside = np.all((guess > -error_px) & (guess < np.array([camera.width, camera.height]) + error_px), axis=1)
         if not inside.any():
             return None
-        before = detector.predict(expected.T_before)
-        motion_px = None if before is None else (guess - before).mean(axis=0)
+        # mean motion of the corners during the exposure, which blurs them
+        guess_before = detector.predict(expected.T_before)
+        motion_px = None if guess_before is None else (guess - guess_before).mean(axis=0)
         observation = detector.detect(image, guess, error_px, motion_px)
         if observation is not None:
             self._found_ns = image.t_ns
         return observation
 
-    def _search(self, image: Image, detector: BoardDetector, every_ns: int) -> BoardObservation | None:
+    def _search_whole_image(self, image: Image, detector: BoardDetector, every_ns: int) -> BoardObservation | None:
         """The board anywhere in an image; None if an image of this camera was searched less than `every_ns` ago."""
         if image.t_ns - self._searched_ns[image.topic] < every_ns:
             return None
         self._searched_ns[image.topic] = image.t_ns
         return detector.detect(image)
 
-    def _is_near(self, expected: BoardPrediction) -> bool:
-        """Whether the board's position is certain relative to its distance."""
+    def _is_position_certain(self, expected: BoardPrediction) -> bool:
+        """Whether the predicted position of the board is certain relative to its distance from the camera."""
         distance = float(np.linalg.norm(expected.T_camera_board[:3, 3]))
         position_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[:3, :3])[-1]))
         return _REGION_SD * position_sd < distance
@@ -187,7 +191,8 @@ def relative_position(
     Args:
         observation: Board of the other foot in an image.
         foot: Index in `FEET` of the foot with the camera.
-        mounts: (4, 7) of `state.Pair`.
+        mounts: (4, 7) position (m) and quaternion (w, x, y, z) of camera left, camera right, board left, board right,
+            each in its foot's IMU.
         expected: Prediction by the feet's attitudes, which selects one of a plane's two poses.
     """
     rotation_sd = float(np.sqrt(np.linalg.eigvalsh(expected.covariance[3:, 3:])[-1]))
@@ -201,7 +206,7 @@ def relative_position(
 
 
 def _to_transform(mount: Array) -> Array:
-    """(4, 4) of a position and quaternion (7,)."""
+    """(4, 4) transform of a mount (7,): position (entries 0-2, m) and quaternion (3-6; w, x, y, z)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = Rotation.from_quat(mount[3:], scalar_first=True).as_matrix(), mount[:3]
     return T

@@ -71,7 +71,7 @@ class RelativePosition:
         x, y, z = T_camera_other[:3, 3] - poses[0].T_camera_board[:3, 3]  # from the board to the other IMU, camera axes
         # (3, 6) derivative of the other IMU's position by the board's position and rotation
         J = np.hstack([np.eye(3), [[0, z, -y], [-z, 0, x], [y, -x, 0]]])
-        sd = float(np.sqrt(np.trace(J @ poses[0].covariance @ J.T) / 3))
+        sd = float(np.sqrt(np.trace(J @ poses[0].covariance @ J.T) / 3))  # mean of the three axes
         p = (np.asarray(T_imu_camera) @ T_camera_other)[:3, 3]
         return cls(topic=observation.topic, t_ns=observation.t_ns, p_other_in_imu=p, sd=sd)
 
@@ -95,7 +95,7 @@ def merge_events(
     Returns:
         The events; the aids whose time is still to come.
     """
-    feet = [f for f in range(2) if FEET[f] in imus]
+    feet = [f for f in range(2) if FEET[f] in imus]  # indices of the feet with samples
     blocks = [imus[FEET[f]] for f in feet]
     # IMU samples: time and foot, one foot after the other; `place` is each one's position in time order
     t_ns = _concatenate([b.t_ns for b in blocks], np.int64, (0,))
@@ -105,13 +105,14 @@ def merge_events(
     place[sequence] = np.arange(len(t_ns))
 
     aid_t = np.array([a.t_ns for _, a in aids], np.int64)
-    due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)  # ns that both feet must have reached
+    # ns that both feet must have reached: for an echo 1 ns more, so that a sample of the same time does not suffice
+    due = aid_t + np.array([isinstance(a, Range) for _, a in aids], np.int64)
     # place of the IMU sample that each aid follows: -1 at once, the number of samples if its time is still to come
     ready = np.full(len(aids), -1)
     for f in range(2):
-        rows = place[foot == f]
-        at = np.searchsorted(t_ns[foot == f], due)
-        reached = np.append(rows, len(t_ns))[at]
+        foot_places = place[foot == f]
+        at = np.searchsorted(t_ns[foot == f], due)  # the foot's first sample that is not earlier
+        reached = np.append(foot_places, len(t_ns))[at]
         ready = np.maximum(ready, np.where(due <= newest_ns[f], -1, reached))
     is_pending = ready == len(t_ns)
     used = [a for a, pending in zip(aids, is_pending) if not pending]
@@ -120,8 +121,9 @@ def merge_events(
     # all events, IMU samples first: kind, row in the arrays of the kind, and `final`, their order
     kind = np.array([IMU] * len(t_ns) + [_KIND[type(a)] for _, a in used], np.int8)
     row = np.empty(len(kind), np.int64)
-    for k in range(len(_KIND) + 1):
+    for k in range(len(_KIND) + 1):  # each kind of aid, and the IMU samples
         row[kind == k] = np.arange(np.count_nonzero(kind == k))
+    # by place among the IMU samples; there the sample itself comes before its aids, and these are in order of time
     final = np.lexsort((np.r_[t_ns, aid_t], kind != IMU, np.r_[place, ready]))
     rate = _concatenate([b.columns["angular_rate"] for b in blocks], float, (0, 3))
     force = _concatenate([b.columns["specific_force"] for b in blocks], float, (0, 3))
@@ -161,7 +163,7 @@ def _pad_observations(seen: Sequence[BoardObservation]) -> tuple[Array, Array, A
         (S, M, 3) m, points in the board's frame; (S, M, 2) their normalised image coordinates; (S, M) standard
         deviation of each coordinate; (S,) number of points of each observation.
     """
-    count = np.array([len(s.rays) for s in seen], np.int64)
+    count = np.array([len(s.rays) for s in seen], np.int64)  # points of each observation
     m = max(count, default=0)
     points, rays, ray_sd = np.zeros((len(seen), m, 3)), np.zeros((len(seen), m, 2)), np.ones((len(seen), m))
     for i, s in enumerate(seen):

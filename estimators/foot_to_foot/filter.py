@@ -101,27 +101,28 @@ class FootToFoot:
         earth_rate_in_world: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         """Prepares the joint state of both feet for the sensors on them, without samples."""
-        Rig.check(rig, "FootToFoot")
+        Rig.check(rig, "FootToFoot")  # raises if `rig` is no `Rig`
         method = (options or Options()).method
         if method not in METHODS:
             raise ConfigError("FootToFoot", "method", method, ", ".join(METHODS))
         parameters, published = parameters or FootToFootParameters(), method != PROPOSED
-        self._listens_to = METHODS[method]
+        self._listens_to = METHODS[method]  # types of the aids that the method uses
         self._shoes = shoes = shoes_of(rig)
         self._parameters = for_kernel(parameters, published)
         # of the method: parameters of a foot, calibrations of the IMUs, standard deviation of a gyro's scale
         foot, imus, scale_sd = parameters.foot, shoes.imus, 0.0
-        if published or shoes.cameras:
+        if published or shoes.cameras:  # this filter has its own terms for these errors; the paper has none
             imus = {f: _without_scale_errors(imu) for f, imu in imus.items()}
         if shoes.cameras and not published:
             foot = replace(foot, gyro_noise_radps_rthz=parameters.scaled_gyro_noise_radps_rthz)
             scale_sd = parameters.gyro_scale_sd
         left, right = (for_sensor(foot, imus.get(f), data_sheet_alone=published) for f in FEET)
         self._foot_parameters = (left, right)
-        mount_sds = [
+        mount_sds = [  # position (m) and rotation (rad), of a camera and of a board
             [parameters.camera_position_sd_m, parameters.camera_rotation_sd_rad],
             [parameters.board_position_sd_m, parameters.board_rotation_sd_rad],
         ]
+        # (4, 6) for left and right of each, with three axes of each value; the published method has no such errors
         mount_sd = np.zeros((4, 6)) if published else np.repeat(np.repeat(mount_sds, 2, axis=0), 3, axis=1)
         clock_sd = 0.0 if published else parameters.camera_clock_sd_s
         earth = np.asarray(earth_rate_in_world)
@@ -176,6 +177,7 @@ class FootToFoot:
             echoes = [echo for sonar in sonars for echo in sonar]
             paths = estimator.run(blocks, echoes)
         world = name if options.method == PROPOSED else f"{name}_{options.method}"
+        # statistics of consistency: those of both feet, and below those of each foot's zero velocities
         common = {kind: value for kind, value in estimator.nis.items() if not kind.startswith("standing")}
         estimates = []
         for foot, path in paths.items():
@@ -194,20 +196,25 @@ class FootToFoot:
                 and right are exchanged (`LeftRightCheck`).
         """
         if isinstance(sample, Imu):
-            events, phase = self._process({FEET[self._foot_index(sample, self._imu_of)]: _to_block(sample)}, [])[:2]
-            used = phase[events.kind == IMU][0] != IGNORED
+            foot = FEET[self._foot_index(sample, self._imu_of)]
+            events, phase, _, _, _ = self._process({foot: _to_block(sample)}, [])
+            used = phase[events.kind == IMU][0] != IGNORED  # the one IMU sample; the other events are aids
         elif isinstance(sample, Image):
-            self._foot_index(sample, self._camera_of)
-            used = bool({BoardObservation, RelativePosition} & set(self._listens_to)) and self._boards.enqueue(sample)
+            self._foot_index(sample, self._camera_of)  # raises for a topic that is not of the feet
+            uses_images = bool({BoardObservation, RelativePosition} & set(self._listens_to))
+            used = uses_images and self._boards.enqueue(sample)
         else:
-            used = len(self._process({}, [sample])[1]) > 0
-        # a queued image whose time the IMUs have not reached changes nothing yet
-        if not used or ((seen := self._process_images()) is None and isinstance(sample, Image)):
+            events, _, _, _, _ = self._process({}, [sample])
+            used = len(events.t_ns) > 0  # an aid that must wait is no event yet
+        if not used:
+            return None
+        seen = self._process_images()  # None if no queued image is due
+        if seen is None and isinstance(sample, Image):  # this image waits for the IMUs and changes nothing yet
             return None
         feet = {
             FEET[f]: FootInsEstimate.of(self._pair.feet[f], self._phase[f], self._speed[f], f"foot_{FEET[f]}/imu")
             for f in range(2)
-            if self._phase[f] != EMPTY
+            if self._phase[f] != EMPTY  # a foot with samples
         }
         pose = feet[self.foot_of(sample)].pose if isinstance(sample, Imu) else None
         reported = np.r_[:REPORTED, STATES : STATES + REPORTED]  # the first 15 errors of each foot
@@ -222,6 +229,7 @@ class FootToFoot:
 
         The kinds are `standing_l`, `standing_r`, `sightings` (boards) and `echoes`; unused ones are left out.
         """
+        # (2,) each: sum of the normalised innovation squared, and number of updates
         sums = {f"standing_{f}": memory.nis[BY_VELOCITY] for f, memory in zip(FEET, self._pair.feet)}
         sums |= {"sightings": self._pair.nis[OBSERVATIONS], "echoes": self._pair.nis[ECHOES]}
         return {name: float(total / count) for name, (total, count) in sums.items() if count}
@@ -272,10 +280,18 @@ class FootToFoot:
             aids: New aids, in any order.
 
         Returns:
-            The events; and phase, figure, state and covariance of each, see `kernel.run`.
+            The N events. (N,) of an IMU sample, the phase in which it was used; of an aid, IGNORED. (N,) of an IMU
+            sample, the standard deviation of the stationary foot's speed, m/s; of an aid, its normalised innovation.
+            (N, 22) nominal state and (N, 6, 6) covariance of position (m) and attitude (rad) of the foot of an IMU
+            sample.
         """
-        used_aids = [(foot, a) for foot, a in [(self._foot_of(a), a) for a in aids] if isinstance(a, self._listens_to)]
-        used_aids = [a for a in used_aids if not isinstance(a[1], Range) or 0.0 < a[1].distance < np.inf]
+        # with the foot of each; `_foot_of` raises for a topic of neither foot, also where the aid is not used
+        aids_of_feet = [(self._foot_of(aid), aid) for aid in aids]
+        used_aids = [
+            (foot, aid)
+            for foot, aid in aids_of_feet
+            if isinstance(aid, self._listens_to) and (not isinstance(aid, Range) or 0.0 < aid.distance < np.inf)
+        ]
         events, pending = merge_events(imus, [*self._held, *used_aids], self._newest_ns)
         self._held = deque(pending, maxlen=MAX_WAITING_AIDS)
         n = len(events.t_ns)
@@ -286,8 +302,10 @@ class FootToFoot:
             rows = np.flatnonzero((events.kind == IMU) & (events.foot == f))
             if len(rows):
                 self._newest_ns[f] = max(self._newest_ns[f], int(events.t_ns[rows].max()))
-            if len(rows := rows[phase[rows] != IGNORED]):
-                self._phase[f], self._speed[f] = int(phase[rows[-1]]), float(figure[rows[-1]])
+            used_rows = rows[phase[rows] != IGNORED]
+            if len(used_rows):
+                newest = used_rows[-1]
+                self._phase[f], self._speed[f] = int(phase[newest]), float(figure[newest])
         return events, phase, figure, state, covariance
 
     def _foot_of(self, aid: Aiding) -> int:
@@ -300,17 +318,18 @@ class FootToFoot:
         Returns:
             The boards found, also those not used while left and right may be exchanged; None if no image was due.
         """
-        ready = self._boards.pop_ready(min(self._newest_ns))
+        ready = self._boards.pop_ready(min(self._newest_ns))  # each with the camera's foot, and time on the IMUs' clock
         seen = []
         for image, foot, t_ns in ready:
             expected = self._predict_board(foot, t_ns)
+            # no prediction while a foot is not tracked; no observation if the board is not detected
             if expected is None or (observation := self._boards.detect(image, expected)) is None:
                 continue
             seen.append(observation)
             if not self._left_right.agrees(observation, foot, self._attitudes()):
                 continue
             aid: Aiding | None = observation
-            if BoardObservation not in self._listens_to:
+            if BoardObservation not in self._listens_to:  # the published method takes the vector between the feet
                 aid = relative_position(observation, foot, self._pair.mounts, expected)
             if aid is not None:
                 self._process({}, [aid])
@@ -328,7 +347,7 @@ class FootToFoot:
             foot: Index in `FEET` of the foot that carries the camera.
             t_ns: Middle of the exposure, with the calibrated offset to the clock of the IMUs.
         """
-        T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))
+        T, T_before, covariance = np.eye(4), np.eye(4), np.empty((6, 6))  # written by the kernel
         known = kernel.predict_board(
             self._pair,
             self._foot_parameters[foot],
@@ -342,15 +361,20 @@ class FootToFoot:
         )
         return BoardPrediction(T_camera_board=T, covariance=covariance, T_before=T_before) if known else None
 
-    def _foot_index(self, sample: Imu | Image | Aiding, known: Mapping[str, int]) -> int:
-        """Index in `FEET` of the foot of a sample's topic.
+    def _foot_index(self, sample: Imu | Image | Aiding, foot_by_topic: Mapping[str, int]) -> int:
+        """Index in `FEET` of the foot whose sensor gave a sample.
+
+        Args:
+            sample: The sample, by its topic.
+            foot_by_topic: Index of the foot by topic, of all sensors of that kind on the feet.
 
         Raises:
-            StrideTwinError: The topic is not among `known`.
+            StrideTwinError: The topic is of neither foot.
         """
-        if sample.topic not in known:
-            raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {', '.join(known)}")
-        return known[sample.topic]
+        if sample.topic not in foot_by_topic:
+            on_feet = ", ".join(foot_by_topic)
+            raise StrideTwinError(f"{sample.topic} is on neither foot of the rig; on its feet: {on_feet}")
+        return foot_by_topic[sample.topic]
 
 
 def _to_block(sample: Imu) -> Block[Imu]:
@@ -360,7 +384,10 @@ def _to_block(sample: Imu) -> Block[Imu]:
 
 
 def follow(estimator: FootToFoot, samples: Iterable[Sample]) -> dict[str, FootInsPath]:
-    """The path of each foot with samples, by `l` and `r`; samples of kinds that the filter does not use are skipped."""
+    """The path of each foot with samples, by `l` and `r`, from samples of all streams in time order.
+
+    Samples of kinds that the filter does not use are skipped.
+    """
     rows: dict[str, list[FootInsEstimate]] = {}
     for sample in samples:
         if not isinstance(sample, Imu | Image | Range):

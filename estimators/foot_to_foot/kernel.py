@@ -20,8 +20,8 @@ from stridetwin.estimators.foot_to_foot.relative_updates import (
     UNUSED,
     board_in_camera,
     board_update,
-    predict_pose,
     sonar_update,
+    write_pose_covariance,
 )
 from stridetwin.estimators.foot_to_foot.rewind import rewind
 from stridetwin.estimators.foot_to_foot.state import IMU, OBSERVATION, RELATIVE, SCALES, Events, Pair, inject_all
@@ -68,8 +68,9 @@ def to_inertial_world(nominal: Array, earth: Vec3, rate: Vec3, force: Vec3) -> t
 def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     """Propagates a foot's scale error into its attitude error up to `t_ns`: δθ -= R diag(ω) δs dt.
 
-    docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step; two feet
-    that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004, 12.3).
+    This is docs/foot_to_foot.md (8). One foot alone does not observe the scale, because it rotates back in every step;
+    two feet that observe each other do. Unmodelled, it appears as a longer or shorter step (Titterton & Weston 2004,
+    12.3).
 
     Nothing is done while the foot is aligned, after a gap longer than `MAX_GAP_S`, for a sample that is out of order,
     and if the scale is no unknown (variance 0).
@@ -86,15 +87,24 @@ def apply_gyro_scale(pair: Pair, foot: int, rate: Vec3, t_ns: int) -> None:
     if memory.clock[PHASE] != NAVIGATING or not 0.0 < dt <= MAX_GAP_S or pair.covariance[s, s] == 0.0:
         return
     R = to_matrix(quaternion_at(memory.nominal, ATTITUDE))
-    _add_scale_error(pair.covariance, a, s, R, rate, dt)
+    _subtract_scale_error(pair.covariance, a, s, R, rate, dt)
     transpose_rows(pair.covariance, a, 3)  # P <- F P Fᵀ, computed as F (F P)ᵀ
-    _add_scale_error(pair.covariance, a, s, R, rate, dt)
+    _subtract_scale_error(pair.covariance, a, s, R, rate, dt)
     mirror(pair.covariance, a, 3)
 
 
 @njit(**INNER_KERNEL)
-def _add_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
-    """Subtracts R diag(ω) dt times the scale rows from `s` on from the attitude rows from `a` on, in place."""
+def _subtract_scale_error(M: Array, a: int, s: int, R: Mat3, rate: Vec3, dt: float) -> None:
+    """Subtracts R diag(ω) dt times the three rows of the scale from the three rows of the attitude, in place.
+
+    Args:
+        M: (n, m) matrix with a row per error state.
+        a: First row of the foot's attitude error.
+        s: First row of the scale errors of its gyro.
+        R: (3, 3) rotation, world <- sensor.
+        rate: (3,) ω, angular rate, rad/s.
+        dt: Length of the interval, s.
+    """
     for j in range(M.shape[1]):
         turned = matvec(R, (rate[0] * M[s, j], rate[1] * M[s + 1, j], rate[2] * M[s + 2, j]))
         for i in range(3):
@@ -123,7 +133,7 @@ def run(
         events: An aid comes right after the IMU sample by which both feet have reached its time.
         phase: (N,) int8, written: of an IMU sample, the phase in which it was used; of an aid, IGNORED.
         figure: (N,) written: of an IMU sample, standard deviation of the stationary foot's speed, m/s; of an aid, its
-            normalised innovation, see `relative_updates.board_update`.
+            innovation's length in standard deviations, or UNUSED.
         state: (N, 22) written: nominal state of the foot of an IMU sample, once the aids that follow it are used.
         covariance: (N, 6, 6) written: of that foot's position (m) and attitude (rad), world axes.
     """
@@ -133,6 +143,7 @@ def run(
         if kind == IMU:
             memory = pair.feet[f]
             rate, scales = vec3_at(events.rate[row], 0), vec3_at(pair.scales[f], 0)
+            # without the estimated scale errors of the gyro
             rate = (1.0 - scales[0]) * rate[0], (1.0 - scales[1]) * rate[1], (1.0 - scales[2]) * rate[2]
             rate, force = to_inertial_world(memory.nominal, earth, rate, vec3_at(events.force[row], 0))
             if is_possible(rate, force):
@@ -144,7 +155,7 @@ def run(
             inject_all(pair)
             last = k
         else:
-            phase[k] = IGNORED
+            phase[k] = IGNORED  # an aid has no phase
             if not parameters.is_published and (is_clipped(pair.feet[0], feet[0]) or is_clipped(pair.feet[1], feet[1])):
                 figure[k] = UNUSED
             elif kind == OBSERVATION:
@@ -187,10 +198,11 @@ def predict_board(
     Returns:
         Whether both poses are known; if not, what is written must not be used.
     """
-    then_ns = t_ns + round(1e9 * pair.late[camera])
+    then_ns = t_ns + round(1e9 * pair.late[camera])  # on the IMUs' clock, by the estimated offset of the camera's
     known_before = _predict_pose(pair, foot, parameters, camera, then_ns - earlier_ns, 1e-9 * earlier_ns, T_before)
     known = _predict_pose(pair, foot, parameters, camera, then_ns, 0.0, T)
-    predict_pose(pair.covariance, pair.work, pair.board)
+    # the covariance follows from the derivatives that the second call has left in `pair.work.jacobian`
+    write_pose_covariance(pair.covariance, pair.work, pair.board)
     copy_matrix(pair.board.covariance, covariance)
     return known and known_before
 
@@ -211,6 +223,7 @@ def _predict_pose(
         T: (3, 4) written: rotation, camera <- board, and position, m.
     """
     gravity, delay_s = foot.gravity_mps2, parameters.max_delay_s + earlier_s
+    # states at that time: a of the foot with the camera, b of the other
     a = rewind(pair.feet[camera], gravity, t_ns, delay_s)
     b = rewind(pair.feet[1 - camera], gravity, t_ns, delay_s)
     p, R = board_in_camera(pair, camera, a, b)

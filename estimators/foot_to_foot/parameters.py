@@ -109,7 +109,7 @@ class FootToFootParameters:
 
 
 def _numbers(parameters: FootToFootParameters | PublishedParameters) -> dict[str, float]:
-    """The values by name, without the groups."""
+    """The numbers of a dataclass by name, without the nested groups of parameters."""
     groups = ("foot", "published")
     return {f.name: float(getattr(parameters, f.name)) for f in fields(parameters) if f.name not in groups}
 
@@ -133,6 +133,7 @@ def for_kernel(parameters: FootToFootParameters, published: bool = False) -> Pai
         parameters: Parameters of the filter.
         published: Whether the kernel runs the published method, whose echoes have a standard deviation of their own.
     """
+    # both have a `range_sd_m`: the latter one replaces the former
     values = _numbers(parameters.published) | _numbers(parameters)
     if published:
         values["range_sd_m"] = parameters.published.range_sd_m

@@ -38,7 +38,8 @@ from stridetwin.streams.compiled import INNER_KERNEL
 def variance_statistic(memory: FilterState, parameters: PairParameters) -> float:
     """σ_a²/σ̄_a² + σ_g²/σ̄_g² over the last `window_s`, the variances summed over the axes (Jao 2020, Sec. II-D).
 
-    docs/foot_to_foot.md (10). The amplitudes σ̄ are those of the one-foot filter's motion statistic.
+    docs/foot_to_foot.md (10). σ_g² and σ_a² are variances of angular rate and specific force. The amplitudes σ̄ are
+    constants: `GYRO_SCALE_RADPS` and `ACCEL_SCALE_MPS2`, the same as in the one-foot filter's motion statistic.
     """
     total = 0.0
     for channel in range(6):  # of the ring: 0-2 angular rate, 3-5 specific force
@@ -54,6 +55,7 @@ def _variance(memory: FilterState, window_s: float, channel: int) -> float:
     Channels 0-2 are the angular rate, (rad/s)², 3-5 the specific force, (m/s²)².
     """
     newest = memory.ring_t_ns[ring_row(memory, 0)]
+    # number, sum and sum of the squares of the values
     n, total, squares = 0, 0.0, 0.0
     for back in range(memory.clock[FILL]):
         i = ring_row(memory, back)
@@ -94,6 +96,7 @@ def step_published(
         clear(memory.work, 1)
         h = memory.work.jacobian[0]
         h[D_VELOCITY + i] = 1.0
+        # the measured velocity is 0, so the innovation is minus the estimated one
         z, variance = -memory.nominal[VELOCITY + i], parameters.zero_velocity_sd_mps**2
         correct(memory.covariance, memory.error, memory.work.gain, memory.row, h, z, variance)
     inject(memory)
@@ -110,10 +113,11 @@ def relative_position_update(
     p_other_in_imu: Vec3,
     sd: float,
 ) -> float:
-    """Update with z_feet: the vector between the feet, rotated into the world by the attitude of the camera's foot.
+    """Update with the vector between the feet, rotated into the world by the attitude of the camera's foot.
 
-    docs/foot_to_foot.md (10). H_feet has ±I at the two positions and 0 at the attitudes: as printed, it omits the error
-    of the attitude that rotated the vector, and the filter takes the heading of the camera's foot as free of error.
+    It is z_feet of the paper, docs/foot_to_foot.md (10). Its Jacobian H_feet has ±I at the two positions and 0 at the
+    attitudes: as printed, it omits the error of the attitude that rotated the vector, and the filter takes the heading
+    of the camera's foot as free of error.
 
     Args:
         pair: State of both feet, changed in place.
@@ -127,12 +131,13 @@ def relative_position_update(
     Returns:
         Length of the innovation in units of `sd`, or UNUSED.
     """
+    # states at the exposure: a of the foot with the camera, b of the other
     a = rewind(pair.feet[camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     if not (a.known and b.known):
         return UNUSED
     z = axpy(matvec(a.R, p_other_in_imu), -1.0, axpy(b.p, -1.0, a.p))  # measured minus predicted, world axes, m
-    variance = sd**2 + parameters.relative_position_sd_m**2
+    variance = sd**2 + parameters.relative_position_sd_m**2  # the second for the heading, which H takes as exact
     for i in range(3):
         clear(pair.work, 1)
         h = pair.work.jacobian[0]

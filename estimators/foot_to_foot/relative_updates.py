@@ -76,7 +76,7 @@ def board_update(
     rays: Array,
     ray_sd: Array,
 ) -> float:
-    """Update with the image of the other foot's board: docs/foot_to_foot.md (5), (7).
+    """Update with the points of the other foot's board in an image, docs/foot_to_foot.md (5), (7).
 
     The points depend on the state only through the board's pose in the camera. So the 2M rows are compressed to six,
     the triangle R of a QR decomposition, before the update; the remainder measures how well any pose of the board
@@ -98,7 +98,8 @@ def board_update(
     Returns:
         Length of the innovation in standard deviations, or UNUSED.
     """
-    then_ns = t_ns + round(1e9 * pair.late[camera])
+    then_ns = t_ns + round(1e9 * pair.late[camera])  # on the IMUs' clock, by the estimated offset of the camera's
+    # states at the exposure: a of the foot with the camera, b of the other
     a = rewind(pair.feet[camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
     b = rewind(pair.feet[1 - camera], foot.gravity_mps2, then_ns, parameters.max_delay_s)
     if not (a.known and b.known):
@@ -106,24 +107,25 @@ def board_update(
     since_s = (t_ns - pair.seen[camera]) * 1e-9
     # variance by which the camera's clock has drifted since its last observation, s²
     walked = 0.0 if pair.seen[camera] == NEVER else parameters.camera_clock_walk_s_rts**2 * since_s
-    p, R = board_in_camera(pair, camera, a, b)
+    p, R = board_in_camera(pair, camera, a, b)  # predicted pose; its derivatives are now in `work.jacobian`
     work, board, P = pair.work, pair.board, pair.covariance
-    predict_pose(pair.covariance, work, board)
+    write_pose_covariance(pair.covariance, work, board)  # of the predicted pose, into `board.covariance`
     for i in range(6):  # the drift of the clock is part of the predicted pose's covariance
         for j in range(6):
             by_clock = work.jacobian[i, CLOCKS + camera] * work.jacobian[j, CLOCKS + camera]
             board.covariance[i, j] += walked * by_clock
     # An error of a foot's rotation since the exposure moves all points alike.
     rotated = m * foot.gyro_noise_radps_rthz**2 * (abs(a.age) + abs(b.age))
-    frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)
+    frame_s = min(max(since_s, 1e-3), _MAX_FRAME_S)  # time that this observation counts for
     shared = math.sqrt(max(1.0, parameters.observation_correlation_s / frame_s))
-    # `alone` is the factor by which a bad fit increases the noise of this image alone, `shared` that of all images
-    ahead, alone = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
-    if not ahead:
+    # a bad fit increases the noise of this image by the factor `image_misfit`; that of all images grows by `shared`
+    in_front, image_misfit = reduce_measurement(board, p, R, m, points_in_board, rays, ray_sd, rotated, shared)
+    if not in_front:
         return UNUSED
     P[CLOCKS + camera, CLOCKS + camera] += walked  # once: the next observation counts from this one
-    _measure_states(work, board.reduced, 1.0 / (alone * shared))
+    _measure_states(work, board.reduced, 1.0 / (image_misfit * shared))
     length = apply_gated_update(P, pair.error, work, 0, 6, parameters.observation_gate)
+    # statistics of consistency: with the noise of a single image, not that of the correlated ones; 6 numbers
     pair.nis[OBSERVATIONS, 0] += innovation_norm(work, 6, 1.0 / (shared * shared)) ** 2 / 6.0
     pair.nis[OBSERVATIONS, 1] += 1.0
     inject_all(pair)
@@ -132,7 +134,7 @@ def board_update(
 
 
 @njit(**INNER_KERNEL)
-def predict_pose(P: Array, work: Workspace, board: BoardWorkspace) -> None:
+def write_pose_covariance(P: Array, work: Workspace, board: BoardWorkspace) -> None:
     """Writes the covariance G P Gᵀ (6, 6) of the board's predicted pose into `board.covariance`.
 
     Args:
@@ -156,7 +158,7 @@ def _measure_states(work: Workspace, reduced: Workspace, weight: float) -> None:
         weight: One over the standard deviation of the measurement.
     """
     T, G, column = reduced.jacobian, work.jacobian, work.solved  # `column` (6,) is scratch memory
-    for j in range(G.shape[1]):
+    for j in range(G.shape[1]):  # column by column, so that G can be replaced in place
         for i in range(6):
             column[i] = G[i, j]
             G[i, j] = 0.0
@@ -198,23 +200,27 @@ def reduce_measurement(
         shared: Factor by which the noise grows as observations share their error.
 
     Returns:
-        Whether the board is in front of the camera; misfit, at least 1, by which T and z are too small.
+        Whether the board is in front of the camera; misfit of this image: factor, at least 1, by which its noise is
+        larger than `ray_sd`. T and z are not divided by it yet.
     """
     work, C, triangle = board.reduced, board.covariance, board.triangle
-    T, z, u, change, alone = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
-    zero(u)  # estimated minus predicted pose
+    # u (6,): estimated minus predicted pose, position (m) before rotation (rad); change (6,): its last change
+    T, z, u, change, image_misfit = work.jacobian, work.innovation, board.moved[0], board.moved[1], 1.0
+    zero(u)
     for turn in range(_MAX_LINEARIZATIONS):  # number of the linearisation
         R_now = matmul(to_matrix(exp(vec3_at(u, 3), SERIES_RAD)), R)
-        if not _triangulate(board, axpy(p, 1.0, vec3_at(u, 0)), R_now, m, points_in_board, rays, ray_sd, rotated):
-            return turn > 0, alone  # a linearisation before this one is used, if there was one
+        p_now = axpy(p, 1.0, vec3_at(u, 0))
+        if not _linearise_rays(board, p_now, R_now, m, points_in_board, rays, ray_sd, rotated):
+            return turn > 0, image_misfit  # a linearisation before this one is used, if there was one
         # length of the residuals that no pose explains, over its expectation: 2M coordinates, 6 unknowns
-        alone = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
+        image_misfit = max(1.0, abs(triangle[6, 6]) / math.sqrt(2 * m - 6))
+        # the innovations are relative to the pose u; T u added makes them relative to the predicted pose
         for i in range(6):
             z[i] = triangle[i, 6]
             for j in range(6):
                 T[i, j] = triangle[i, j]
                 z[i] += T[i, j] * u[j]
-        noise = alone * shared
+        noise = image_misfit * shared
         # u <- C Tᵀ (T C Tᵀ + noise² 1)⁻¹ z
         spread_measurements(C, work, 0, 6)
         innovation_norm(work, 6, noise * noise)
@@ -237,7 +243,7 @@ def reduce_measurement(
             moved2 += moved * moved
         if moved2 < (_SETTLED_SD * noise) ** 2:
             break
-    return True, alone
+    return True, image_misfit
 
 
 @njit(**INNER_KERNEL)
@@ -256,14 +262,15 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     Returns:
         Position, m; rotation, camera <- board.
     """
-    board, G = 1 - camera, pair.work.jacobian
+    board, G = 1 - camera, pair.work.jacobian  # board: index of the foot that carries it
+    # a row of `mounts` is position (entries 0-2) and quaternion (3-6) in the foot's IMU
     mount_a, mount_b = pair.mounts[CAMERA + camera], pair.mounts[BOARD + board]
     R_c, R_m = to_matrix(quaternion_at(mount_a, 3)), to_matrix(quaternion_at(mount_b, 3))
-    arm = matvec(b.R, vec3_at(mount_b, 0))
+    arm = matvec(b.R, vec3_at(mount_b, 0))  # from b's IMU to its board, world
     d = axpy(axpy(b.p, 1.0, arm), -1.0, a.p)  # from a's IMU to the board, world
     from_camera = axpy(matvec(transposed(a.R), d), -1.0, vec3_at(mount_a, 0))  # from a's camera to the board, a's IMU
     to_camera = transposed(matmul(a.R, R_c))  # camera <- world
-    out = transposed(R_c)  # camera <- a's IMU
+    R_camera_a = transposed(R_c)  # camera <- a's IMU
     R_camera_b = matmul(to_camera, b.R)  # camera <- b's IMU
 
     clear(pair.work, 6)
@@ -277,13 +284,14 @@ def board_in_camera(pair: Pair, camera: int, a: PastState, b: PastState) -> tupl
     R_rate = matvec(to_camera, axpy(b.rate, -1.0, a.rate))
     for i in range(3):
         G[i, CLOCKS + camera], G[3 + i, CLOCKS + camera] = p_rate[i], R_rate[i]
-    c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)  # first columns of camera and board mounts
-    store_mat3_at(scale_matrix(-1.0, out), G, 0, c)
-    store_mat3_at(rows_cross(out, from_camera), G, 0, c + 3)
-    store_mat3_at(scale_matrix(-1.0, out), G, 3, c + 3)
+    # derivatives by the two mounts; c and m are their first columns, position before rotation
+    c, m = MOUNTS + 6 * (CAMERA + camera), MOUNTS + 6 * (BOARD + board)
+    store_mat3_at(scale_matrix(-1.0, R_camera_a), G, 0, c)
+    store_mat3_at(rows_cross(R_camera_a, from_camera), G, 0, c + 3)
+    store_mat3_at(scale_matrix(-1.0, R_camera_a), G, 3, c + 3)
     store_mat3_at(R_camera_b, G, 0, m)
     store_mat3_at(R_camera_b, G, 3, m + 3)
-    return matvec(out, from_camera), matmul(R_camera_b, R_m)
+    return matvec(R_camera_a, from_camera), matmul(R_camera_b, R_m)
 
 
 @njit(**INNER_KERNEL)
@@ -310,10 +318,10 @@ def _put_pose_columns(G: Array, o: int, to_camera: Mat3, by_attitude: Mat3, past
 
 
 @njit(**INNER_KERNEL)
-def _triangulate(
+def _linearise_rays(
     board: BoardWorkspace, p: Vec3, R: Mat3, m: int, points_in_board: Array, rays: Array, ray_sd: Array, rotated: float
 ) -> bool:
-    """Writes the triangle of the rays' derivatives by the board's pose, and of innovations: docs/foot_to_foot.md (4).
+    """Linearises the rays about a pose of the board, docs/foot_to_foot.md (4), and compresses them to a triangle.
 
     Args:
         board: Workspace whose `triangle` (7, 7) is written: R of the QR decomposition of the (2M, 6) derivatives and
@@ -332,16 +340,17 @@ def _triangulate(
     row = board.row
     clear_block(board.triangle, 7)
     for i in range(m):
-        arm = matvec(R, vec3_at(points_in_board[i], 0))
+        arm = matvec(R, vec3_at(points_in_board[i], 0))  # from the board's origin to the point, camera axes
         x, y, depth = axpy(p, 1.0, arm)
         if not depth > _MIN_BOARD_DEPTH_M:
             return False
         x, y, sd = x / depth, y / depth, math.sqrt(ray_sd[i] ** 2 + rotated)
         scale = 1.0 / (depth * sd)
-        for k in range(2):  # x and y of the ray
+        for k in range(2):  # x and y of the ray; `row` is the derivative by position (0-2) and rotation (3-5)
             by_point = (scale, 0.0, -x * scale) if k == 0 else (0.0, scale, -y * scale)
             store_vec3_at(by_point, row, 0)
             store_vec3_at(cross(arm, by_point), row, 3)
+            # innovation: measured minus predicted
             row[6] = (rays[i, k] - (x if k == 0 else y)) / sd
             _add_row(board.triangle, row)
     return True
@@ -355,7 +364,7 @@ def _add_row(triangle: Array, row: Array) -> None:
         triangle: (n, n) upper triangle R; afterwards RᵀR is larger by the outer product of the row with itself.
         row: (n,) the row, overwritten.
     """
-    for k in range(len(row)):
+    for k in range(len(row)):  # rotates row k of the triangle with the row, so that entry k of the row becomes 0
         size = math.sqrt(triangle[k, k] ** 2 + row[k] ** 2)
         if row[k] != 0.0 and size > 0.0:
             c, s = triangle[k, k] / size, row[k] / size
@@ -369,7 +378,7 @@ def _add_row(triangle: Array, row: Array) -> None:
 def sonar_update(
     pair: Pair, foot: KernelParameters, parameters: PairParameters, sonar: int, t_ns: int, distance: float
 ) -> float:
-    """Update with the distance between a foot's sonar and the other foot: docs/foot_to_foot.md (9).
+    """Update with the distance between a foot's sonar and the other foot, docs/foot_to_foot.md (9).
 
     The published system uses the positions alone. Here the attitudes at both ends enter too, and the sonar is used only
     if the other shoe has not been observed for `sonar_after_s`: an echo comes from some part of it, always with the
@@ -387,33 +396,36 @@ def sonar_update(
     Returns:
         Length of the innovation in standard deviations, or UNUSED.
     """
-    since_s = (t_ns - max(pair.seen[0], pair.seen[1])) * 1e-9
+    since_s = (t_ns - max(pair.seen[0], pair.seen[1])) * 1e-9  # since the last board observation of either camera
     if not parameters.is_published and since_s < parameters.sonar_after_s:
         return UNUSED
     other, work = 1 - sonar, pair.work
+    # states at the echo: a of the foot with the sonar, b of the other
     a = rewind(pair.feet[sonar], foot.gravity_mps2, t_ns, parameters.max_delay_s)
     b = rewind(pair.feet[other], foot.gravity_mps2, t_ns, parameters.max_delay_s)
+    # from each IMU to the foot's sonar, world; that of the other foot is taken for the reflecting point
     arm_a, arm_b = matvec(a.R, vec3_at(pair.sonars[sonar], 0)), matvec(b.R, vec3_at(pair.sonars[other], 0))
     d = axpy(axpy(b.p, 1.0, arm_b), -1.0, axpy(a.p, 1.0, arm_a))  # from the sonar to the reflecting point, world, m
     size = math.sqrt(dot(d, d))
     if not (a.known and b.known and size > 0.0):
         return UNUSED
-    none = 0.0, 0.0, 0.0
-    to = axpy(none, 1.0 / (size * parameters.range_sd_m), d)  # unit vector over the standard deviation
+    zero_vector = 0.0, 0.0, 0.0
+    direction = axpy(zero_vector, 1.0 / (size * parameters.range_sd_m), d)  # unit vector over the standard deviation
     clear(work, 1)
-    h = work.jacobian[0]
-    of_a, of_b = STATES * sonar, STATES * other
-    store_vec3_at(axpy(none, -1.0, to), h, of_a + D_POSITION)
-    store_vec3_at(to, h, of_b + D_POSITION)
+    h = work.jacobian[0]  # of the distance, in standard deviations, by the error states
+    of_a, of_b = STATES * sonar, STATES * other  # first error states of both feet
+    store_vec3_at(axpy(zero_vector, -1.0, direction), h, of_a + D_POSITION)
+    store_vec3_at(direction, h, of_b + D_POSITION)
     if not parameters.is_published:
-        store_vec3_at(cross(to, arm_a), h, of_a + D_ATTITUDE)
-        store_vec3_at(cross(arm_b, to), h, of_b + D_ATTITUDE)
+        store_vec3_at(cross(direction, arm_a), h, of_a + D_ATTITUDE)
+        store_vec3_at(cross(arm_b, direction), h, of_b + D_ATTITUDE)
     work.innovation[0] = (distance - size) / parameters.range_sd_m
     spread_measurements(pair.covariance, work, 0, 1)
     length = innovation_norm(work, 1, 1.0)
     if parameters.is_published:
         used, variance = abs(distance - size) < _MAX_RANGE_MISFIT_M, 1.0
     else:
+        # time that this echo counts for: all echoes within the correlation time together count as one
         echo_s = min(max((t_ns - pair.heard[sonar]) * 1e-9, 1e-3), parameters.observation_correlation_s)
         used, variance = length < parameters.range_gate, parameters.observation_correlation_s / echo_s
     if not used:

@@ -65,26 +65,27 @@ def rewind(memory: state.FilterState, gravity: float, t_ns: int, max_age_s: floa
     clock, x = memory.clock, memory.nominal
     p, v, q = vec3_at(x, state.POSITION), vec3_at(x, state.VELOCITY), quaternion_at(x, state.ATTITUDE)
     gyro_bias, accel_bias = vec3_at(x, state.GYRO_BIAS), vec3_at(x, state.ACCEL_BIAS)
-    age = (clock[state.T_LAST] - t_ns) * 1e-9
+    age = (clock[state.T_LAST] - t_ns) * 1e-9  # s before the newest sample; negative after it
     known = clock[state.PHASE] == state.NAVIGATING and -_MAX_LEAD_S <= age <= max_age_s
     w = axpy(state.rate_of(memory, state.ring_row(memory, 0)), -1.0, gyro_bias)
-    back, left = 0, known  # samples gone back so far; whether the past time is not reached yet
-    while left:
+    back, not_reached = 0, known  # samples gone back so far; whether the past time is not reached yet
+    while not_reached:
+        # rows of the ring: the sample whose interval is undone, and the one before it
         i, before = state.ring_row(memory, back), state.ring_row(memory, back + 1)
         if age > 0.0 and back + 1 >= clock[state.FILL]:  # the ring does not reach back so far
             known = False
             break
         if age > 0.0:
-            left = memory.ring_t_ns[before] > t_ns
+            not_reached = memory.ring_t_ns[before] > t_ns
             dt = (memory.ring_t_ns[i] - max(t_ns, memory.ring_t_ns[before])) * 1e-9
         else:  # one step forward: the negative dt extrapolates the newest sample
-            left, dt = False, age
+            not_reached, dt = False, age
         w = axpy(state.rate_of(memory, i), -1.0, gyro_bias)
-        half = exp(times(-0.5 * dt, w), state.SERIES_RAD)
+        half = exp(times(-0.5 * dt, w), state.SERIES_RAD)  # half of the rotation, backward
         middle = normalized(multiply(q, half))
         force = axpy(state.force_of(memory, i), -1.0, accel_bias)
         a = matvec(to_matrix(middle), force_at_middle(force, dt * w[0], dt * w[1], dt * w[2]))
-        a = a[0], a[1], a[2] - gravity
+        a = a[0], a[1], a[2] - gravity  # acceleration in the world
         v = axpy(v, -dt, a)
         p = axpy(p, -dt, axpy(v, 0.5 * dt, a))
         q = normalized(multiply(middle, half))

@@ -53,6 +53,7 @@ class LeftRightCheck:
 
     def __init__(self, mounts: Array) -> None:
         """Begins without evidence; a row of `mounts` (4, 7) is position (m) and quaternion (w, x, y, z)."""
+        # (4, 3, 3) IMU <- camera left, camera right, board left, board right
         self._R_imu_part = Rotation.from_quat(mounts[:, 3:], scalar_first=True).as_matrix()
         self._against = np.zeros(len(_WAYS))  # negative log-likelihood of each assignment
         self._newest_ns = NEVER  # time of the last image used
@@ -73,14 +74,19 @@ class LeftRightCheck:
         """
         if self._settled:
             return True
+        # an image is evidence if it is `_APART_S` after the last one, and its corners determine a pose
         if observation.t_ns - self._newest_ns >= round(_APART_S * 1e9) and (
             poses := select_poses(find_board_poses(observation))
         ):
             self._newest_ns = observation.t_ns
-            seen = np.array([pose.T_camera_board[:3, :3] for pose in poses])
-            self._against += [self._misfit(seen, camera, R_world_imu, *way) for way in _WAYS]
+            R_camera_board = np.array([pose.T_camera_board[:3, :3] for pose in poses])
+            self._against += [
+                self._misfit(R_camera_board, camera, R_world_imu, imus, cameras) for imus, cameras in _WAYS
+            ]
+        # by how much the rig's assignment, the first, is less likely than the best of the others
         behind = self._against[0] - self._against[1:].min()  # positive if another assignment is more likely
         self._settled = behind < -_CERTAIN
+        # exchanged, and the best assignment is clearly better than the second best
         if behind > _CERTAIN and np.diff(np.sort(self._against))[0] > _MARGIN:
             what = _NAMES[_WAYS[int(np.argmin(self._against))]]
             raise StrideTwinError(
@@ -99,12 +105,13 @@ class LeftRightCheck:
             imus: 1 if the IMUs are exchanged, else 0.
             cameras: 1 if the cameras are exchanged, else 0.
         """
-        foot = camera ^ cameras  # the foot that actually carries the camera
+        foot = camera ^ cameras  # the foot that actually carries the camera; `x ^ 1` is the other of 0 and 1
         # relative rotation of the shoes, by the image (N, 3, 3) and by the IMUs (3, 3); `off` is the angle between them
         by_image = self._R_imu_part[CAMERA + foot] @ R_camera_board @ self._R_imu_part[BOARD + 1 - foot].T
         by_imus = R_world_imu[foot ^ imus].T @ R_world_imu[1 - foot ^ imus]
+        # trace of by_imageᵀ by_imus is 1 + 2 cos(angle); the largest is that of the pose that fits best
         cosine = (np.einsum("nij,ij->n", by_image, by_imus).max() - 1.0) / 2.0
-        off = math.acos(max(-1.0, min(1.0, cosine))) / _ROTATION_SD_RAD
+        off = math.acos(max(-1.0, min(1.0, cosine))) / _ROTATION_SD_RAD  # in standard deviations
         return 0.5 * min(off, _MAX_EVIDENCE_SD) ** 2
 
 
@@ -157,11 +164,12 @@ def shoes_of(rig: Rig) -> Shoes:
         if imu is None:  # without an IMU, nothing else on the foot is of use
             continue
         imus[foot] = imu
+        # mounts in the rig are poses on the foot; here they are relative to the foot's IMU
         T_imu_foot = np.linalg.inv(imu.mount.T_body_sensor)
         if (camera := _find_on_foot(rig.cameras.values(), foot, "camera")) is not None:
-            cameras[foot], mounts[i] = camera, _pose(T_imu_foot @ camera.mount.T_body_sensor)
+            cameras[foot], mounts[CAMERA + i] = camera, _to_mount(T_imu_foot @ camera.mount.T_body_sensor)
         if (board := _find_on_foot(rig.boards.values(), foot, "board")) is not None:
-            boards[foot], mounts[2 + i] = board, _pose(T_imu_foot @ board.mount.T_body_sensor)
+            boards[foot], mounts[BOARD + i] = board, _to_mount(T_imu_foot @ board.mount.T_body_sensor)
         sonar = _find_on_foot((s for s in rig.others.values() if s.kind == "range"), foot, "sonar")
         if sonar is not None:
             sonars[i], topics[i] = (T_imu_foot @ sonar.mount.T_body_sensor)[:3, 3], sonar.topic
@@ -180,12 +188,13 @@ def side_by_side_start(shoes: Shoes) -> dict[str, StartPose]:
     """
     start = {}
     for foot, imu in shoes.imus.items():
-        side = 1.0 if foot == "l" else -1.0
+        side = 1.0 if foot == "l" else -1.0  # the y axis points to the left
         T_world_foot = np.eye(4)
         T_world_foot[:3, :3] = Rotation.from_euler("z", side * _START_TOE_OUT_RAD).as_matrix()
         T_world_foot[1, 3] = side * _START_SEPARATION_M / 2
-        T = T_world_foot @ imu.mount.T_body_sensor
+        T = T_world_foot @ imu.mount.T_body_sensor  # world <- IMU
         q = Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)
+        # uncertainty beyond the default of a start, which is tiny
         guess = {} if foot == "l" else {"position_sd": _START_POSITION_SD_M, "heading_sd": _START_HEADING_SD_RAD}
         start[foot] = StartPose(p_imu_in_world=T[:3, 3], q_world_imu=q, **guess)
     return start
@@ -203,6 +212,6 @@ def _find_on_foot(parts: Iterable[M], foot: str, kind: str) -> M | None:
     return mounted[0] if mounted else None
 
 
-def _pose(T: Array) -> Array:
-    """(7,) position and quaternion of a (4, 4) pose."""
+def _to_mount(T: Array) -> Array:
+    """(7,) position (entries 0-2, m) and quaternion (3-6; w, x, y, z) of a (4, 4) pose."""
     return np.concatenate([T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_quat(scalar_first=True)])

@@ -104,14 +104,16 @@ def blank_pair(
     """State of two feet without samples.
 
     Args:
-        mounts: (4, 7) of `Pair`.
+        mounts: (4, 7) position (m) and quaternion of camera left, camera right, board left, board right, each in its
+            foot's IMU.
         mount_variance: (4, 6) m² and rad², variances of position and rotation of each mount.
         clock_variance: Variance of the offset of each camera's clock, s².
         scale_variance: Variance of the relative scale error of each gyro axis.
-        sonars: (2, 3) of `Pair`, m.
-        earth: (3,) of `Pair`, rad/s.
+        sonars: (2, 3) each foot's sonar in its IMU, m.
+        earth: (3,) rotation rate of the Earth in world axes, rad/s.
     """
     covariance, error = np.zeros((ALL_STATES, ALL_STATES)), np.zeros(ALL_STATES)
+    # the states after the feet's, which have variance 0 until they align: mounts, clocks, scales
     i = np.arange(MOUNTS, ALL_STATES)
     covariance[i, i] = np.r_[mount_variance.ravel(), [clock_variance] * 2, [scale_variance] * 6]
     return Pair(
@@ -140,7 +142,7 @@ def inject_all(pair: Pair) -> None:
     for foot in range(2):
         inject(pair.feet[foot])
     error = pair.error
-    for i in range(4):
+    for i in range(4):  # camera left, camera right, board left, board right; o: first of the mount's six errors
         mount, o = pair.mounts[i], MOUNTS + 6 * i
         for k in range(3):
             mount[k] += error[o + k]

@@ -10,17 +10,19 @@ from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 
 Vec3 = tuple[float, float, float]
 _SWING_RATE_RADPS = 1.0  # a foot that swings forward pitches up faster than this
-_MAX_STEP_S = 0.05  # changes over longer intervals are no jerks
+_MAX_STEP_S = 0.05  # a change of force over a longer sampling interval gives no jerk
 _PEAK_S = 0.12  # an impact's peak follows within this time
 _CLIPPED_SHARE = 0.97  # of the range, from which on an axis counts as clipped
-_REST_S, _LANDING_S = 0.15, 0.06  # of a foot that rests for certain; from a soft touch-down to rest
+_REST_S = 0.15  # a foot that has rested for so long is on the ground for certain
+_LANDING_S = 0.06  # time from a soft touch-down until the foot rests
+# a foot rests while its pitch rate, and the difference of its specific force from gravity, are no larger
 _REST_RATE_RADPS, _REST_FORCE_MPS2 = 0.5, 1.5
 _LANDING_PHASE = 0.8  # before which an impact is a knock [tuned]. Larger: strides that are unexpectedly short end late
-_FIRST_IMPACT_MPS3 = 6000.0
-_IMPACT_MEMORY = 0.3
+_FIRST_IMPACT_MPS3 = 6000.0  # usual impact of a person of whom none is known
+_IMPACT_MEMORY = 0.3  # weight of the newest impact in the person's usual one
 _SWING_RAD = 0.25  # least upward rotation of a foot that swings; a foot that is put aside rotates less
 _SWING_SHARE = 0.5  # of the swing's fastest rotation, beyond which the foot still swings and an impact is a knock
-_TOE_OFF_SHARE = 0.68  # of the stride, where the pitch rate reverses
+_TOE_OFF_SHARE = 0.68  # of the stride, from the touch-down until the pitch rate reverses
 
 
 class ContactDetector:
@@ -38,17 +40,17 @@ class ContactDetector:
         """Begins with a foot on the ground, of which no sample is known; a force range of 0 is unknown."""
         self._p = parameters
         # magnitude from which on an axis counts as clipped, m/s²
-        self._limit = _CLIPPED_SHARE * force_range_mps2 if force_range_mps2 > 0.0 else math.inf
+        self._clipped_mps2 = _CLIPPED_SHARE * force_range_mps2 if force_range_mps2 > 0.0 else math.inf
         self.is_swing = False
-        self._force: Vec3 = (0.0, 0.0, 0.0)  # of the last sample, m/s²
+        self._force: Vec3 = (0.0, 0.0, 0.0)  # specific force of the last sample, m/s²
         self._jerk = [math.nan] * 3  # of the last interval by axis; NaN next to a gap or a limit
-        self._consecutive = 0  # samples without a gap before
+        self._consecutive = 0  # number of samples in a row without a gap before them
         self._is_pushing = False  # the foot pitches down fast enough for a push-off
         # time of the last reversal of the pitch rate, the last touch-down and the last sample not at rest; -1 before
         self._reversal_ns = self._touch_down_ns = self._moved_ns = -1
         self._swing_rate = self._swing_rad = 0.0  # fastest (rad/s) and total (rad) upward rotation since the reversal
-        self._usual_impact = math.log(_FIRST_IMPACT_MPS3)  # mean logarithm of the person's impacts
-        self._impact = 0.0  # largest since the touch-down; 0 once it is taken into account
+        self._log_usual_impact = math.log(_FIRST_IMPACT_MPS3)  # mean logarithm of the person's impacts, m/s³
+        self._impact = 0.0  # m/s³, largest since the touch-down; 0 once it has entered that mean
 
     def update(self, t_ns: int, interval_s: float, pitch_rate: float, force: Vec3, stride: StrideFilter) -> int | None:
         """Takes one sample; returns the time of a touch-down, ns, or None.
@@ -63,8 +65,8 @@ class ContactDetector:
             force: (3,) m/s², specific force.
             stride: The filter of the running stride.
         """
-        impact = self._jerk_change(interval_s, force)
-        excess = abs(math.hypot(*force) - STANDARD_GRAVITY_MPS2)
+        impact = self._update_jerk(interval_s, force)  # m/s³
+        excess = abs(math.hypot(*force) - STANDARD_GRAVITY_MPS2)  # m/s²; little while the foot rests
         if abs(pitch_rate) > _REST_RATE_RADPS or excess > _REST_FORCE_MPS2:
             self._moved_ns = t_ns
         self._learn_impact(t_ns, impact)
@@ -75,29 +77,30 @@ class ContactDetector:
             return None
         self._swing_rad += max(-pitch_rate, 0.0) * interval_s
         self._swing_rate = max(self._swing_rate, -pitch_rate)
-        if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:
+        if (t_ns - self._reversal_ns) * 1e-9 < self._p.min_swing_s:  # too early for a touch-down
             return None
-        threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._usual_impact))
+        threshold = max(self._p.impact_mps3, self._p.impact_share * math.exp(self._log_usual_impact))  # m/s³
         # an impact early in the stride, before the foot has rotated up, or while it still does so fast is a knock
         is_due = not stride.is_walking or stride.phase >= _LANDING_PHASE
         is_due &= self._swing_rad > _SWING_RAD and pitch_rate > -_SWING_SHARE * self._swing_rate
         if impact > threshold and is_due:
             self._impact = impact
-            return self._land(t_ns - round(0.5e9 * interval_s))  # in the middle of the interval
-        if (t_ns - self._moved_ns) * 1e-9 > _REST_S:
-            return self._land(self._moved_ns - round(1e9 * _LANDING_S))
+            return self._end_swing(t_ns - round(0.5e9 * interval_s))  # in the middle of the interval
+        if (t_ns - self._moved_ns) * 1e-9 > _REST_S:  # a soft touch-down, `_LANDING_S` before the foot began to rest
+            return self._end_swing(self._moved_ns - round(1e9 * _LANDING_S))
         return None
 
-    def _land(self, t_ns: int) -> int:
-        """Ends the swing; returns the time of the touch-down, ns, which is not before the swing's begin."""
+    def _end_swing(self, t_ns: int) -> int:
+        """Ends the swing by a touch-down at `t_ns`; returns that time or, if that is later, the swing's begin, ns."""
         self.is_swing = self._is_pushing = False
         self._touch_down_ns = max(t_ns, self._reversal_ns)
         return self._touch_down_ns
 
-    def _jerk_change(self, interval_s: float, force: Vec3) -> float:
-        """Change s_k of the jerk between the last two intervals, m/s³, docs/gait_phase.md (1); 0 after a gap.
+    def _update_jerk(self, interval_s: float, force: Vec3) -> float:
+        """Takes one force; returns by how much the jerk has changed since the interval before, m/s³; 0 after a gap.
 
-        It is the length of the vector over the axes. An axis at its limit in one of the samples is left out.
+        It is s_k of docs/gait_phase.md (1), the length of the vector over the axes. An axis at its limit in one of the
+        samples is left out. Force and jerk are stored for the next sample.
 
         Args:
             interval_s: Time since the sample before, s.
@@ -108,7 +111,7 @@ class ContactDetector:
         square = 0.0
         for axis in range(3):
             now, before = force[axis], self._force[axis]
-            is_clipped = max(abs(now), abs(before)) >= self._limit
+            is_clipped = max(abs(now), abs(before)) >= self._clipped_mps2
             # where an axis enters or leaves its limit, its jerk changes without any impact
             jerk = (now - before) / interval_s if is_near and not is_clipped else math.nan
             change = jerk - self._jerk[axis]
@@ -119,16 +122,19 @@ class ContactDetector:
         return math.sqrt(square)
 
     def _learn_impact(self, t_ns: int, impact: float) -> None:
-        """Averages the peaks of the person's impacts, in logarithms.
+        """Follows the impact of the last touch-down to its peak, which then enters the mean of the person's impacts.
 
-        The peak is the largest change of the jerk (`impact`, m/s³) within `_PEAK_S` of a touch-down; then it enters the
-        average.
+        The peak is the largest change of the jerk within `_PEAK_S` of a touch-down. The mean is one of logarithms.
+
+        Args:
+            t_ns: Time of the sample.
+            impact: Change of the jerk in this sample, m/s³.
         """
         if self._impact == 0.0:  # no impact since the touch-down that is not averaged yet
             return
         self._impact = max(self._impact, impact)
         if (t_ns - self._touch_down_ns) * 1e-9 > _PEAK_S:
-            self._usual_impact += _IMPACT_MEMORY * (math.log(self._impact) - self._usual_impact)
+            self._log_usual_impact += _IMPACT_MEMORY * (math.log(self._impact) - self._log_usual_impact)
             self._impact = 0.0
 
     def _detect_reversal(self, t_ns: int, pitch_rate: float, stride: StrideFilter) -> int | None:
@@ -147,6 +153,7 @@ class ContactDetector:
         """
         last_ns = max(self._touch_down_ns, self._reversal_ns)
         share = 0.5 if self.is_swing else 0.25
+        # whether enough time has passed for a push-off
         is_armed = last_ns < 0 or (t_ns - last_ns) * 1e-9 > share * stride.usual_s
         if is_armed and pitch_rate > self._p.push_off_radps:
             self._is_pushing = True
@@ -155,6 +162,6 @@ class ContactDetector:
         if not is_pivot and (not self._is_pushing or pitch_rate > -_SWING_RATE_RADPS):
             return None
         self._swing_rate, self._swing_rad = -pitch_rate, 0.0
-        missed = self.is_swing and stride.begin_ns >= 0
+        has_missed = self.is_swing and stride.begin_ns >= 0  # this swing begins although the last one has not ended
         self.is_swing, self._is_pushing, self._reversal_ns = True, False, t_ns
-        return max(t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s), last_ns) if missed else None
+        return max(t_ns - round(1e9 * _TOE_OFF_SHARE * stride.usual_s), last_ns) if has_missed else None

@@ -17,7 +17,7 @@ from stridetwin.streams.rig import Rig
 from stridetwin.streams.samples import Imu
 
 KIND = "gait_phase"
-_LARGEST_PHASE = math.nextafter(1.0, 0.0)
+_LARGEST_PHASE = math.nextafter(1.0, 0.0)  # the largest number below 1
 _MAX_RATE_RADPS, _MAX_FORCE_MPS2 = 100.0, 5000.0  # no foot moves so; such samples are left out
 
 
@@ -54,11 +54,12 @@ class GaitPhase:
         if options.foot not in FOOT_NAMES:
             raise ConfigError("GaitPhase", "foot", options.foot, ", ".join(FOOT_NAMES))
         imu = rig.imu(_topic(options))
-        self._left = tuple(float(v) for v in imu.mount.T_body_sensor[1, :3])  # the foot's y axis in sensor axes
+        # (3,) the foot's y axis, left, in sensor axes
+        self._left_in_sensor = tuple(float(v) for v in imu.mount.T_body_sensor[1, :3])
         self._parameters = parameters or GaitPhaseParameters()
         self._contact = ContactDetector(self._parameters, imu.accelerometer_range)
         self._stride = StrideFilter(self._parameters)
-        self._t_ns = -1
+        self._t_ns = -1  # time of the last sample that was not left out
 
     @classmethod
     def streams(cls, rig: Rig, options: Options) -> tuple[Stream, ...]:
@@ -71,18 +72,21 @@ class GaitPhase:
         The pitch rate is the component of the angular rate along the foot's y axis, toes down positive. A touch-down,
         which may lie before the sample, ends a stride and begins the next one.
         """
+        # three numbers each, in sensor axes: rad/s and m/s²
         rate, force = np.asarray(sample.angular_rate).tolist(), np.asarray(sample.specific_force).tolist()
         if sample.t_ns <= self._t_ns or not _is_possible(rate, force):
             return None
         interval_s = (sample.t_ns - self._t_ns) * 1e-9 if self._t_ns >= 0 else 0.0
         self._t_ns = sample.t_ns
-        pitch_rate = sum(r * axis for r, axis in zip(rate, self._left))
+        pitch_rate = sum(r * axis for r, axis in zip(rate, self._left_in_sensor))
         if interval_s > self._parameters.max_gap_s:
-            self._stride.is_regular = False
-        landed = self._contact.update(sample.t_ns, interval_s, pitch_rate, (force[0], force[1], force[2]), self._stride)
-        if landed is not None:
-            self._stride.begin(landed)
-        self._stride.weigh(sample.t_ns, interval_s, pitch_rate)
+            self._stride.is_regular = False  # a touch-down may be missing
+        touch_down_ns = self._contact.update(
+            sample.t_ns, interval_s, pitch_rate, (force[0], force[1], force[2]), self._stride
+        )
+        if touch_down_ns is not None:
+            self._stride.begin(touch_down_ns)
+        self._stride.update(sample.t_ns, interval_s, pitch_rate)
         stride = self._stride
         return PhaseEstimate(
             t_ns=sample.t_ns,

@@ -13,13 +13,14 @@ from stridetwin.estimators.gait_phase.template import BINS, N_STRIDE_KINDS
 from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 from stridetwin.streams.samples import Array
 
-CELLS = 80
+CELLS = 80  # number of stride times in the grid
 SHORTEST_S, LONGEST_S = 0.5, 2.8
 """Stride times of the first and the last cell of the grid, s."""
 LOG_STRIDE = np.linspace(math.log(SHORTEST_S), math.log(LONGEST_S), CELLS)
 STRIDE_S = np.exp(LOG_STRIDE)
+"""(CELLS,) stride times of the grid, s, equally spaced in their logarithms `LOG_STRIDE`."""
 _FREEDOM = 4.0  # of Student's t: single deviations from the template are no outliers to be rejected, but weak evidence
-IMPOSSIBLE = -1e4
+IMPOSSIBLE = -1e4  # log-weight of a hypothesis whose stride time has passed
 # Probability of a stride of quite another length, such as the first and the last, and standard deviation of the
 # logarithm of its time [tuned]. Doubled: such strides are recognised earlier, regular ones are less certain.
 _IRREGULAR_SHARE, _IRREGULAR_SD = 0.15, 0.15
@@ -84,25 +85,27 @@ def set_prior(
         shares: (N_STRIDE_KINDS,) probability of each kind of stride.
         ratios: Stride times of the kinds over those on level ground.
     """
+    # squared differences of the grid's logarithms from each kind's expected one
     error2 = np.square(LOG_STRIDE - log_stride - ratios.log_mean[:, None])  # (N_STRIDE_KINDS, CELLS)
     # each kind is a mixture of a narrow normal density of usual strides and a wide one of irregular strides
     narrow = variance + ratios.variance[:, None]
     wide = narrow + _IRREGULAR_SD**2
     regular = (1.0 - _IRREGULAR_SHARE) * np.exp(-0.5 * error2 / narrow) / np.sqrt(narrow)
     irregular = _IRREGULAR_SHARE * np.exp(-0.5 * error2 / wide) / np.sqrt(wide)
-    density = shares[:, None] * (regular + irregular) + 1e-30
+    density = shares[:, None] * (regular + irregular) + 1e-30  # a kind without a share has a finite logarithm, too
     belief.walk[:] = np.log(density)
     belief.stand[0] = math.log(density.sum() * stand_share / (1.0 - stand_share))  # standing then has `stand_share`
 
 
 @_entry_kernel
-def weigh(
+def weigh_hypotheses(
     belief: Belief, template: Template, since_s: float, share: float, rate: float, noise: float
 ) -> tuple[float, float, float, float]:
     """Weighs the hypotheses with one pitch rate and takes their means.
 
     Weights: docs/gait_phase.md (4), (6); means: docs/gait_phase.md (5). A hypothesis whose stride time has passed is
-    impossible from then on. The log-weights are scaled so that the largest is 0.
+    impossible from then on. The log-weights are shifted so that the largest is 0; a hypothesis that is still possible
+    keeps at least half of `IMPOSSIBLE`.
 
     Args:
         belief: Changed in place.
@@ -123,7 +126,8 @@ def weigh(
             if phase >= 1.0:
                 belief.walk[c, j] = IMPOSSIBLE
                 continue
-            place = max(phase * BINS - 0.5, 0.0)  # linear interpolation between the middles of bins i and i + 1
+            # linear interpolation between the middles of bins i and i + 1; constant beyond the first and the last one
+            place = max(phase * BINS - 0.5, 0.0)
             i = min(int(place), BINS - 2)
             part = min(place - i, 1.0)
             mean = template.mean[c, i] * (1.0 - part) + template.mean[c, i + 1] * part
@@ -132,9 +136,10 @@ def weigh(
             log_density = _log_t(rate * STRIDE_S[j] - mean, variance) + LOG_STRIDE[j]
             belief.walk[c, j] += share * log_density
             largest = max(largest, belief.walk[c, j])
-    belief.stand[0] += share * _log_t(rate, noise)
+    belief.stand[0] += share * _log_t(rate, noise)  # who stands has a pitch rate of 0
     largest = max(largest, belief.stand[0])
-    # sums over the hypotheses that the person walks: weight, and weight times phase, squared phase and phase rate
+    # sums over the hypotheses that the person walks: weight, and weight times phase, squared phase and phase rate; the
+    # total is never 0
     total, phase_sum, square_sum, rate_sum = 1e-300, 0.0, 0.0, 0.0
     for c in range(N_STRIDE_KINDS):
         for j in range(CELLS):

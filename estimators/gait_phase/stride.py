@@ -16,7 +16,7 @@ from stridetwin.estimators.gait_phase.kernel import (
     StrideRatios,
     Template,
     set_prior,
-    weigh,
+    weigh_hypotheses,
 )
 from stridetwin.estimators.gait_phase.parameters import GaitPhaseParameters
 from stridetwin.estimators.gait_phase.template import (
@@ -73,18 +73,21 @@ class StrideFilter:
         self.phase = self.phase_sd = self.rate = 0.0
         # mean logarithm of the person's stride time (s) on level ground, and its variance
         self._log_stride, self._variance = math.log(p.stride_s), p.stride_sd**2
+        # log-weights of the hypotheses about the running stride, set at each touch-down
         self._belief = Belief(walk=np.zeros((N_STRIDE_KINDS, CELLS)), stand=np.zeros(1))
         self._template = Template(mean=PITCH_RATE.copy(), variance=np.square(PITCH_RATE_SD))
-        is_level = (BEFORE == LEVEL) & (AFTER == LEVEL)
+        is_level = (BEFORE == LEVEL) & (AFTER == LEVEL)  # strides on the level are what the ratios relate to
         variance = np.where(is_level, 0.0, _RATIO_SD**2)
         self._ratios = StrideRatios(log_mean=LOG_RATIO.copy(), variance=variance)
-        self._strides = np.full(N_STRIDE_KINDS, _TEMPLATE_STRIDES)  # that each template is worth
+        # (N_STRIDE_KINDS,) number of strides that each template averages, or is worth
+        self._strides = np.full(N_STRIDE_KINDS, _TEMPLATE_STRIDES)
         off, level = _STAIRS_END_SHARE, 1.0 - 2.0 * p.stairs_share
+        # (LANDINGS, LANDINGS) probability that a stride from the kind of landing of the row (level, up, down) leads to
+        # that of the column
         shares = np.array([[level, p.stairs_share, p.stairs_share], [off, 1.0 - off, 0.0], [off, 0.0, 1.0 - off]])
-        self._transition = shares[
-            BEFORE, AFTER
-        ]  # (N_STRIDE_KINDS,) probability of a kind of stride, given where it begins
-        self._landing = np.eye(LANDINGS)[LEVEL]  # probability of each kind of the last touch-down
+        # (N_STRIDE_KINDS,) probability of a kind of stride, given where it begins
+        self._transition = shares[BEFORE, AFTER]
+        self._landing = np.eye(LANDINGS)[LEVEL]  # (LANDINGS,) probability of each kind of the last touch-down
         # stored samples of the running stride: time since its touch-down, s; pitch rate, rad/s; their number
         self._times, self._rates = np.empty(_SAMPLES), np.empty(_SAMPLES)
         self._stored = 0
@@ -105,14 +108,15 @@ class StrideFilter:
             if self.is_regular and self.is_walking and SHORTEST_S <= stride_s < LONGEST_S:
                 self._learn(stride_s)
             else:
-                self._landing = np.eye(LANDINGS)[LEVEL]
+                self._landing = np.eye(LANDINGS)[LEVEL]  # level for certain
                 self._variance = max(self._variance, (0.5 * self._p.stride_sd) ** 2)
         p = self._p
         self.begin_ns, self.is_regular, self.is_walking, self._stored = t_ns, True, True, 0
+        # (N_STRIDE_KINDS,) probability of each kind of stride; variance of the logarithm of its time on level ground
         shares, variance = self._landing[BEFORE] * self._transition, self._variance + p.stride_noise**2
         set_prior(self._belief, self._log_stride, variance, p.stand_share, shares, self._ratios)
 
-    def weigh(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
+    def update(self, t_ns: int, interval_s: float, pitch_rate: float) -> None:
         """Updates phase and belief with a pitch rate of the running stride.
 
         Does nothing while no stride is running. A stride ends without a touch-down when it takes longer than the
@@ -129,15 +133,17 @@ class StrideFilter:
         if since_s >= LONGEST_S:
             self.is_walking = False
             return
+        # stored for the template, at intervals above `_SAMPLE_S`
         if self._stored < _SAMPLES and (self._stored == 0 or since_s - self._times[self._stored - 1] > _SAMPLE_S):
             self._times[self._stored], self._rates[self._stored] = since_s, pitch_rate
             self._stored += 1
+        # part of an independent observation that this sample is: neighbouring samples deviate alike from the template
         share = min(interval_s, p.max_gap_s) / p.rate_correlation_s
-        self.phase, variance, self.rate, stand = weigh(
+        self.phase, variance, self.rate, stand = weigh_hypotheses(
             self._belief, self._template, since_s, share, pitch_rate, p.rate_noise_rad**2
         )
         self.phase_sd = math.sqrt(variance)
-        if stand > 0.5:
+        if stand > 0.5:  # probability that the person has stopped
             self.is_walking = False
 
     def _learn(self, stride_s: float) -> None:
@@ -147,25 +153,27 @@ class StrideFilter:
             stride_s: Duration of the stride, s.
         """
         cell = min(int(np.searchsorted(STRIDE_S, stride_s)), CELLS - 1)
-        column = self._belief.walk[:, cell]
-        kind = np.exp(column - column.max())  # (N_STRIDE_KINDS,) probability of each kind, given the stride time
+        column = self._belief.walk[:, cell]  # (N_STRIDE_KINDS,) log-weight of each kind, given the stride time
+        kind = np.exp(column - column.max())  # (N_STRIDE_KINDS,) probability of each kind, once it sums to 1
         # where all hypotheses of this stride time had become impossible, the prior decides
         kind *= self._landing[BEFORE] * self._transition if column.max() < 0.1 * IMPOSSIBLE else 1.0
         kind = kind / kind.sum()
         ratio_variance = float((kind * self._ratios.variance).sum())
-        # docs/gait_phase.md (8): Kalman update of the stride time, and of the ratios of the kinds of stride
+        # docs/gait_phase.md (8): Kalman update of the stride time, and of the ratios of the kinds of stride, all by the
+        # difference of the logarithm of the stride time from its mean over the kinds
         innovation = math.log(stride_s) - float((kind * self._ratios.log_mean).sum()) - self._log_stride
         noise = _MEASUREMENT_SD**2
         if innovation**2 > _OUTLIER * (self._variance + ratio_variance + noise):
             noise *= _OUTLIER
-        expected = self._variance + ratio_variance + noise
-        self._log_stride += self._variance / expected * innovation
-        self._variance *= 1.0 - self._variance / expected
+        innovation_variance = self._variance + ratio_variance + noise
+        self._log_stride += self._variance / innovation_variance * innovation
+        self._variance *= 1.0 - self._variance / innovation_variance
         self._variance += _STRIDE_DRIFT**2
-        gains = kind * self._ratios.variance / expected
+        gains = kind * self._ratios.variance / innovation_variance  # (N_STRIDE_KINDS,)
         self._ratios.log_mean[:] += gains * innovation
         self._ratios.variance[:] *= 1.0 - gains
-        # docs/gait_phase.md (7): probability of each kind of ground under this touch-down
+        # docs/gait_phase.md (7): probability of each kind of landing, a sum over the kinds of stride that end with it
+        # and at least `_WRONG_SHARE`
         self._landing = np.bincount(AFTER, kind, LANDINGS) * (1.0 - LANDINGS * _WRONG_SHARE) + _WRONG_SHARE
         likely = int(kind.argmax())
         if kind[likely] >= _CERTAIN and self._stored > 1:

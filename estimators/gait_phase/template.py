@@ -10,12 +10,12 @@ import numpy as np
 
 LEVEL, UP, DOWN = range(3)
 """Kinds of landing: on level ground or a ramp, on a stair upwards, on a stair downwards."""
-LANDINGS = 3
+LANDINGS = 3  # number of kinds of landing
 BEFORE = np.array([LEVEL, LEVEL, LEVEL, UP, UP, DOWN, DOWN])
 AFTER = np.array([LEVEL, UP, DOWN, LEVEL, UP, LEVEL, DOWN])
 """(N_STRIDE_KINDS,) landings that begin and end each kind of stride."""
 N_STRIDE_KINDS = len(BEFORE)
-BINS = 40
+BINS = 40  # number of bins of the phase, 0 to 1
 _MEANS = (
     "4.4 2.4 0.6 -0.0 -0.0 -0.0 -0.0 0.0 0.0 0.0 0.0 0.1 0.1 0.2 0.3 0.5 0.6 0.8 1.1 1.4 "
     "2.1 3.3 5.0 6.4 7.1 5.9 1.9 -1.9 -4.1 -5.1 -6.0 -6.8 -6.8 -5.6 -3.6 -2.6 -3.4 -3.5 0.1 4.0",

@@ -56,8 +56,10 @@ class Body:
 
     def set_mount(self, p_body_in_frame: Array, R_frame_camera: Array) -> None:
         """Sets the body's origin (3,) m and the camera's rotation (3, 3) in the frame of the poses."""
-        self._p = p_body_in_frame
-        self._ahead = R_frame_camera[:, 2] - R_frame_camera[:, 1]  # optical axis plus image up
+        self._p_body_in_frame = p_body_in_frame
+        # (3,) optical axis plus the image's up direction, in the frame of the poses: its horizontal part is ahead also
+        # where the camera looks straight down
+        self._ahead_in_frame = R_frame_camera[:, 2] - R_frame_camera[:, 1]
 
     def add(self, pose: Odometry) -> bool:
         """Takes a pose, and updates position, history and viewing direction.
@@ -70,21 +72,23 @@ class Body:
         if pose.t_ns <= self.t_ns or not is_pose(pose):
             return False
         R = rotation_matrix(pose.q_world_frame)
-        place, forward = pose.p_frame_in_world + R @ self._p, (R @ self._ahead)[:2]
+        p_body = pose.p_frame_in_world + R @ self._p_body_in_frame  # (3,) m, world
+        forward = (R @ self._ahead_in_frame)[:2]
         forward = forward / max(math.hypot(*forward.tolist()), 1e-9)  # (2,) horizontal viewing direction
         dt = (pose.t_ns - self.t_ns) * 1e-9
-        far = math.dist(place.tolist(), self.p.tolist()) > _JUMP_SLACK_M + self._max_speed_mps * min(dt, 1.0)
-        jumped = self.t_ns >= 0 and (far or dt > self._max_gap_s)
+        # farther than the largest speed explains, which counts for 1 s at most
+        is_far = math.dist(p_body.tolist(), self.p.tolist()) > _JUMP_SLACK_M + self._max_speed_mps * min(dt, 1.0)
+        jumped = self.t_ns >= 0 and (is_far or dt > self._max_gap_s)
         if jumped:
             self._history.clear()
             self._look = None
         if self._look is None:
             self._look = forward
-        share = min(1.0, dt / _VIEW_TIME_S)
+        share = min(1.0, dt / _VIEW_TIME_S)  # of the new direction in the average
         self._look = self._look + share * (forward - self._look)
-        self.p, self.t_ns = place, pose.t_ns
+        self.p, self.t_ns = p_body, pose.t_ns
         if not self._history or pose.t_ns - self._history[-1][0] >= _HISTORY_PERIOD_S * 1e9:
-            self._history.append((pose.t_ns, place))
+            self._history.append((pose.t_ns, p_body))
         return jumped
 
     def is_known(self, t_ns: int) -> bool:
@@ -93,14 +97,14 @@ class Body:
 
     def position_before(self, seconds: float) -> Array:
         """(3,) m, position of the body `seconds` before its last pose, or at the oldest stored instant."""
-        at = self.t_ns - int(seconds * 1e9)
-        for t_ns, p in reversed(self._history):
-            if t_ns <= at:
+        wanted_ns = self.t_ns - int(seconds * 1e9)
+        for t_ns, p in reversed(self._history):  # the newest first
+            if t_ns <= wanted_ns:
                 return p
         return self._history[0][1]
 
     def max_height(self, since_ns: int) -> float:
-        """Greatest height of the body since an instant, m, world z."""
+        """Greatest height of the body since an instant, m, world z; the present one if none is stored since then."""
         return max((float(p[2]) for t_ns, p in self._history if t_ns >= since_ns), default=float(self.p[2]))
 
     def heading(self, stride_s: float) -> float:

@@ -39,17 +39,17 @@ def _find_first_change(ground: Sequence[Segment], here: int, mode: str, p: Setti
     Returns:
         The new mode, and the segment's index; None if the mode stays.
     """
-    table = mode_table(ground, p)
+    table = mode_table(ground, p)  # (P, P, 5) probability of each mode of a step from one segment to another
     for k in range(here + 1, len(ground)):
         into = MODES[int(table[k - 1, k].argmax())]  # mode of the step onto segment k
         if into not in (mode, "LG"):
             return into, k
         onward = MODES[int(table[k, k].argmax())]  # mode of steps within it
-        if mode in ("SA", "SD"):
-            last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
-            if into == mode and last and ground[k].length > p.map.max_tread_m:
+        if mode in ("SA", "SD"):  # up to the segment beyond the last edge, if that is longer than a tread
+            is_last = k + 1 == len(ground) or MODES[int(table[k, k + 1].argmax())] != mode
+            if into == mode and is_last and ground[k].length > p.map.max_tread_m:
                 return onward, k
-        elif into != mode:
+        elif into != mode:  # from a ramp to level ground
             return into, k
     return None
 
@@ -89,11 +89,12 @@ def find_next_change(
     first_change = _find_first_change(ground, here, _mode_here(ground, here, p), p)
     if first_change is None:
         return None
-    mode, segment = first_change[0], ground[first_change[1]]
-    beyond = chain.on[:, first_change[1] :].sum(axis=1) > 0.5  # whether each step more likely lands beyond the change
+    mode, index = first_change
+    segment = ground[index]  # the first one beyond the change
+    beyond = chain.on[:, index:].sum(axis=1) > 0.5  # (K,) whether each step more likely lands beyond the change
     if beyond.any():
         in_s, in_sd_s = times[int(beyond.argmax())]
-    else:  # so many usual steps more than are predicted
+    else:  # `more`: number of usual steps from the last predicted one to the change
         more = math.ceil(max(0.0, segment.start - moments(chain.density[-1], s)[0]) / step_m)
         in_s, in_sd_s = times[-1][0] + more * step_s, times[-1][1] * (1.0 + more / len(times))
     place = line.origin + segment.start * line.forward
@@ -104,7 +105,7 @@ def find_next_change(
         distance_sd=max(segment.start_sd, PLACE_SD_M),
         time_s=in_s,
         time_sd_s=in_sd_s,
-        **_sizes(mode, segment, estimate, place, line, p),
+        **_read_sizes(mode, segment, estimate, place, line, p),
     )
 
 
@@ -120,14 +121,15 @@ def _mode_here(ground: Sequence[Segment], here: int, p: Settings) -> str:
     if segment.mode != "LG":
         return segment.mode
     if here > 0 and here + 1 < len(ground):
-        drops = segment.drop, ground[here + 1].drop  # rise of the edges at both ends of the segment, m
-        are_stairs = min(map(abs, drops)) > p.min_stair_riser_m and drops[0] * drops[1] > 0
+        behind, ahead = segment.drop, ground[here + 1].drop  # rise of the edges at both ends of the segment, m
+        # two risers, both up or both down
+        are_stairs = min(abs(behind), abs(ahead)) > p.min_stair_riser_m and behind * ahead > 0
         if are_stairs and segment.length < p.map.max_tread_m:
-            return "SA" if drops[0] > 0 else "SD"
+            return "SA" if behind > 0 else "SD"
     return "LG"
 
 
-def _sizes(
+def _read_sizes(
     mode: str, segment: Segment, estimate: TerrainEstimate, place: Array, line: PathAhead, p: Settings
 ) -> dict[str, float]:
     """Riser and tread, or slope, with standard deviations, of the ground that begins at a place; only known values.
@@ -151,9 +153,9 @@ def _sizes(
         return {}
     up = mode == "SA"
     flight = _flight_at(estimate, place, line.forward, up)
-    if flight is None:
+    if flight is None:  # a single edge
         return {"riser": segment.drop, "riser_sd": math.hypot(p.mode.riser_sd_m, segment.drop_sd)}
-    riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()
+    riser_sd, tread_sd = np.sqrt(np.diag(flight.covariance)[:2]).tolist()  # the first two of the flight's five values
     sizes = {"riser": flight.riser if up else -flight.riser, "riser_sd": math.hypot(riser_sd, _FLIGHT_RISER_SD_M)}
     if flight.steps > 1:
         sizes |= {"tread": flight.tread, "tread_sd": _TREAD_SD_SHARE * (1.0 if up else _TREAD_DOWN_FACTOR) * tread_sd}
@@ -171,8 +173,8 @@ def _flight_at(estimate: TerrainEstimate, place: Array, forward: Array, up: bool
     """
     flights = []
     for flight in estimate.stairs:
-        along = float(flight.up @ forward) * (1.0 if up else -1.0)
-        away = np.abs(flight.edges - float(flight.up @ place))
-        if along >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
+        cosine = float(flight.up @ forward) * (1.0 if up else -1.0)  # between path and way up, or way down
+        away = np.abs(flight.edges - float(flight.up @ place))  # (steps,) m, from each edge; NaN where it was not found
+        if cosine >= _FLIGHT_COSINE and (away < _FLIGHT_MATCH_M).any():
             flights.append(flight)
     return max(flights, key=lambda flight: flight.steps, default=None)

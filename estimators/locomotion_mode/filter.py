@@ -141,14 +141,15 @@ class LocomotionMode:
                 self._foothold.reset()
                 self._walking.clear()
             return None
-        known = self._body.is_known(sample.t_ns)
+        known = self._body.is_known(sample.t_ns)  # whether there is a recent pose
+        # `new`: whether the sample changes the prediction
         if isinstance(sample, StepEstimate):
             new = self._foothold.add_step(sample, self._rhythm.foot, self._rhythm.down_ns)
         elif isinstance(sample, Insole):
             detected = self._touch.update(sample)
             foot = detected or self._rhythm.overdue_foot(sample.t_ns)
             if foot:
-                self._land(foot, sample.t_ns, known, detected is not None)
+                self._add_touch_down(foot, sample.t_ns, known, detected is not None)
             new = foot is not None
         else:
             new = isinstance(sample, Depth) and self.ground.update(sample) is not None
@@ -166,7 +167,7 @@ class LocomotionMode:
         """
         return (T_frame_camera @ self._T_camera_followed)[:3, 3], T_frame_camera[:3, :3]
 
-    def _land(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
+    def _add_touch_down(self, foot: str, t_ns: int, known: bool, detected: bool) -> None:
         """Handles a touch-down: updates the rhythm and, if the body's pose is known, foothold and step statistics.
 
         Args:
@@ -175,18 +176,20 @@ class LocomotionMode:
             known: Whether there is a recent pose of the body.
             detected: Whether the insole detected it; otherwise it is inferred.
         """
-        line, top = self._path_ahead() if known else None, self._body.max_height(self._rhythm.down_ns)
+        line = self._path_ahead() if known else None
+        top = self._body.max_height(self._rhythm.down_ns)  # of the body since the touch-down before, m
         landing = self._rhythm.land(foot, t_ns, detected)
         if landing is None:  # the foot only bounced
             return
         if line is None:
             self._foothold.lose_position()
-            self._walking.clear()  # or the next step would be predicted from two
+            self._walking.clear()  # else the next step size would be that of two steps
             return
         self._walking.add(Division(foot=foot, t_ns=t_ns, p=self._body.p.copy(), v=self._body.velocity()))
         if self.method == PROPOSED:
-            profile = self._profile(line)
+            profile = self._read_profile(line)
             ground = self._ground_along(profile, line)
+            # mean position of the foot behind, m along the path
             behind, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
             self._foothold.land(
                 landing,
@@ -210,12 +213,13 @@ class LocomotionMode:
         forward = np.array([math.cos(heading), math.sin(heading)])
         return PathAhead(self._body.p[:2] - BEHIND_M * forward, forward)
 
-    def _profile(self, line: PathAhead) -> Profile:
-        """Profile of the ground along a path; its s is 0 at the start of the path.
+    def _read_profile(self, line: PathAhead) -> Profile:
+        """Reads the profile of the ground along a path from the map; its s is 0 at the start of the path.
 
         It begins `_BACK_M` before, because of an occluded flight only the beginning is mapped.
         """
-        heading, length_m = math.atan2(line.forward[1], line.forward[0]), _BACK_M + BEHIND_M + self.parameters.reach_m
+        heading = math.atan2(line.forward[1], line.forward[0])
+        length_m = _BACK_M + BEHIND_M + self.parameters.reach_m
         far = self.ground.profile(line.origin - _BACK_M * line.forward, heading, length_m)
         changes = tuple(replace(change, s=change.s - _BACK_M) for change in far.changes)
         return replace(far, s=far.s - _BACK_M, changes=changes)
@@ -227,6 +231,7 @@ class LocomotionMode:
         """
         step = self._foothold.last_step
         if step is not None:
+            # stance foot, and mapped ground, m along the path
             foot, _ = moments(position(self._foothold.stance_density(line)), self._foothold.s)
             seen = profile.s[profile.plane >= 0]
             if not len(seen) or seen[-1] < foot + self.parameters.toe_m:
@@ -245,7 +250,7 @@ class LocomotionMode:
         """
         p, foothold, rhythm = self._settings, self._foothold, self._rhythm
         line = self._path_ahead()
-        profile = self._profile(line)
+        profile = self._read_profile(line)
         ground = self._ground_along(profile, line)
         stance, feet = foothold.stance_density(line), rhythm.next_feet()
         if rhythm.is_over_foot(t_ns):
@@ -253,12 +258,14 @@ class LocomotionMode:
             stance = foothold.after_passing(stance, height, self._body.max_height(rhythm.down_ns))
         chain = foothold.predict_footprints(stance, ground, feet)
         here, _ = moments(position(stance), foothold.s)  # mean position of the stance foot, m along the path
-        modes = mix_unseen(chain.modes, chain.density @ unseen_probability(profile, foothold.s, here, p))
-        times = rhythm.times(feet, t_ns)
+        # (K,) probability that unobserved ground under each step differs; (K, 5) probability of each mode with that
+        unseen = chain.density @ unseen_probability(profile, foothold.s, here, p)
+        modes = mix_unseen(chain.modes, unseen)
+        times = rhythm.times(feet, t_ns)  # of each step: landing, ns, and its standard deviation, s
         left = np.array([-line.forward[1], line.forward[0]])
         # (2, 2) rotation from along and across the path to the world
         turn = np.column_stack([line.forward, left])
-        slopes = slopes_under(ground, chain.on)
+        slopes = slopes_under(ground, chain.on)  # of each step: slope and its standard deviation, rad
         steps = []
         for k, foot in enumerate(feet):
             s, sd = moments(chain.density[k], foothold.s)
@@ -304,7 +311,7 @@ class LocomotionMode:
 
     def _ground_height(self, xy: Array) -> float:
         """Height of the mapped ground at a (2,) position, m; NaN where it is unknown."""
-        surface = self.ground.ground(xy)
+        surface = self.ground.ground(xy)  # plane and terrain
         return math.nan if surface is None else float(surface[0].height(xy))
 
     def _predict_published(self, t_ns: int) -> ModeEstimate:

@@ -105,7 +105,7 @@ def measure_step(estimates: Sequence[StepEstimate]) -> MeasuredStep | None:
     """
     if len(estimates) < _STRIDE or any(b.step != a.step + 1 for a, b in pairwise(estimates)):
         return None
-    first, before, now = estimates[-_STRIDE:]
+    first, before, now = estimates[-_STRIDE:]  # the first and the last are a stride apart
     stride = (now.p_sole_in_world - first.p_sole_in_world)[:2]
     toward = stride / max(math.hypot(*stride.tolist()), 1e-9)
     length = float((now.p_sole_in_world - before.p_sole_in_world)[:2] @ toward)
@@ -129,14 +129,17 @@ def step_likelihood(step: MeasuredStep, s: Array, ground: Sequence[Segment], bef
     """
     height, slope, slope_sd = surface_along(ground, s)
     # mean and standard deviation of the previous footprint's height and position, m
-    high, far = float(before @ height), float(before @ s)
-    high_sd, far_sd = (math.sqrt(max(float(before @ (v - m) ** 2), 0.0)) for v, m in ((height, high), (s, far)))
-    off = (  # differences of length, height and slope, in standard deviations
-        (s - far - step.length) / math.hypot(far_sd, step.length_sd, _BODY_SD_M),
-        (height - high - step.elevation) / math.hypot(high_sd, step.elevation_sd, _ELEVATION_SD_M),
+    height_before, s_before = float(before @ height), float(before @ s)
+    height_before_sd, s_before_sd = (
+        math.sqrt(max(float(before @ (values - mean) ** 2), 0.0))
+        for values, mean in ((height, height_before), (s, s_before))
+    )
+    differences = (  # (S,) each: of length, height and slope, in standard deviations
+        (s - s_before - step.length) / math.hypot(s_before_sd, step.length_sd, _BODY_SD_M),
+        (height - height_before - step.elevation) / math.hypot(height_before_sd, step.elevation_sd, _ELEVATION_SD_M),
         (slope - step.slope) / np.sqrt(slope_sd**2 + step.slope_sd**2 + _SLOPE_MATCH_SD_RAD**2),
     )
-    return np.asarray(np.exp(-0.5 * sum(x**2 for x in off)) + _LIKELIHOOD_FLOOR)
+    return np.asarray(np.exp(-0.5 * sum(x**2 for x in differences)) + _LIKELIHOOD_FLOOR)
 
 
 def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Segment]:
@@ -153,9 +156,9 @@ def extrapolate_ground(step: MeasuredStep, foot: float, p: Settings) -> list[Seg
     slope = 0.0 if stairs or step.mode == "LG" else step.slope
     slope_sd = math.hypot(p.mode.slope_sd_rad, step.slope_sd)
     tread = min(max(step.length, MIN_FOOTHOLD_M), p.map.max_tread_m)
-    first = foot + p.mode.toe_m + CLEARANCE_SD_M  # the next edge is just ahead of the toes
-    edges = [first + k * tread for k in range(_MAX_TREADS)] if stairs else []
-    bounds = [-math.inf, *edges, math.inf]
+    first_edge = foot + p.mode.toe_m + CLEARANCE_SD_M  # just ahead of the toes
+    edges = [first_edge + k * tread for k in range(_MAX_TREADS)] if stairs else []
+    bounds = [-math.inf, *edges, math.inf]  # m along the path; segment k is between bounds k and k + 1
     return [
         Segment(
             start=a,
@@ -187,14 +190,13 @@ class PathAhead(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stance:
-    """Joint density of the stance foot (see `Habits`) along a line in the world.
-
-    Lateral positions are relative to the usual half step width.
+    """Density of the stance foot along a line in the world, jointly with the walker's habit.
 
     Attributes:
         line: The path on which the foot landed.
         s: (S,) m along it.
-        density: (HABITS, 2, S), sums to 1.
+        density: (HABITS, 2, S) by habit, by whether the foot's step crossed an edge (no, yes), and by position; sums to
+            1.
     """
 
     line: PathAhead
@@ -202,21 +204,22 @@ class _Stance:
     density: Array
 
     def along(self, line: PathAhead, s: Array) -> Array:
-        """(HABITS, 2, S) joint density over the cells s (S,) of another line.
+        """(HABITS, 2, S) the density over the cells of another line, at s (S,), m along it; sums to 1.
 
         If the walker has hardly turned, positions are projected onto the new line; otherwise each part becomes a normal
         density there. If the foot is not on the new line's cells at all, its position is uniform.
         """
         angle = _angle_between(self.line.forward, line.forward)
-        rows = self.density.reshape(-1, len(self.s))
+        rows = self.density.reshape(-1, len(self.s))  # one per habit and kind of step
         if abs(angle) > _ROTATION_RAD:
             rows_on_line = [self._rotate_row(row, angle, line, s) for row in rows]
         else:
-            old = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
-            rows_on_line = [np.interp(old, self.s, row, left=0.0, right=0.0) for row in rows]
+            # (S,) m along this line, of the new line's cells
+            s_here = (line.origin - self.line.origin + s[:, None] * line.forward) @ self.line.forward
+            rows_on_line = [np.interp(s_here, self.s, row, left=0.0, right=0.0) for row in rows]
         density = np.reshape(rows_on_line, (*self.density.shape[:-1], len(s)))
         total = float(density.sum())
-        shares = self.density.sum(axis=-1, keepdims=True)
+        shares = self.density.sum(axis=-1, keepdims=True)  # (HABITS, 2, 1) probabilities without the position
         return density / total if total > 1e-9 else np.repeat(shares / len(s), len(s), axis=-1)
 
     def _rotate_row(self, row: Array, turn: float, line: PathAhead, s: Array) -> Array:
@@ -235,9 +238,10 @@ class _Stance:
         """
         share = float(row.sum())
         mean, sd = moments(row / max(share, 1e-300), self.s)
-        at = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward  # of the mean, m along `line`
-        across = math.hypot(math.cos(turn) * sd, math.sin(turn) * _LATERAL_SD_M)
-        return share * _normalize(_normal_density(s - at, across))
+        # place of the mean, m along the new line, and standard deviation along it
+        new_mean = (self.line.origin + mean * self.line.forward - line.origin) @ line.forward
+        new_sd = math.hypot(math.cos(turn) * sd, math.sin(turn) * _LATERAL_SD_M)
+        return share * _normalize(_normal_density(s - new_mean, new_sd))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -250,7 +254,8 @@ class _LastLanding:
         ground: Terrain segments along the line.
         mode: Mode of the ground under both feet; "" if it differs.
         even: Probability that neither an edge nor a rotation lay between them.
-        length, ramps: Step length filters before the update by this step.
+        length: Filter of the length of steps on level ground, before the update by this step.
+        ramps: Filter of the ratio of steps on ramps to those on level ground, before that update.
     """
 
     stance: _Stance
@@ -311,17 +316,21 @@ class FootholdEstimator:
         return self._length.sd()
 
     def stance_density(self, line: PathAhead) -> Array:
-        """(HABITS, 2, S) joint density of the stance foot over the cells of a line, see `Habits`."""
+        """(HABITS, 2, S) density of the stance foot over the cells of a line, jointly with the habit.
+
+        By habit, by whether the foot's step crossed an edge (no, yes), and by position; sums to 1. Where the foot's
+        position is unknown, it is a normal density about the body.
+        """
         if self._stance is None:
             density = np.exp(-0.5 * ((self.s - BEHIND_M) / self._sd_m) ** 2)
             return self._habits.joint(density / density.sum(), self._shares)
         return self._stance.along(line, self.s)
 
     def after_passing(self, stance: Array, height: Array | None, top: float) -> Array:
-        """Density of the stance foot once the body has passed over it: docs/locomotion_mode.md (12), second part.
+        """Corrects the density of the stance foot once the body has passed over it.
 
-        The body's greatest height is a leg's length over the foot, which tells treads apart. Unchanged while the
-        walker's leg is not known well enough.
+        The body's greatest height is a leg's length over the foot, which tells treads apart: docs/locomotion_mode.md
+        (12), second part. The density is unchanged while the walker's leg is not known well enough.
 
         Args:
             stance: (..., S) density before.
@@ -331,18 +340,20 @@ class FootholdEstimator:
         sd = math.hypot(_TOP_SD_M, self._tall.sd())
         if height is None or sd > _MAX_HEIGHT_SD_M:
             return stance
-        density = stance * (np.exp(-0.5 * ((top - height - self._tall.mean()) / sd) ** 2) + _LIKELIHOOD_FLOOR)
+        # (S,) difference of the body's height over the ground there from its usual one, in standard deviations
+        off = (top - height - self._tall.mean()) / sd
+        density = stance * (np.exp(-0.5 * off**2) + _LIKELIHOOD_FLOOR)
         return np.asarray(density / density.sum())
 
     def predict_footprints(self, stance: Array, ground: Sequence[Segment], feet: Sequence[str]) -> Chain:
-        """Predicts the next footprints from the joint density of the stance foot, mixed over the habits.
+        """Predicts the next footprints from the density of the stance foot, mixed over the habits.
 
         Args:
-            stance: (HABITS, 2, S) joint density, see `Habits`.
+            stance: (HABITS, 2, S) density by habit, by whether the foot's step crossed an edge, and by position.
             ground: Terrain segments along the path.
             feet: `l` or `r` of each coming step.
         """
-        groups = self._habits.group_by_steps(stance, ground)
+        groups = self._habits.group_by_steps(stance, ground)  # pairs: (2, S) part of the density, and its habit
         chains = [self._roll_out(part, ground, feet, habit) for part, habit in groups]
         return mix_chains(chains, np.array([part.sum() for part, _ in groups]))
 
@@ -366,6 +377,7 @@ class FootholdEstimator:
         lengths = [self._length.mean(SIDE[foot]) for foot in feet]
         # standard deviation common to all steps, m: of the estimated length, and of its change up to the next edge
         shared = math.hypot(self._length.sd(), _ADAPT_SD * self._length.mean())
+        # by mode RA and RD: step length over that on level ground, and its standard deviation
         ratios = {mode: (self._ramps.mean(kind), self._ramps.sd(kind)) for mode, kind in CLIMB.items()}
         return roll_out(stance, self.s, ground, lengths, shared, ratios, self._p, habit, landing)
 
@@ -382,7 +394,9 @@ class FootholdEstimator:
     ) -> None:
         """Estimates where a foot has landed, and updates the step statistics.
 
-        See docs/locomotion_mode.md (12).
+        The walk from the foot behind is rolled out by one step, or by two if a landing was not detected. The body's
+        position at touch-down tells where the foot is likely to be, differently after a step on even ground, over an
+        edge, and one that joins the feet: docs/locomotion_mode.md (12).
 
         Args:
             landing: The touch-down.
@@ -395,10 +409,9 @@ class FootholdEstimator:
             went_m: Distance the body moved since the previous touch-down; None: unknown.
         """
         stance = self.after_passing(self.stance_density(line), height, top)
-        # `came`: (2,) direction of the last step; `behind`: (S,) density of the foot behind, with the mean `before`
-        came = None if self._stance is None else self._stance.line.forward
-        behind = position(stance)
-        before, _ = moments(behind, self.s)
+        last_forward = None if self._stance is None else self._stance.line.forward  # (2,) direction of the last step
+        behind = position(stance)  # (S,) density of the foot behind
+        before, _ = moments(behind, self.s)  # its mean position, m along the path
         # length of the steps that were not detected, m
         between = sum(self._length.mean(SIDE[foot]) for foot in landing.feet[:-1])
         ahead = self.s - BEHIND_M  # position relative to the body
@@ -415,14 +428,15 @@ class FootholdEstimator:
             self._roll_out(part, ground, landing.feet, habit, likelihoods)
             for part, habit in self._habits.each(self._habits.after_habit_change(stance))
         ]
+        # (HABITS,) probability of each habit, by how well its chain explains this landing
         self._shares = _normalize(np.array([chain.evidence for chain in chains]))
-        density = np.array([share * chain.last for share, chain in zip(self._shares, chains)])
+        density = np.array([share * chain.last for share, chain in zip(self._shares, chains)])  # (HABITS, 2, S)
         self._stance = _Stance(line=line, s=self.s, density=density)
         self._landed = None
         if landing.measurable:
-            straight = (
-                1.0 if came is None else math.exp(-0.5 * (_angle_between(came, line.forward) / _ROTATION_SD_RAD) ** 2)
-            )
+            straight = 1.0  # probability that the walker has not turned
+            if last_forward is not None:
+                straight = math.exp(-0.5 * (_angle_between(last_forward, line.forward) / _ROTATION_SD_RAD) ** 2)
             self._learn(landing.feet[-1], self._stance, behind, chains, ground, straight, went_m)
             if self._alike > 1 and math.isfinite(floor):  # on even ground the body's top shows the leg's length
                 self._tall.update(0.0, top - floor)
@@ -450,12 +464,15 @@ class FootholdEstimator:
             straight: Probability that the walker has not turned since the last step.
             went_m: Distance that the body moved during the step; None: unknown.
         """
+        # mean and standard deviation of both feet's positions, m along the path
         before, before_sd = moments(stance, self.s)
         landing_s, landing_sd = moments(self._shares @ [chain.density[0] for chain in chains], self.s)
         sd = math.hypot(landing_sd, before_sd)
         # probability of a step over an edge, or of one that joins the other foot
         off_level = self._shares @ [float(chain.modes[0, 1] + chain.modes[0, 2] + chain.joined[0]) for chain in chains]
+        # twice that probability is subtracted: a step that is as likely off the level as on it updates nothing
         even = straight * (1.0 - min(1.0, 2.0 * float(off_level)))
+        # the terrain segments under both feet
         segment_behind, segment_ahead = (ground[segment_under(ground, s, self._p)] for s in (before, landing_s))
         mode = segment_behind.mode if segment_behind.mode == segment_ahead.mode else ""
         self._landed = _LastLanding(
@@ -503,27 +520,29 @@ class FootholdEstimator:
         Returns:
             Whether it is the first usable estimate of that step; False also if it belongs to another step.
         """
-        if not self._step_estimates or self._step_estimates[-1].step != estimate.step:
+        if not self._step_estimates or self._step_estimates[-1].step != estimate.step:  # of a new step
             self._step_estimates = [*self._step_estimates[-2:], estimate]
         self._step_estimates[-1] = estimate
         step, landed = measure_step(self._step_estimates), self._landed
-        if step is None or step.foot != foot or estimate.t_ns < down_ns:
+        if step is None or step.foot != foot or estimate.t_ns < down_ns:  # not fully known, or not of this touch-down
             return False
-        first, self.last_step = self.last_step is None or self.last_step.step != step.step, step
-        if landed is None:
-            return first
+        is_first = self.last_step is None or self.last_step.step != step.step
+        self.last_step = step
+        if landed is None:  # camera and insoles did not measure the step: nothing to correct
+            return is_first
         stance = landed.stance
         density = stance.density * step_likelihood(step, self.s, landed.ground, landed.before)
         self._stance = replace(stance, density=density / density.sum())
         # back to before the camera's update by this step
         self._length, self._ramps = copy(landed.length), copy(landed.ramps)
         self._update_length(step.foot, landed.mode, step.length, step.length_sd, landed.even)
-        return first
+        return is_first
 
     def _body_lead(self, ground: Sequence[Segment], height_m: float) -> Array:
-        """(S,) m, ζ H of docs/locomotion_mode.md (12): lead of the body over the middle of the feet at touch-down.
+        """(S,) m, how far the body is ahead of the middle between the feet at touch-down, for each landing position.
 
-        By landing position; ζ is greater on the way up a ramp. `height_m` is H, the body's height over the ground.
+        It is ζ H of docs/locomotion_mode.md (12): a share ζ, greater on the way up a ramp, of the body's height H over
+        the ground, `height_m`.
         """
         lean = np.full(len(self.s), _LEAN_RAD)
         for segment in ground:
@@ -533,7 +552,7 @@ class FootholdEstimator:
 
 
 def position(joint: Array) -> Array:
-    """(S,) density of the foot's position of a joint density (HABITS, 2, S), see `Habits`."""
+    """(S,) density of the foot's position alone: a joint density (HABITS, 2, S), summed over habit and kind of step."""
     return np.asarray(joint.sum(axis=(0, 1)))
 
 

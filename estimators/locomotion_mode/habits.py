@@ -20,6 +20,7 @@ HABITS = 4
 """In order: both feet on each tread; steps by their length; one foot per tread; two treads at a time on the way up."""
 
 _BOTH, _BY_LENGTH, _ONE, _TWO = range(HABITS)
+"""Index of each habit in arrays (HABITS,)."""
 _JOINERS, _TWO_AT_A_TIME = 0.1, 0.03
 """Share of walkers who put both feet on each tread, and of those who take two treads at a time on the way up.
 
@@ -49,7 +50,8 @@ class Habit:
     """How walkers of one habit, or of several habits together, take their steps.
 
     Attributes:
-        joins: Probability that the next foot joins the stance foot if this one crossed an edge; the same of later feet.
+        joins: Probability that the next foot joins the stance foot on its tread, given that this one's step crossed an
+            edge; and likewise that each later foot joins the one before it.
         one_per_tread: Whether a foot hardly ever goes on on the tread of the other one.
         treads: Edges that a step usually crosses on the way up.
     """
@@ -99,10 +101,11 @@ class Habits:
     def after_habit_change(self, joint: Array) -> Array:
         """Joint density (HABITS, 2, S) after the walker may have changed the habit: docs/locomotion_mode.md (13).
 
-        A habit changes only after a step over an edge.
+        Only after a step over an edge the walker chooses anew, with the probability `_HABIT_CHANGE`, among the habits
+        by the share of walkers who have them.
         """
         after, change = joint.copy(), _HABIT_CHANGE
-        crossed = joint[:, 1]
+        crossed = joint[:, 1]  # (HABITS, S) the part after a step over an edge
         after[:, 1] = (1.0 - change) * crossed + change * self.prior[:, None] * crossed.sum(axis=0)
         return after
 
@@ -126,7 +129,7 @@ class Habits:
             apart.append(_ONE)
         if any(min(one.drop, other.drop) > self._min_step_height_m for one, other in pairwise(ground)):
             apart.append(_TWO)
-        shares = joint.sum(axis=(1, 2))
+        shares = joint.sum(axis=(1, 2))  # (HABITS,) probability of each habit
         together = [habit for habit in range(HABITS) if habit not in apart]
         groups = [together, *([habit] for habit in apart if shares[habit] > _MIN_SHARE)]
         return [(joint[group].sum(axis=0), self._mean_habit(joint, group)) for group in groups]
@@ -138,7 +141,8 @@ class Habits:
             joint: (HABITS, 2, S) joint density of the stance foot.
             group: Indices of the habits.
         """
-        chances = self.chances[group]
+        chances = self.chances[group]  # probability of joining by habit
+        # probability of each habit of the group: after a step over an edge, and in all
         crossed, shares = joint[group, 1].sum(axis=-1), joint[group].sum(axis=(1, 2))
         # of later steps: mean over all walkers of the group; of the next step: over those whose step crossed an edge
         later = float(shares @ chances / shares.sum()) if shares.sum() > 0.0 else float(chances.mean())
@@ -161,24 +165,29 @@ def step_weights(ground: Sequence[Segment], habit: Habit, settings: Settings) ->
         Weights (P, P) from the segment of the row to that of the column: on even ground, over edges.
     """
     edges, order = np.array(edges_before(ground)), np.arange(len(ground))
-    between = edges[None, :] - edges[:, None]  # edges crossed
+    # (P, P) from the segment of the row to that of the column: number of edges crossed; whether the step goes forward
+    between = edges[None, :] - edges[:, None]
     ahead = order[None, :] >= order[:, None]
     even = (ahead & (between == 0)).astype(float)
     over = np.where(ahead & (between > 0), _SKIP ** np.maximum(between - 1, 0), 0.0)
     if habit.one_per_tread:
         treads = [length <= _ONE_PACE_M for length in _tread_lengths(ground)]
-        even[treads, treads] = _AGAINST_HABIT
+        even[treads, treads] = _AGAINST_HABIT  # a step within a tread, on the diagonal
     if habit.treads > 1:
         least = settings.min_step_height_m
-        # `up`: steps between segments with no edge downward in between
+        # number of edges before each segment that do not lead up; `up`: steps that cross none of them
         not_up = np.cumsum([abs(segment.drop) > 0.0 and segment.drop <= least for segment in ground])
         up = (over > 0.0) & (not_up[None, :] == not_up[:, None])
         fewer = between < habit.treads
-        over = np.where(up, np.where(fewer, _AGAINST_HABIT, _SKIP ** np.maximum(between - habit.treads, 0)), over)
+        weights_up = np.where(fewer, _AGAINST_HABIT, _SKIP ** np.maximum(between - habit.treads, 0))
+        over = np.where(up, weights_up, over)
     return even, over
 
 
 def _tread_lengths(ground: Sequence[Segment]) -> list[float]:
-    """Length of each segment between two edges, m; inf for others."""
-    after = [segment.drop for segment in ground[1:]] + [0.0]
-    return [one.length if one.drop != 0.0 and drop != 0.0 else np.inf for one, drop in zip(ground, after)]
+    """Length of each segment, m, if it lies between two edges; inf for others."""
+    drops_after = [segment.drop for segment in ground[1:]] + [0.0]  # at the end of each segment, m; 0 without an edge
+    return [
+        segment.length if segment.drop != 0.0 and drop_after != 0.0 else np.inf
+        for segment, drop_after in zip(ground, drops_after)
+    ]

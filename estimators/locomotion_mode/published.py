@@ -47,7 +47,7 @@ class WalkingInformation:
 
     def __init__(self, settings: Settings) -> None:
         self._width_m = settings.mode.width_m
-        self._divisions: list[Division] = []
+        self._divisions: list[Division] = []  # the last three touch-downs at most, in order
 
     def clear(self) -> None:
         """Removes all touch-downs."""
@@ -64,7 +64,8 @@ class WalkingInformation:
 
     def sizes(self) -> list[float]:
         """Step sizes δ between the last three touch-downs, m, in order: Zhao 2023 (16), docs/locomotion_mode.md (1)."""
-        return [float(np.linalg.norm((b.p - a.p)[:2])) for a, b in zip(self._divisions, self._divisions[1:])]
+        pairs = zip(self._divisions, self._divisions[1:])  # of consecutive touch-downs
+        return [float(np.linalg.norm((after.p - before.p)[:2])) for before, after in pairs]
 
     def last_size(self) -> float | None:
         """The latest step size, m; None with fewer than two touch-downs."""
@@ -85,26 +86,36 @@ class WalkingInformation:
         sizes = self.sizes()
         if len(sizes) < 2:
             return sizes[0] if sizes else math.nan
-        return max(0.0, 2.0 * sizes[1] - sizes[0])
+        return max(0.0, 2.0 * sizes[1] - sizes[0])  # linear extrapolation
 
     def footprint(self, ahead: int = 1) -> tuple[Array, Array] | None:
-        """Predicted footprint (2,), m, and unit vector (2,) of the direction: docs/locomotion_mode.md (3).
+        """Predicted footprint (2,), m, and unit vector (2,) of the walking direction; None while the walk is unknown.
 
-        Zhao 2023 (18) with the foot's offset from the camera. The paper gives the first coming footprint, `ahead` = 1;
-        each further one is one size on. None while the walk is unknown.
+        Zhao 2023 (18) with the foot's offset from the camera, docs/locomotion_mode.md (3). The paper gives the first
+        coming footprint, `ahead` = 1; each further one is one step size on.
         """
         return self._foot_position(self.next_size(), ahead)
 
     def stance(self) -> Array | None:
-        """(2,) m, position of the foot that touched down last, by the offsets of `footprint`; None if unknown."""
+        """(2,) m, position of the foot that touched down last; None if it is unknown.
+
+        The foot is taken to be half a step ahead of the camera, and half a step's width beside it.
+        """
         size = self.last_size()
         footprint = None if size is None else self._foot_position(size, 0)
         return None if footprint is None else footprint[0]
 
     def _foot_position(self, size: float, ahead: int) -> tuple[Array, Array] | None:
-        """Footprint (2,), m, so many steps of a size (m) ahead of the last touch-down, and the direction (2,).
+        """A footprint, and the walking direction; None if the camera does not move or the step size is unknown.
 
-        Alternate feet lie half a step width to either side. None if the camera does not move or the size is unknown.
+        Feet lie half a step ahead of the camera, and alternately half a step's width to either side.
+
+        Args:
+            size: Size of a step, m.
+            ahead: Number of steps after the last touch-down; 0 for the foot that has touched down.
+
+        Returns:
+            (2,) m, the footprint; (2,) unit vector of the direction.
         """
         speed = 0.0 if self.last is None else float(np.linalg.norm(self.last.v[:2]))
         if self.last is None or speed == 0.0 or not math.isfinite(size):
@@ -131,7 +142,7 @@ def mode_between(
     surface_there, surface_here = ground.ground(there), ground.ground(here)
     if surface_there is None:
         return "LG", math.nan
-    plane, terrain = surface_there
+    plane, terrain = surface_there  # terrain: ramp, stairs, level ground, or None where that is unknown
     height = float(plane.height(there))
     slope = math.atan(float(plane.gradient @ forward))
     if isinstance(terrain, Ramp) and abs(slope) > settings.mode.min_ramp_slope_rad:
@@ -141,6 +152,7 @@ def mode_between(
     if surface_here is None:
         return "LG", height
     risen = height - float(surface_here[0].height(here))
+    # from a ramp, or at the same height, onto ground that is neither ramp nor stairs
     if isinstance(surface_here[1], Ramp) or abs(risen) < settings.min_step_height_m:
         return "LG", height
     return ("SA" if risen > 0 else "SD"), height
@@ -166,6 +178,7 @@ def predict_published_steps(
         t_ns: Current time.
         settings: Thresholds of ramps and stairs.
     """
+    # size of a step, m; (2,) m, previous footprint, None while it is unknown
     size, before, steps = walking.next_size(), walking.stance(), []
     for k, foot in enumerate(rhythm.next_feet()):
         footprint = walking.footprint(k + 1)

@@ -58,7 +58,7 @@ class StepFilter:
 
     def __init__(self, mean: float, sd: float, asymmetry_sd: float, drift: float, noise: float) -> None:
         """Begins with the prior of the mean, and a difference of 0 between the kinds."""
-        self._x = np.array([mean, 0.0])  # mean, and half the difference between the kinds
+        self._x = np.array([mean, 0.0])  # (2,) mean, and half the difference between the kinds
         self._P = np.diag([sd**2, asymmetry_sd**2])  # covariance of the two
         self._drift, self._noise = drift, noise
 
@@ -78,14 +78,14 @@ class StepFilter:
         self._P[0, 0] += self._drift**2
         if sure <= 0.0:
             return
-        J = np.array([1.0, kind])
+        J = np.array([1.0, kind])  # derivative of the value by the state
         noise = (self._noise**2 + value_sd**2) / sure
-        off = value - float(J @ self._x)
-        spread = float(J @ self._P @ J) + noise
+        innovation = value - float(J @ self._x)
+        variance = float(J @ self._P @ J) + noise  # of the innovation
         # An outlier, such as a step into a pause or beside an obstacle, gets less weight.
-        spread *= max(1.0, off**2 / (_OUTLIER_SD**2 * spread))
-        gain: Array = self._P @ J / spread
-        self._x = self._x + gain * off
+        variance *= max(1.0, innovation**2 / (_OUTLIER_SD**2 * variance))
+        gain: Array = self._P @ J / variance
+        self._x = self._x + gain * innovation
         self._P = self._P - np.outer(gain, J @ self._P)
         self._P = 0.5 * (self._P + self._P.T)
 
@@ -94,15 +94,24 @@ class StepFilter:
         return float(self._x[0] + kind * self._x[1])
 
     def sd(self, kind: float = 0.0) -> float:
-        """Standard deviation of `mean` for a kind."""
+        """Standard deviation of the expected step of a kind (1 or -1); 0 means of either kind."""
         J = np.array([1.0, kind])
         return math.sqrt(max(float(J @ self._P @ J), 0.0))
 
 
 def usual_steps(usual: float, settings: Settings) -> StepFilter:
-    """Filter of the length or time of steps with the prior mean `usual` and the parameters' relative deviations."""
+    """A filter of the length or time of left and right steps, before any step is known.
+
+    Its standard deviations are shares of the prior mean `usual`, m or s.
+    """
     p = settings.mode
-    return StepFilter(usual, *(share * usual for share in (p.step_sd, _ASYMMETRY_SD, STEP_DRIFT, p.step_noise)))
+    return StepFilter(
+        mean=usual,
+        sd=p.step_sd * usual,
+        asymmetry_sd=_ASYMMETRY_SD * usual,
+        drift=STEP_DRIFT * usual,
+        noise=p.step_noise * usual,
+    )
 
 
 FOOT_OF_TOPIC = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
@@ -110,7 +119,15 @@ FOOT_OF_TOPIC = {"/foot_l/insole": "l", "/foot_r/insole": "r"}
 
 @dataclass
 class _Foot:
-    """Load of one insole: last sample, recent minimum and maximum (N), whether the foot is down, and last lift-off."""
+    """Load of one insole, and whether the foot is down.
+
+    Attributes:
+        t_ns: Time of the last sample; -1 before the first.
+        least: Recent minimum of the load, N: the insole's zero.
+        most: Recent maximum of the load, N.
+        down: Whether the foot is down.
+        raised_ns: Time of the last lift-off.
+    """
 
     t_ns: int = -1
     least: float = 0.0
@@ -132,6 +149,7 @@ class TouchDowns:
     """
 
     def __init__(self, settings: Settings) -> None:
+        """Begins with both feet down, of which no sample is known."""
         self._p = settings.mode
         self._feet = {foot: _Foot() for foot in FOOT_OF_TOPIC.values()}
 
@@ -140,14 +158,14 @@ class TouchDowns:
 
         A touch-down after too short a swing is not reported: the foot had not left the ground.
         """
-        foot = self._feet.get(FOOT_OF_TOPIC.get(sample.topic, ""))
+        foot = self._feet.get(FOOT_OF_TOPIC.get(sample.topic, ""))  # None for an unknown topic
         load = float(sample.force.sum())
         if foot is None or sample.t_ns <= foot.t_ns or not 0.0 <= load < _MAX_FORCE_N:
             return None
         dt = (sample.t_ns - foot.t_ns) * 1e-9 if foot.t_ns >= 0 else 0.0
         foot.t_ns = sample.t_ns
-        foot.least = min(load, foot.least + _CREEP_NPS * dt)
-        foot.most = max(load, foot.most * math.exp(-dt / _PEAK_LOAD_S))
+        foot.least = min(load, foot.least + _CREEP_NPS * dt)  # the zero may creep upwards
+        foot.most = max(load, foot.most * math.exp(-dt / _PEAK_LOAD_S))  # the largest load is forgotten in time
         over = load - foot.least  # load above the insole's zero, N
         if foot.down:
             if over < self._p.lift_n or load < _LIFT_SHARE * foot.most:
@@ -156,11 +174,12 @@ class TouchDowns:
         if over < self._p.touch_n:
             return None
         foot.down = True
-        in_air = (sample.t_ns - foot.raised_ns) * 1e-9
-        return FOOT_OF_TOPIC[sample.topic] if in_air >= _MIN_SWING_S else None
+        in_air_s = (sample.t_ns - foot.raised_ns) * 1e-9
+        return FOOT_OF_TOPIC[sample.topic] if in_air_s >= _MIN_SWING_S else None
 
 
 _OTHER = {"l": "r", "r": "l", "": ""}
+"""The other foot; "" is an unknown one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,10 +210,11 @@ class StepRhythm:
     def __init__(self, settings: Settings) -> None:
         """Begins before the first touch-down, with the prior of the step time."""
         self._p = settings.mode
-        self._time = usual_steps(self._p.step_s, settings)
+        self._time = usual_steps(self._p.step_s, settings)  # time of a step of either foot, s
         self.foot, self.down_ns, self.step = "", -1, 0
-        self._undetected = ""  # foot whose insole did not detect its last step
-        self._inferred, self._detected_ns = False, -1  # whether the last touch-down was inferred; last detection
+        self._undetected = ""  # foot whose insole did not detect its last step; "" if there is none
+        self._inferred = False  # whether the last touch-down was inferred rather than detected
+        self._detected_ns = -1  # time of the last detected touch-down
 
     @property
     def step_s(self) -> float:
@@ -202,10 +222,13 @@ class StepRhythm:
         return self._time.mean()
 
     def overdue_foot(self, t_ns: int) -> str | None:
-        """The undetected foot that must be down by now, because the other one is about to lift off; else None."""
-        waited = (t_ns - self.down_ns) * 1e-9
-        is_overdue = bool(self._undetected) and self.foot == _OTHER[self._undetected] and waited > self._time.mean()
-        return self._undetected if is_overdue else None
+        """The undetected foot that must be down by now, because the other one is about to lift off; else None.
+
+        That is so one step time after the other foot's touch-down.
+        """
+        waited_s = (t_ns - self.down_ns) * 1e-9
+        is_next = bool(self._undetected) and self.foot == _OTHER[self._undetected]
+        return self._undetected if is_next and waited_s > self._time.mean() else None
 
     def is_over_foot(self, t_ns: int) -> bool:
         """Whether the body has passed over the stance foot by now."""
@@ -226,6 +249,7 @@ class StepRhythm:
         Returns:
             The landing; None if the foot only bounced.
         """
+        # s since the last touch-down of either foot; whether a step of the other foot was missed in between
         elapsed, missed = (t_ns - self.down_ns) * 1e-9, False
         if detected and foot == self._undetected:
             self._undetected = ""
@@ -238,7 +262,8 @@ class StepRhythm:
         first = self.down_ns < 0
         measurable = detected and not (missed or first or self._inferred)
         if detected:
-            # an inferred touch-down has no exact time: then the time since the last detection is that of two steps
+            # An inferred touch-down has no exact time: the time since the last detection is then that of two steps. If
+            # a step was missed, the time since the last touch-down is that of two.
             since, steps = (self._detected_ns, 2) if self._inferred else (self.down_ns, 1 + missed)
             seconds = (t_ns - since) * 1e-9
             if not first and seconds < _PAUSE_STEPS * self._p.step_s:
@@ -250,6 +275,7 @@ class StepRhythm:
 
     def next_feet(self) -> tuple[str, ...]:
         """`l` or `r` of each coming step; "" while the next foot is unknown."""
+        # the other foot first, then alternately
         return tuple(_OTHER[self.foot] if k % 2 == 0 else self.foot for k in range(self._p.steps))
 
     def times(self, feet: Sequence[str], t_ns: int) -> list[tuple[int, float]]:
@@ -262,10 +288,10 @@ class StepRhythm:
             t_ns: Present time.
         """
         landings = []
-        at = float(self.down_ns if self.down_ns >= 0 else t_ns)
-        variance = 0.0
+        at_ns = float(self.down_ns if self.down_ns >= 0 else t_ns)
+        variance = 0.0  # of all single steps up to this one, s²
         for foot in feet:
-            at = max(at + 1e9 * self._time.mean(SIDE[foot]), t_ns + 1e9 * SOON_S)
+            at_ns = max(at_ns + 1e9 * self._time.mean(SIDE[foot]), t_ns + 1e9 * SOON_S)
             variance += (self._p.step_noise * self._time.mean()) ** 2
-            landings.append((int(at), math.sqrt(variance + self._time.sd() ** 2)))
+            landings.append((int(at_ns), math.sqrt(variance + self._time.sd() ** 2)))
         return landings

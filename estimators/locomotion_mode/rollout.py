@@ -29,6 +29,7 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _LEAST = 1e-300
+"""Smallest divisor."""
 _EDGE_STEP, _EDGE_STEP_SD_M = 0.60, 0.15
 """Mean length of a step over an edge as a share of the level step, and σ_x, of docs/locomotion_mode.md (7)."""
 _BESIDE_SD_M = 0.05
@@ -42,6 +43,7 @@ _MIN_DENSITY = 1e-10
 _TAIL_SD = 8.0
 """Standard deviations beyond which a density is taken as zero: it is far below `_MIN_DENSITY`."""
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+"""(H,) nodes, in standard deviations, and weights of a Gaussian quadrature over the common change of all steps."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,11 +70,11 @@ class Chain:
 def mix_chains(chains: Sequence[Chain], shares: Array) -> Chain:
     """The mixture of the chains of walkers with several habits, weighted by `shares`, which need not sum to 1."""
     shares = shares / shares.sum()
-    mean = {
+    mean_fields = {  # by name of the field: the weighted mean over the chains
         name: sum(share * getattr(chain, name) for share, chain in zip(shares.tolist(), chains))
         for name in ("density", "modes", "on", "last", "joined", "evidence")
     }
-    return Chain(**mean)
+    return Chain(**mean_fields)
 
 
 class Likelihoods(NamedTuple):
@@ -121,19 +123,22 @@ def roll_out(
     # (P, P) weights of steps between segments, on even ground and over edges: for any walker, and for this habit
     plain = step_weights(ground, Habit(), settings)
     even, over = plain if habit.is_usual else step_weights(ground, habit, settings)
+    # (S,) path length in units of level ground, m, and its relative uncertainty
     level, unsure = path_scale(ground, s, ratios)
     shifts = length_sd * _NODES  # (H,) common changes of all steps, m: nodes of a Gaussian quadrature
     band = round(_MAX_STEP_M / (s[1] - s[0]))  # number of cells that a step may reach
     kinds = list(dict.fromkeys(lengths))  # steps of equal length are of one kind and share their kernels
     kind = np.array([kinds.index(length) for length in lengths])
-    step_kernels = [_kernels(s, level, unsure, length, shifts, band, settings.mode.step_noise) for length in kinds]
+    noise = settings.mode.step_noise
+    step_kernels = [_build_kernels(s, level, unsure, length, shifts, band, noise) for length in kinds]
+    # (L, P, S) sums over the landing cells, by kind of step, segment and cell: of ordinary steps of any walker, of
+    # those of this habit, and of joining steps; their ratios are `scale` and `share` of `_Steps`
     usual_sums = _sum_steps(weight, *plain, step_kernels)
-    scale = (
-        np.ones_like(usual_sums)
-        if habit.is_usual
-        else usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
-    )
-    share = usual_sums / np.maximum([_sum_beside(kernels.beside, even @ weight) for kernels in step_kernels], _LEAST)
+    scale = np.ones_like(usual_sums)
+    if not habit.is_usual:
+        scale = usual_sums / np.maximum(_sum_steps(weight, even, over, step_kernels), _LEAST)
+    beside_sums = [_sum_beside(kernels.beside, even @ weight) for kernels in step_kernels]
+    share = usual_sums / np.maximum(beside_sums, _LEAST)
     if landing is not None:  # the last step has its own kind
         step_kernels.append(_apply_likelihoods(step_kernels[kind[-1]], landing))
         share, scale = (np.append(of_kind, of_kind[kind[-1], None], axis=0) for of_kind in (share, scale))
@@ -141,12 +146,13 @@ def roll_out(
     near, far, beside = (np.array([of_kind[i] for of_kind in step_kernels]) for i in range(3))
     first = stance[:, None, :] * weight  # (2, P, S) density of the stance foot by segment
     mass = float(first.sum())
+    # (H, 2, P, S), sums to 1: each common change of all steps has the weight of its node
     first = _NODE_WEIGHTS[:, None, None, None] * first / (_NODE_WEIGHTS.sum() * max(mass, _LEAST))
-    joins = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])
+    joins = np.array([habit.joins[min(k, 1)] for k in range(len(kind))])  # (K,) the next step, then all later ones
     steps = _Steps(kind=kind, near=near, far=far, beside=beside, scale=scale, share=share, joins=joins)
     density, on, flow, ends, joined, evidence = _sum_chains(first, weight, even, over, steps)
     modes = np.einsum("kab,abm->km", flow, mode_table(ground, settings))
-    last = ends.sum(axis=(0, 2))
+    last = ends.sum(axis=(0, 2))  # (2, S) without the common change and the segment
     return Chain(
         density=density,
         modes=modes,
@@ -198,10 +204,10 @@ class _Kernels(NamedTuple):
     beside: Array
 
 
-def _kernels(
+def _build_kernels(
     s: Array, level: Array, unsure: Array, length: float, shifts: Array, band: int, step_noise: float
 ) -> _Kernels:
-    """Kernels of a step whose length on level ground is `length`, m: docs/locomotion_mode.md (7) and (14).
+    """Builds the kernels of one kind of step: docs/locomotion_mode.md (7) and (14).
 
     Args:
         s: (S,) m along the path.
@@ -212,7 +218,8 @@ def _kernels(
         band: Number of cells B that a step may reach.
         step_noise: Standard deviation of a single step as a share of its length.
     """
-    lag = s[1] - s[0]
+    lag = s[1] - s[0]  # m, one cell
+    # a step over an edge, (B,), and a joining one, (W,): the same from every cell
     far = np.exp(-0.5 * ((lag * np.arange(band) - _EDGE_STEP * length) / _EDGE_STEP_SD_M) ** 2) / _EDGE_STEP_SD_M
     near = _even_steps(level, length * np.hypot(step_noise, unsure), length, shifts, band)
     beside = np.exp(-0.5 * (lag * _nearby_cells(lag) / _BESIDE_SD_M) ** 2) / _BESIDE_SD_M
@@ -231,7 +238,7 @@ def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
     Row p of a kernel is about the cells from p on (`near`, `far`) or around p (`beside`): `onward` and `around` are the
     indices of these cells, limited to the path.
     """
-    cells, half = len(landing.even), kernels.beside.shape[1] // 2
+    cells, half = len(landing.even), kernels.beside.shape[1] // 2  # half the cells about a foot
     here = np.arange(cells)[:, None]
     onward = np.minimum(here + np.arange(kernels.far.shape[1]), cells - 1)
     around = np.clip(here + np.arange(-half, half + 1), 0, cells - 1)
@@ -243,18 +250,32 @@ def _apply_likelihoods(kernels: _Kernels, landing: Likelihoods) -> _Kernels:
 
 
 def _sum_steps(weight: Array, even: Array, over: Array, step_kernels: Sequence[_Kernels]) -> Array:
-    """(L, P, S) sum over the landing cells of all steps that do not join, for each kind, segment and cell.
+    """(L, P, S) sum over the landing cells of all steps that do not join, for each kind, segment and cell of departure.
 
     It is ∫ (κ_even + κ_edge) u ds' of docs/locomotion_mode.md (14), at the middle node of the step length.
+
+    Args:
+        weight: (P, S) weight u of each foothold.
+        even: (P, P) weights of steps between segments on even ground.
+        over: (P, P) weights of steps over edges.
+        step_kernels: Kernels of each kind of step.
     """
+    # (P, S) weight of stepping from a segment onto a cell of any segment, on even ground and over edges
     onto_even, onto_over = even @ weight, over @ weight
-    middle = len(_NODES) // 2
+    middle = len(_NODES) // 2  # the node of no common change
     return np.array([_sum_onward(kernels.near[middle], kernels.far, onto_even, onto_over) for kernels in step_kernels])
 
 
 @entry_kernel(_HERE)
 def _sum_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> Array:
-    """(P, S) sum of steps from each cell: `near` (S, B) over even footholds (P, S), `far` (S, B) over edges."""
+    """(P, S) sum of all steps from each cell of each segment, over the cells from it on.
+
+    Args:
+        near: (S, B) density of steps on even ground, to the B cells from each one on.
+        far: (S, B) density of steps over edges.
+        onto_even: (P, S) weight of stepping from a segment onto a cell, on even ground.
+        onto_over: (P, S) weight of it over edges.
+    """
     P, S = onto_even.shape
     sums = np.zeros((P, S))
     for a in range(P):
@@ -266,7 +287,12 @@ def _sum_onward(near: Array, far: Array, onto_even: Array, onto_over: Array) -> 
 
 @entry_kernel(_HERE)
 def _sum_beside(beside: Array, onto_even: Array) -> Array:
-    """(P, S) sum of joining steps (S, W) from each cell over footholds (P, S) on even ground."""
+    """(P, S) sum of all joining steps from each cell of each segment, over the cells about it.
+
+    Args:
+        beside: (S, W) density of joining steps, to the W cells about each one.
+        onto_even: (P, S) weight of stepping from a segment onto a cell, on even ground.
+    """
     P, S = onto_even.shape
     sums = np.zeros((P, S))
     for a in range(P):
@@ -289,10 +315,10 @@ def _even_steps(level: Array, sd: Array, length: float, shifts: Array, band: int
     density = np.zeros((len(shifts), len(level), band))
     for p in range(len(level)):
         for j in range(band):
-            q = min(p + j, len(level) - 1)
-            off = level[q] - level[p] - length
+            q = min(p + j, len(level) - 1)  # the landing cell
+            off = level[q] - level[p] - length  # excess of the step over its expected length, m
             for h in range(len(shifts)):
-                away = (off - shifts[h]) / sd[q]
+                away = (off - shifts[h]) / sd[q]  # in standard deviations
                 if abs(away) < _TAIL_SD:
                     density[h, p, j] = math.exp(-0.5 * away * away) / sd[q]
     return density
@@ -322,6 +348,7 @@ def _sum_chains(
     K, P = len(kind), len(weight)
     alpha = np.zeros((K + 1, H, 2, P, S))
     alpha[0] = first
+    # (K, H, P, S) sums over all steps that arrive at a cell from a segment, on even ground and over edges
     reach_near, reach_far = np.zeros((K, H, P, S)), np.zeros((K, H, P, S))
     evidence = 1.0
     # Forward: α_k(s) = u(s) Σ κ(s | s') α_(k-1)(s'), normalised at each step; `reach` is the sum before u
@@ -333,7 +360,7 @@ def _sum_chains(
                     # steps that do not join: α(x=0) + (1 - q) α(x=1)
                     v = (alpha[k, h, 0, a, p] + (1.0 - joins[k]) * crossed) * scale[kind[k], a, p]
                     if v >= _MIN_DENSITY:
-                        n = min(B, S - p)
+                        n = min(B, S - p)  # cells from p on, up to the end of the path
                         _spread(
                             v,
                             near[kind[k], h, p, :n],
@@ -344,7 +371,7 @@ def _sum_chains(
                     v = joins[k] * share[kind[k], a, p] * crossed  # q ρ α(x=1): the foot joins the other one
                     if v >= _MIN_DENSITY:
                         _spread_beside(v, beside[kind[k], p], reach_near[k, h, a], p)
-            for a in range(P):
+            for a in range(P):  # from segment a, where the step begins, to segment b
                 for b in range(a, P):
                     if even[a, b] == 0.0 and over[a, b] == 0.0:
                         continue
@@ -426,7 +453,11 @@ def _total(values: Array) -> float:
 
 @njit(**INNER_KERNEL)
 def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Array) -> None:
-    """Forward sum: adds the steps from one cell of density v, `near` and `far` (n,), to the n cells from it on."""
+    """Forward sum: adds the steps from one cell of density v to the n cells from it on.
+
+    `near` and `far` (n,) are densities of steps on even ground and over edges; `onto_even` and `onto_over` (n,) are the
+    sums of both, changed in place.
+    """
     for j in range(len(near)):
         onto_even[j] += v * near[j]
         onto_over[j] += v * far[j]
@@ -434,7 +465,7 @@ def _spread(v: float, near: Array, far: Array, onto_even: Array, onto_over: Arra
 
 @njit(fastmath=True, **INNER_KERNEL)
 def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
-    """Backward sum of one cell: Σ near · even + far · over over the n cells from it on; vectorised."""
+    """Backward sum of one cell: Σ (near · even + far · over) over the n cells from it on, (n,) each; vectorised."""
     v = 0.0
     for j in range(len(near)):
         v += near[j] * even[j] + far[j] * over[j]
@@ -443,7 +474,11 @@ def _gather(near: Array, far: Array, even: Array, over: Array) -> float:
 
 @njit(**INNER_KERNEL)
 def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
-    """Forward sum: adds the joining steps `beside` (W,) from cell p, of density v, to the cells about it."""
+    """Forward sum: adds the joining steps from cell p, of density v, to the cells about it.
+
+    `beside` (W,) is the density of joining steps to the W cells about p; `onto` (S,) is the sum over all cells, changed
+    in place. Cells before and beyond the path are left out.
+    """
     half = len(beside) // 2
     for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
         onto[p + j - half] += v * beside[j]
@@ -451,7 +486,7 @@ def _spread_beside(v: float, beside: Array, onto: Array, p: int) -> None:
 
 @njit(**INNER_KERNEL)
 def _gather_beside(beside: Array, onto: Array, p: int) -> float:
-    """Backward sum of cell p: Σ beside · onto over the W cells about it."""
+    """Backward sum of cell p: Σ beside · onto over the W cells about it, those on the path; `onto` is (S,)."""
     half = len(beside) // 2
     v = 0.0
     for j in range(max(0, half - p), min(len(beside), len(onto) + half - p)):
@@ -460,6 +495,14 @@ def _gather_beside(beside: Array, onto: Array, p: int) -> float:
 
 
 def moments(density: Array, s: Array) -> tuple[float, float]:
-    """Mean and standard deviation, m, of a density (S,) over cells at s (S,), at least that of one cell."""
+    """Mean and standard deviation, m, of a density over the cells of a path.
+
+    The standard deviation is at least that of a uniform density over one cell.
+
+    Args:
+        density: (S,) sums to 1.
+        s: (S,) m along the path, evenly spaced.
+    """
     mean = float(density @ s)
-    return mean, float(np.sqrt(max(density @ (s - mean) ** 2, (s[1] - s[0]) ** 2 / 12.0)))
+    cell_variance = (s[1] - s[0]) ** 2 / 12.0
+    return mean, float(np.sqrt(max(density @ (s - mean) ** 2, cell_variance)))

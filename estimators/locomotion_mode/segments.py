@@ -92,8 +92,10 @@ class Segment:
 
 def last_flight(estimate: TerrainEstimate, before: Stairs | None) -> Stairs | None:
     """The well-known flight with the most steps, as flights of one building are alike; `before` if there is none."""
-    most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2
-    known = [s for s in estimate.stairs if s.steps > 1 and bool((np.diag(s.covariance)[:2] < most).all())]
+    most = np.array([_KNOWN_RISER_SD_M, _KNOWN_TREAD_SD_M]) ** 2  # largest variances of riser and tread
+    known = [
+        flight for flight in estimate.stairs if flight.steps > 1 and bool((np.diag(flight.covariance)[:2] < most).all())
+    ]
     return max(known, key=lambda flight: flight.steps, default=before)
 
 
@@ -109,11 +111,10 @@ def segments_along(
         p: Dimensions and standard deviations.
         usual: Stairs like those here; None: none observed.
     """
-    changes, until = _passable_changes(  # until: beyond it the ground is impassable, m along the path
-        _without_tread_breaks(_without_small_objects(profile.changes, p), p), profile, estimate, p
-    )
+    changes = _without_tread_breaks(_without_small_objects(profile.changes, p), p)
+    changes, until = _passable_changes(changes, profile, estimate, p)  # until: impassable beyond, m along the path
     bounds = [_Bound(-math.inf, 0.0, 0.0)]
-    seen = profile.s[profile.plane >= 0]
+    seen = profile.s[profile.plane >= 0]  # m along the path, where the ground is mapped
     if len(seen) and seen[0] > BEHIND_M + _UNDER_M:  # distant ground does not give the slope under the feet
         bounds.append(_Bound(float(seen[0]), _BEGIN_SD_M, 0.0))
     for change in changes:
@@ -124,7 +125,7 @@ def segments_along(
     mapped, sd, known = np.zeros(len(bounds) - 1), np.full(len(bounds) - 1, _LEVEL_SD_RAD), []
     for k, (one, other) in enumerate(pairwise(bounds)):
         measured = None
-        if not _is_tread(one, other, p):
+        if not _is_tread(one, other, p):  # a tread is level
             measured = _read_slope(profile, estimate, forward, one.s, min(other.s, until), p)
         if measured is not None:
             mapped[k], sd[k] = measured
@@ -160,22 +161,30 @@ def _without_small_objects(changes: Iterable[Change], p: Settings) -> list[Chang
     for change in sorted(changes, key=lambda c: c.s):
         kept.append(change)
         risen = 0.0  # from before edge k until after this change, m
-        for k in range(len(kept) - 1, -1, -1):
+        for k in range(len(kept) - 1, -1, -1):  # back over the edges before this change, to where the object may begin
             if kept[k].kind != "edge":
                 break
             risen += kept[k].drop
+            # longest object or hole: a strip without a foothold or, behind an edge higher than a riser, a tread
             longest = MIN_FOOTHOLD_M if abs(kept[k].drop) < p.map.max_riser_m else p.map.max_tread_m
             if abs(risen) < p.min_step_height_m and 0.0 < change.s - kept[k].s < longest:
-                del kept[k:]
+                del kept[k:]  # the ground has returned to its level: neither end of the object is a change
                 break
     return kept
 
 
 def _without_tread_breaks(changes: list[Change], p: Settings) -> list[Change]:
-    """Removes slope breaks between two edges a tread apart: see `_is_tread`."""
-    edges = [c.s for c in changes if c.kind == "edge"]
-    treads = [(a, b) for a, b in pairwise(edges) if b - a <= p.map.max_tread_m]
-    return [c for c in changes if c.kind == "edge" or not any(a < c.s < b for a, b in treads)]
+    """The changes without slope breaks on treads: between two edges a tread apart the ground is level.
+
+    The two sides of a tread are mapped at different times, which may draw a slope break between them.
+    """
+    edges = [change.s for change in changes if change.kind == "edge"]
+    treads = [(start, end) for start, end in pairwise(edges) if end - start <= p.map.max_tread_m]  # m along the path
+    return [
+        change
+        for change in changes
+        if change.kind == "edge" or not any(start < change.s < end for start, end in treads)
+    ]
 
 
 def _passable_changes(
@@ -192,13 +201,13 @@ def _passable_changes(
     Returns:
         The changes; place of the impassable edge ahead, m along the path, inf without one.
     """
-    behind = 0
+    first = 0  # index of the first change beyond the last impassable one behind the walker
     for k, change in enumerate(changes):
         if _is_impassable(change, profile, estimate, p):
-            if change.s > BEHIND_M:
-                return changes[behind:k], change.s
-            behind = k + 1
-    return changes[behind:], math.inf
+            if change.s > BEHIND_M:  # ahead of the walker
+                return changes[first:k], change.s
+            first = k + 1
+    return changes[first:], math.inf
 
 
 def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate | None, p: Settings) -> bool:
@@ -212,7 +221,9 @@ def _is_impassable(change: Change, profile: Profile, estimate: TerrainEstimate |
     if change.drop <= p.map.max_riser_m:
         return False
     beyond = profile.plane[(profile.s > change.s) & (profile.plane >= 0)]  # mapped planes behind it, the nearest first
-    return not any(int(i) in flight.planes for i in beyond[:1] for flight in (estimate.stairs if estimate else ()))
+    flights = estimate.stairs if estimate else ()
+    continues_in_flight = any(int(plane) in flight.planes for plane in beyond[:1] for flight in flights)
+    return not continues_in_flight
 
 
 class _Bound(NamedTuple):
@@ -258,12 +269,13 @@ def _to_bounds(change: Change, usual: Stairs | None, p: Settings) -> list[_Bound
     if change.drop >= 0.0:
         return [_Bound(change.s, change.sd, change.drop)]
     hidden = _HIDDEN_PER_SD * change.sd  # length of ground that the edge occludes, m
+    # of the assumed steps: riser and tread, m, their relative standard deviations, and how many make up the fall
     riser, tread, riser_sd, tread_sd = _assume_steps(-change.drop, usual, p)
     count = round(-change.drop / riser)
     sd = min(change.sd, OCCLUDED_EDGE_SD_M)
-    edge_s = change.s + max(sd - PLACE_SD_M, 0.0)
+    edge_s = change.s + max(sd - PLACE_SD_M, 0.0)  # the upper ground appears to end too early
     first = _Bound(edge_s, sd, change.drop)
-    if -change.drop < p.map.max_riser_m or count < 2 or hidden < MIN_FOOTHOLD_M:
+    if -change.drop < p.map.max_riser_m or count < 2 or hidden < MIN_FOOTHOLD_M:  # a single step
         return [first]
     if hidden / (count - 1) < MIN_FOOTHOLD_M:  # so many treads do not fit into the hidden length
         count = 1 + int(hidden / MIN_FOOTHOLD_M)
@@ -279,7 +291,7 @@ def _assume_steps(fall: float, usual: Stairs | None, p: Settings) -> tuple[float
 
     They equal those of `usual` if a whole number of its risers makes up the drop `fall`, m; otherwise usual ones.
     """
-    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_FALL_M:
+    if usual is not None and abs(fall - round(fall / usual.riser) * usual.riser) < _ALIKE_FALL_M:  # whole risers
         return usual.riser, usual.tread, _ALIKE_RISER_SD, _ALIKE_TREAD_SD
     return p.mode.usual_riser_m, p.mode.usual_tread_m, _HIDDEN_RISER_SD, _HIDDEN_TREAD_SD
 
@@ -305,7 +317,7 @@ def _read_slope(
     known = [int(i) for i in profile.plane[inside] if int(i) in planes]
     if not known or estimate is None:
         return None
-    plane = planes[int(np.bincount(known).argmax())]
+    plane = planes[int(np.bincount(known).argmax())]  # the most frequent id
     on = inside & (profile.plane == plane.id)
     seen = profile.s[on]
     bent = _MAP_SD_M / max(float(seen[-1] - seen[0]), MIN_FOOTHOLD_M)  # slope by drift of the poses, rad
@@ -340,7 +352,7 @@ def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Ar
     """
     height, slope, slope_sd = (np.zeros(len(s)) for _ in range(3))
     base = 0.0  # height at the start of the segment, m
-    for k, segment in enumerate(ground):
+    for k, segment in enumerate(ground):  # the first segment has no start: its height is 0 at s = 0
         here = (s >= segment.start) & (s < segment.end) if k else s < segment.end
         begin = segment.start if k else 0.0
         base += segment.drop if k else 0.0
@@ -352,10 +364,15 @@ def surface_along(ground: Sequence[Segment], s: Array) -> tuple[Array, Array, Ar
 
 
 def slopes_under(ground: Sequence[Segment], on: Array) -> list[tuple[float, float]]:
-    """Slope under each of K footprints and its standard deviation, rad, from (K, P) probabilities of the segments."""
+    """Mean slope under each of K footprints and its standard deviation, rad.
+
+    Args:
+        ground: P terrain segments.
+        on: (K, P) probability of each segment under each footprint; rows sum to 1.
+    """
     slope, sd = np.array([(segment.slope, segment.slope_sd) for segment in ground]).T
     mean = on @ slope
-    variance = on @ (sd**2 + slope**2) - mean**2
+    variance = on @ (sd**2 + slope**2) - mean**2  # of the mixture of the segments
     return list(zip(mean.tolist(), np.sqrt(np.maximum(variance, 0.0)).tolist()))
 
 
@@ -375,15 +392,17 @@ def foothold_heights(ground: Sequence[Segment], profile: Profile, s: Array, p: S
     if not known.any():
         return None
     # height of the map over that of the segments, which begins at 0
-    off = np.median(profile.height[known] - surface_along(ground, profile.s[known])[0])
+    segment_height, _, _ = surface_along(ground, profile.s[known])
+    off = np.median(profile.height[known] - segment_height)
     half = half_sole(p)
-    under, ends = s + half, [segment.end for segment in ground]
-    slope = np.array([segment.mapped_slope for segment in ground])[np.searchsorted(ends, under, side="right")]
-    return np.asarray(surface_along(ground, under)[0] - half * np.tan(slope) + off)
+    middle, ends = s + half, [segment.end for segment in ground]  # (S,) of the sole; (P,) of the segments, m
+    slope = np.array([segment.mapped_slope for segment in ground])[np.searchsorted(ends, middle, side="right")]
+    height, _, _ = surface_along(ground, middle)
+    return np.asarray(height - half * np.tan(slope) + off)  # back along the slope to the heel's centre
 
 
 def edges_before(ground: Sequence[Segment]) -> list[int]:
-    """Number of edges before each segment; slope breaks do not count."""
+    """Number of edges up to the start of each of P segments, its own start included; slope breaks do not count."""
     return np.cumsum([abs(segment.drop) > 0.0 for segment in ground]).tolist()
 
 
@@ -391,18 +410,19 @@ def mode_table(ground: Sequence[Segment], p: Settings) -> Array:
     """(P, P, 5) probability of each mode of a step from one segment to another: docs/locomotion_mode.md (9)."""
     table = np.zeros((len(ground), len(ground), len(MODES)))  # of steps from segment a to b; 0 for steps backward
     for b, segment in enumerate(ground):
+        # probabilities that the ground that is stepped onto is a ramp up, and one down
         up, down = (
             probability_above(sign * segment.slope, p.mode.min_ramp_slope_rad, segment.slope_sd) for sign in (1.0, -1.0)
         )
         risen = 0.0  # sum of the edges between a and b, m
         for a in range(b, -1, -1):
-            high = low = 0.0
+            high = low = 0.0  # probabilities that the step goes up, and down, by a stair's height
             if risen != 0.0:
                 high, low = (
                     probability_above(sign * risen, p.min_stair_riser_m, p.mode.riser_sd_m) for sign in (1.0, -1.0)
                 )
             flat = 1.0 - up - down
-            table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # in the order of MODES
+            table[a, b] = flat * (1.0 - high - low), flat * high, flat * low, up, down  # LG, SA, SD, RA, RD
             risen += ground[a].drop
     return table
 
@@ -420,7 +440,8 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
     weights = np.ones((len(ground), len(s)))
     middle = s + half_sole(p)  # of the sole
     start, start_sd, end, end_sd, drop = np.array([(g.start, g.start_sd, g.end, g.end_sd, g.drop) for g in ground]).T
-    # behind: a riser after a step down, a free edge after a step up, else a slope break
+    # Behind: a riser after a step down, a free edge after a step up, else a slope break. `inside` is the distance of
+    # the heel or the toes from that end of the segment, m.
     inside = s - p.mode.heel_m - start[1:, None]
     weights[1:] *= _foothold_weight(inside, start_sd[1:], drop[1:]) * _probability_beyond(
         middle, start[1:], start_sd[1:]
@@ -434,7 +455,7 @@ def foothold_weights(ground: Sequence[Segment], s: Array, p: Settings) -> Array:
 
 
 def _foothold_weight(inside: Array, sd: Array, fall: Array) -> Array:
-    """(N, S) weights exp(−x²/2σ²) of soles that end so far `inside` (N, S), m, their segments: x is the excess.
+    """(N, S) weight exp(−x²/2σ²) of a sole whose heel or toes extend by x, m, farther beyond an end than allowed.
 
     Args:
         inside: (N, S) m, negative where the sole extends beyond the segment's end.
@@ -448,7 +469,13 @@ def _foothold_weight(inside: Array, sd: Array, fall: Array) -> Array:
 
 
 def _probability_beyond(s: Array, start: Array, sd: Array) -> Array:
-    """(N, S) probability that positions lie beyond edges (N,) of known standard deviation."""
+    """(N, S) probability that each position lies beyond each edge; tanh approximates the normal distribution.
+
+    Args:
+        s: (S,) m, positions.
+        start: (N,) m, edges.
+        sd: (N,) standard deviation of each edge, m.
+    """
     return np.asarray(0.5 * (1.0 + np.tanh((s - start[:, None]) / (1.2 * np.maximum(sd, _MIN_EDGE_SD_M))[:, None])))
 
 
@@ -465,9 +492,10 @@ def unseen_probability(profile: Profile, s: Array, here: float, p: Settings) -> 
         p: Rate of changes.
     """
     seen = profile.s[profile.plane >= 0]
-    bounds = np.concatenate([[-np.inf], seen, [np.inf]])
-    i = np.searchsorted(seen, s)
+    bounds = np.concatenate([[-np.inf], seen, [np.inf]])  # m along the path, observed
+    i = np.searchsorted(seen, s)  # index in `bounds` of the last one before each position
     back, ahead = s - bounds[i], bounds[i + 1] - s  # distance to the nearest observed position on either side, m
+    # probability of a change on either side; -expm1(-x) = 1 - exp(-x) is that of a change within a length
     between = np.expm1(-back / p.mode.change_m) * np.expm1(-ahead / p.mode.change_m)
     return np.asarray(np.minimum(between, -np.expm1(-np.abs(s - here) / p.mode.change_m)))
 
@@ -487,7 +515,7 @@ def path_scale(ground: Sequence[Segment], s: Array, ratios: Mapping[str, tuple[f
         s: (S,) m along the path, evenly spaced.
         ratios: Step length relative to level ground and its standard deviation, by mode of the segment.
     """
-    ratio, sd = np.ones(len(s)), np.zeros(len(s))
+    ratio, sd = np.ones(len(s)), np.zeros(len(s))  # of the step length to that on level ground, in each cell
     for segment in ground:
         if segment.mode in ratios:
             inside = (s >= segment.start) & (s < segment.end)

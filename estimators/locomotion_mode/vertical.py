@@ -14,6 +14,7 @@ import numpy as np
 from stridetwin.streams.samples import Array
 
 _LEANS = 81
+"""Number of hypotheses of the lean."""
 _REACH_SD = 4.0
 """Largest lean, in standard deviations."""
 _FLAT_SD_RAD, _RAMP_SD_RAD = 0.006, 0.12
@@ -23,6 +24,7 @@ _LEVEL_SHARE = 0.85
 _FALSE_BREAK = 0.1
 """ψ of docs/locomotion_mode.md (11): weight of a slope break between two segments that are both level."""
 _LEVEL, _RAMP = 0, 1
+"""Indices of the two kinds of ground in arrays."""
 
 
 def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> tuple[Array, Array]:
@@ -39,25 +41,28 @@ def remove_lean(slope: Array, sd: Array, breaks: Array, lean_sd_rad: float) -> t
     """
     lean = np.linspace(-_REACH_SD, _REACH_SD, _LEANS) * lean_sd_rad  # (L,) hypotheses, rad
     off, variance = slope[:, None] - lean, sd[:, None] ** 2  # (N, L) slopes without the lean
+    # variance, rad², and share of the kinds of ground: level, ramp
     built = np.array([_FLAT_SD_RAD, _RAMP_SD_RAD]) ** 2
     share = np.array([_LEVEL_SHARE, 1.0 - _LEVEL_SHARE])
+    # (N, 2, L) of each segment's slope, if the segment is of a kind and the map leans by a hypothesis
     likelihood = share[:, None] * _normal_density(off[:, None, :], (variance + built)[:, :, None])
-    kinds, evidence = _level_or_ramp(likelihood, breaks)
+    kinds, evidence = _infer_kinds(likelihood, breaks)  # (N, 2, L), and (L,) likelihood of each lean
     weight = _normal_density(lean, lean_sd_rad**2) * evidence
     weight /= weight.sum()
     # The slope of each segment for each lean: a mixture of level ground and a ramp.
     shrink = built / (built + variance)  # (N, 2) share of the measured slope that is kept
+    # (N, L) means over the kinds: of that share and its square; of the true slope and its square
     kept, kept_squared = (np.einsum("nk,nkl->nl", factor, kinds) for factor in (shrink, shrink**2))
     mean, square = off * kept, variance * kept + off**2 * kept_squared
     true_slope = mean @ weight
     return true_slope, np.sqrt(np.maximum(square @ weight - true_slope**2, 0.0))
 
 
-def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
+def _infer_kinds(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     """Probability that each segment is level or a ramp, for each lean: forward and backward along the path.
 
     Args:
-        likelihood: (N, 2, L) of each segment, times the prior.
+        likelihood: (N, 2, L) of each segment's slope by kind of ground and lean, times the prior of the kind.
         breaks: (N - 1,) whether two segments meet in a slope break.
 
     Returns:
@@ -67,14 +72,16 @@ def _level_or_ramp(likelihood: Array, breaks: Array) -> tuple[Array, Array]:
     beside = np.ones((2, 2))
     at_break = beside.copy()
     at_break[_LEVEL, _LEVEL] = _FALSE_BREAK
-    after = [at_break if cut else beside for cut in breaks]
-    ahead = likelihood.copy()
-    for k, meet in enumerate(after):
-        ahead[k + 1] *= meet @ ahead[k]
-    behind = np.ones_like(likelihood)
-    for k in reversed(range(len(after))):
-        behind[k] = after[k] @ (behind[k + 1] * likelihood[k + 1])
-    both = ahead * behind
+    weights = [at_break if meets else beside for meets in breaks]  # of each segment and the next one
+    # by kind and lean: from the first segment up to each one, itself included; from the last one back to it
+    forward = likelihood.copy()
+    for k, pair in enumerate(weights):
+        forward[k + 1] *= pair @ forward[k]
+    backward = np.ones_like(likelihood)
+    for k in reversed(range(len(weights))):
+        backward[k] = weights[k] @ (backward[k + 1] * likelihood[k + 1])
+    both = forward * backward
+    # the sum over the kinds is the same at every segment
     evidence = both[0].sum(axis=0) if len(both) else np.ones(likelihood.shape[2])
     return both / both.sum(axis=1, keepdims=True), evidence
 

@@ -64,8 +64,8 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
         min_bend_rad: Smallest bend, rad.
     """
     here = slice(first, last + 1)
-    x, z = _bin_heights(s[here], height[here])
-    cuts: list[int] = []
+    x, z = _bin_heights(s[here], height[here])  # (M,) place along the line and height of each bin, m
+    cuts: list[int] = []  # first bin after each bend
     _find_bends(x, z, 0, len(x), cuts)
     bounds = _settle_bounds(x, z, [0, *sorted(cuts), len(x)], min_bend_rad)
     stretches: list[Stretch] = []
@@ -73,23 +73,23 @@ def straight_stretches(s: Array, height: Array, first: int, last: int, min_bend_
         if b - a < _MIN_BINS:  # too few known heights
             return []
         middle, level, slope, slope_sd = _fit_line(x[a:b], z[a:b])
-        off = z[a:b] - level - slope * (x[a:b] - middle)
+        off = z[a:b] - level - slope * (x[a:b] - middle)  # of each bin from the line, m
         if off @ off > (b - a) * (_MAX_MISFIT_SD * _NOISE_M) ** 2:
             return []  # a jump or a bulge
-        begin, at, at_sd = first, math.nan, math.nan
+        begin, break_s, break_sd = first, math.nan, math.nan  # the first stretch begins with no bend
         if k:
-            # The bend is where both lines meet, but no farther from bin a than half the length of both. `away` is how
-            # much higher the line before is at bin a than this one, m.
-            one = stretches[-1]
-            bend = slope - one.slope
-            reach = (b - bounds[k - 1]) * _BIN_M / 2
-            away = (one.height + one.slope * (x[a] - one.s)) - (level + slope * (x[a] - middle))
-            at = float(x[a]) + min(max(away / bend, -reach), reach) if bend else float(x[a])
-            at_sd = _NOISE_M / max(abs(bend), 1e-6)
-            begin = int(np.searchsorted(s, at))
-            begin = min(max(begin, one.first + 1), last)
-            stretches[-1] = one._replace(last=begin - 1)
-        stretches.append(Stretch(begin, last, middle, level, slope, slope_sd, at, at_sd))
+            # The bend is where both lines meet, but no farther from bin a than half the length of both.
+            before = stretches[-1]
+            bend = slope - before.slope
+            reach = (b - bounds[k - 1]) * _BIN_M / 2  # m
+            # how much higher the line before is at bin a than this one, m
+            gap = (before.height + before.slope * (x[a] - before.s)) - (level + slope * (x[a] - middle))
+            break_s = float(x[a]) + min(max(gap / bend, -reach), reach) if bend else float(x[a])
+            break_sd = _NOISE_M / max(abs(bend), 1e-6)
+            begin = int(np.searchsorted(s, break_s))  # first sample beyond the bend
+            begin = min(max(begin, before.first + 1), last)
+            stretches[-1] = before._replace(last=begin - 1)
+        stretches.append(Stretch(begin, last, middle, level, slope, slope_sd, break_s, break_sd))
     return stretches
 
 
@@ -102,10 +102,12 @@ def _bin_heights(s: Array, height: Array) -> tuple[Array, Array]:
     if not known.any():
         return np.empty(0), np.empty(0)
     x, z = s[known], height[known]
-    bins = ((x - x[0]) / _BIN_M).astype(int)
+    bins = ((x - x[0]) / _BIN_M).astype(int)  # number of the bin of each sample
     count = np.bincount(bins)
     occupied = count > 0
-    return np.bincount(bins, x)[occupied] / count[occupied], np.bincount(bins, z)[occupied] / count[occupied]
+    mean_x = np.bincount(bins, x)[occupied] / count[occupied]
+    mean_z = np.bincount(bins, z)[occupied] / count[occupied]
+    return mean_x, mean_z
 
 
 def _fit_line(x: Array, z: Array) -> tuple[float, float, float, float]:
@@ -127,11 +129,11 @@ def _find_bends(x: Array, z: Array, a: int, b: int, cuts: list[int]) -> None:
     Any significant bend counts here, however small its angle; `_settle_bounds` removes those that are none. `x` and `z`
     (M,) are places along the line and heights, m; `cuts` are bins.
     """
-    at = _find_best_bend(x[a:b], z[a:b])
-    if at is not None:
-        cuts.append(a + at)
-        _find_bends(x, z, a, a + at, cuts)
-        _find_bends(x, z, a + at, b, cuts)
+    best = _find_best_bend(x[a:b], z[a:b])  # counted from bin a
+    if best is not None:
+        cuts.append(a + best)
+        _find_bends(x, z, a, a + best, cuts)
+        _find_bends(x, z, a + best, b, cuts)
 
 
 def _settle_bounds(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -> list[int]:
@@ -144,11 +146,12 @@ def _settle_bounds(x: Array, z: Array, bounds: list[int], min_bend_rad: float) -
         min_bend_rad: Smallest bend, rad.
     """
     for _ in range(_PASSES):
-        kept = bounds[:1]
-        for k in range(1, len(bounds) - 1):
-            at = _find_best_bend(x[kept[-1] : bounds[k + 1]], z[kept[-1] : bounds[k + 1]], min_bend_rad)
-            if at is not None:
-                kept.append(kept[-1] + at)
+        kept = bounds[:1]  # the new bounds
+        for k in range(1, len(bounds) - 1):  # between the new bound before it and the old one after it
+            around = slice(kept[-1], bounds[k + 1])
+            best = _find_best_bend(x[around], z[around], min_bend_rad)
+            if best is not None:
+                kept.append(kept[-1] + best)
         kept.append(bounds[-1])
         if kept == bounds:
             break
@@ -170,17 +173,18 @@ def _find_best_bend(x: Array, z: Array, min_bend_rad: float | None = None) -> in
     n = len(x)
     if n < 2 * _MIN_BINS:
         return None
-    ks = np.arange(_MIN_BINS, n - _MIN_BINS + 1)
+    ks = np.arange(_MIN_BINS, n - _MIN_BINS + 1)  # (K,) bins that leave a stretch on either side
     x, z = x - x.mean(), z - z.mean()
-    line = (x @ z) / (x @ x)
-    residual = z - line * x
-    hinge = np.maximum(0.0, x[None, :] - x[ks, None])
+    line_slope = (x @ z) / (x @ x)
+    residual = z - line_slope * x
+    hinge = np.maximum(0.0, x[None, :] - x[ks, None])  # (K, n) one row for each bin with a bend
     hinge = hinge - hinge.mean(axis=1, keepdims=True)
     hinge -= ((hinge @ x) / (x @ x))[:, None] * x  # what a line cannot explain
-    power = np.einsum("kn,kn->k", hinge, hinge)
+    power = np.einsum("kn,kn->k", hinge, hinge)  # (K,) squared length of each hinge
     along = hinge @ residual
     gain = along**2 / np.maximum(power, 1e-12)  # decrease of the squared residuals by β = along / power
     best = int(gain.argmax())
+    # β, the change of slope, and what scatter is left: no less than noise
     bend = along[best] / max(float(power[best]), 1e-12)
     residual_variance = max(float(residual @ residual - gain[best]) / n, _NOISE_M**2)
     if min_bend_rad is None:

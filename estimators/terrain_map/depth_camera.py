@@ -57,23 +57,26 @@ def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int)
         (H, W) m, a copy in which the pixels beside a discontinuity are 0.
     """
     height, width = depth.shape
+    # smallest ratio of nearest to farthest of a pixel that is kept; `nothing` and `never` mark pixels without depth in
+    # a search for the farthest and for the nearest
     keeps, nothing, never = np.float32(1.0 - share), np.float32(0.0), np.float32(math.inf)
     clean = np.empty(depth.shape, np.float32)
     # First per column over the neighbouring rows, then over the neighbouring columns; outside the image there is none.
+    # `far` and `near` are the results of the first search, with `reach` empty columns on either side.
     far, near = np.zeros(width + 2 * reach, np.float32), np.full(width + 2 * reach, never)
     farthest, nearest = np.empty(width, np.float32), np.empty(width, np.float32)
     for v in range(height):
-        own_far, own_near = far[reach : reach + width], near[reach : reach + width]
+        column_far, column_near = far[reach : reach + width], near[reach : reach + width]  # views
         for u in range(width):
-            own_far[u] = nothing
-            own_near[u] = never
+            column_far[u] = nothing
+            column_near[u] = never
         for row in range(max(v - reach, 0), min(v + reach + 1, height)):
             line = depth[row]
             for u in range(width):
                 d = line[u]
-                own_far[u] = d if d > own_far[u] else own_far[u]
+                column_far[u] = d if d > column_far[u] else column_far[u]
                 d = d if d > nothing else never
-                own_near[u] = d if d < own_near[u] else own_near[u]
+                column_near[u] = d if d < column_near[u] else column_near[u]
         for u in range(width):
             farthest[u] = far[u]
             nearest[u] = near[u]
@@ -88,7 +91,7 @@ def remove_discontinuities(depth: NDArray[np.float32], share: float, reach: int)
     return clean
 
 
-_WIDTH = 640.0  # px, of the image to which `DepthCamera.pixels` refers
+_WIDTH = 640.0  # px, width of the image in which numbers of pixels are given, see `DepthCamera.pixels`
 
 
 class DepthCamera:
@@ -108,12 +111,13 @@ class DepthCamera:
         self.topic = calibration.depth_topic
         self.shape = (calibration.height, calibration.width)
         self.intrinsics: Array = np.array(calibration.intrinsics)
-        self._maps = None  # from the rectified to the original image; None where the lens has no distortion
+        # places u and v in the original image of each pixel of the rectified one; None for a lens without distortion
+        self._maps = None
         if any(calibration.distortion):
             fisheye = calibration.distortion_model == "equidistant"
             undistort = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
-            K, bent = calibration.K, np.array(calibration.distortion)
-            self._maps = undistort(K, bent, np.eye(3), K, self.shape[::-1], cv2.CV_32FC1)
+            K, distortion = calibration.K, np.array(calibration.distortion)
+            self._maps = undistort(K, distortion, np.eye(3), K, self.shape[::-1], cv2.CV_32FC1)  # size as (W, H)
 
     def pixels(self, of_640: float) -> int:
         """Converts a number of pixels of a 640-pixel image to this image's width, at least one."""
@@ -139,8 +143,9 @@ class DepthCamera:
         clean, count = clip_range(np.asarray(depth, np.float32), np.float32(p.min_range_m), np.float32(p.max_range_m))
         if self._maps is None:
             return clean, count
-        straight = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
-        return straight, int(np.count_nonzero(straight))
+        # the nearest pixel: a mean of two depths may lie between two surfaces
+        rectified = np.asarray(cv2.remap(clean, *self._maps, cv2.INTER_NEAREST, borderValue=0.0), np.float32)
+        return rectified, int(np.count_nonzero(rectified))
 
 
 def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
@@ -149,12 +154,12 @@ def depth_calibration(rig: Rig, topic: str | None = None) -> CameraCalibration:
     Raises:
         StrideTwinError: No such camera; the message lists the available ones.
     """
-    cameras = {c.depth_topic: c for c in rig.cameras.values() if c.depth_topic}
+    cameras = {camera.depth_topic: camera for camera in rig.cameras.values() if camera.depth_topic}
     if not cameras or (topic is not None and topic not in cameras):
         raise StrideTwinError(
             f"the rig has no depth {topic or 'camera'}; it has {', '.join(sorted(cameras)) or 'none'}"
         )
-    return cameras[topic] if topic is not None else next(iter(cameras.values()))
+    return cameras[topic] if topic is not None else next(iter(cameras.values()))  # the first one
 
 
 def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
@@ -181,6 +186,7 @@ def camera_in_frame(rig: Rig, camera: CameraCalibration, frame: str) -> Array:
 def is_pose(sample: Odometry) -> bool:
     """Whether position and quaternion of a sample are finite, and the quaternion is not near zero."""
     p, q = sample.p_frame_in_world.tolist(), sample.q_world_frame.tolist()
+    # a sum is finite only if all its terms are
     return math.isfinite(sum(p)) and 0.5 <= math.hypot(*q) < math.inf
 
 
@@ -211,7 +217,7 @@ class Poses:
         """
         if not is_pose(pose):
             return False
-        pose = copy_sample(pose)
+        pose = copy_sample(pose)  # the caller may reuse its arrays
         if self._last is None:
             self._last = pose
             return False
@@ -231,7 +237,7 @@ class Poses:
         if pose is None or abs(t_ns - pose.t_ns) > self._p.max_pose_age_s * 1e9:
             return None
         # The angular rate is in the frame's own axes, so its rotation is on the right.
-        dt, T = (t_ns - pose.t_ns) * 1e-9, transform(pose)
+        dt, T = (t_ns - pose.t_ns) * 1e-9, transform(pose)  # s; negative where the pose is newer
         if dt and np.isfinite(pose.v_frame_in_world).all() and np.isfinite(pose.angular_rate).all():
             T[:3, 3] += pose.v_frame_in_world * dt
             T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(pose.angular_rate * dt).as_matrix()

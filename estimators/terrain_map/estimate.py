@@ -47,18 +47,19 @@ class Plane:
     @cached_property
     def slope_sd(self) -> float:
         """Standard deviation of the slope, rad, along the steepest ascent."""
-        # (x, y) becomes the direction of steepest ascent; the last factor is d atan(g) / dg
-        x, y = self.gradient.tolist()
-        (xx, xy), (_, yy) = self.covariance[1:, 1:].tolist()
-        steep = math.hypot(x, y)
-        x, y = (x / steep, y / steep) if steep > 0.0 else (1.0, 0.0)
-        return math.sqrt(x * x * xx + 2.0 * x * y * xy + y * y * yy) * math.cos(self.slope) ** 2
+        gx, gy = self.gradient.tolist()
+        (xx, xy), (_, yy) = self.covariance[1:, 1:].tolist()  # of both slopes, rise over run
+        steep = math.hypot(gx, gy)
+        x, y = (gx / steep, gy / steep) if steep > 0.0 else (1.0, 0.0)  # direction of steepest ascent
+        steep_sd = math.sqrt(x * x * xx + 2.0 * x * y * xy + y * y * yy)  # rise over run
+        return steep_sd * math.cos(self.slope) ** 2  # the factor is d atan(g) / dg
 
     @cached_property
     def rise(self) -> float:
         """Height from the lowest to the highest side, m, taken as a rectangle that slopes along one of its edges."""
+        height_variance = float(self.gradient @ self.spread @ self.gradient)  # m², of the plane's points
         # a uniform distribution of length l has the variance l² / 12
-        return math.sqrt(12.0 * max(float(self.gradient @ self.spread @ self.gradient), 0.0))
+        return math.sqrt(12.0 * max(height_variance, 0.0))
 
     def height(self, xy: Array) -> Array:
         """(...) height, m, at (..., 2) positions in the world."""
@@ -170,7 +171,7 @@ class TerrainEstimate:
         level_or_ramp: Terrain | None = None
         for terrain in self.terrains:
             if isinstance(terrain, Stairs):
-                if plane in terrain.planes[1:-1]:
+                if plane in terrain.planes[1:-1]:  # a tread; the first and the last are the ground before and beyond
                     return terrain
             elif terrain.plane == plane:
                 level_or_ramp = terrain

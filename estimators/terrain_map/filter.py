@@ -35,6 +35,7 @@ GRID_ROTATION_RAD = 0.35
 Doubled: edges move by up to 7 mm, to either side.
 """
 _NEVER_NS = -(10**18)
+"""A time before any image."""
 _MIN_PIXELS = 500
 """A depth image with fewer valid pixels is ignored."""
 # (25, 2) offsets of the columns around one
@@ -87,7 +88,7 @@ class TerrainMap:
         self._T_frame_camera = camera_in_frame(rig, camera, options.poses_of)
         self._poses = Poses(p)
         self._R_world_grid = _rotation_z(GRID_ROTATION_RAD)
-        self._volume = _volume(options.backend, self._camera, self._R_world_grid, p)
+        self._volume = _build_volume(options.backend, self._camera, self._R_world_grid, p)
         self._planes = PlaneSet(p, keeps_unobserved=self._volume.keeps_unobserved)
         self._terrains = Terrains(self._R_world_grid, p)
         # times of the last image used, and of the last one after which planes were extracted
@@ -122,14 +123,14 @@ class TerrainMap:
         if T_world_frame is None:
             return None
         self._last_ns = sample.t_ns
-        depth, count = self._camera.rectify(sample.depth, self.parameters)
-        if count < _MIN_PIXELS:
+        depth, valid_count = self._camera.rectify(sample.depth, self.parameters)
+        if valid_count < _MIN_PIXELS:
             return None
         T_world_camera = T_world_frame @ self._T_frame_camera
         T_grid_camera = T_world_camera.copy()
-        T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]
+        T_grid_camera[:3] = self._R_world_grid.T @ T_world_camera[:3]  # grid and world have the same origin
         self._volume.integrate(sample.t_ns, depth, T_grid_camera)
-        self._planes.surface.move(self._volume.origin)
+        self._planes.surface.move(self._volume.origin)  # the columns follow the volume's window
         if not self.due(sample.t_ns):
             return None
         self._extract(sample.t_ns, T_world_camera[:3, 3].copy())
@@ -146,8 +147,10 @@ class TerrainMap:
 
     def heights(self, xy: Array) -> Array:
         """(N,) m, mapped height of the ground at (N, 2) positions in the world; NaN where unobserved."""
+        # (N, 2) column of each position; xy @ R_world_grid is xy in grid axes
         columns = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
-        return self._planes.surface.at(columns)[1].astype(float)
+        _, heights = self._planes.surface.at(columns)
+        return heights.astype(float)
 
     def profile(self, origin: Array, heading: float, length_m: float = 4.0) -> Profile:
         """The ground along a line.
@@ -168,27 +171,33 @@ class TerrainMap:
         """
         if self._estimate is None:
             return None
+        # (2,) column of the position; xy @ R_world_grid is xy in grid axes
         column = np.floor(np.asarray(xy) @ self._R_world_grid[:2, :2] / self.parameters.voxel_size_m).astype(np.int64)
-        slots = self._planes.surface.at(column + _AROUND)[0]
+        slots, _ = self._planes.surface.at(column + _AROUND)  # (25,) slot of the plane of each column around, or -1
         if not (slots >= 0).any():
             return None
-        plane = self._estimate.planes[int(self._planes.ids[np.bincount(slots[slots >= 0]).argmax()])]
+        majority = np.bincount(slots[slots >= 0]).argmax()  # the most frequent slot
+        plane = self._estimate.planes[int(self._planes.ids[majority])]
         return plane, self._estimate.terrain_of(plane.id)
 
     def mesh(self) -> tuple[Array, NDArray[np.int64]] | None:
         """(V, 3) m, world, and (F, 3): vertices and triangles of all surfaces; None unless the backend makes them."""
         grid_mesh = self._volume.mesh()
-        return None if grid_mesh is None else (grid_mesh[0] @ self._R_world_grid.T, grid_mesh[1])
+        if grid_mesh is None:
+            return None
+        vertices, triangles = grid_mesh  # in grid axes
+        return vertices @ self._R_world_grid.T, triangles
 
     def surface_points(self) -> tuple[Array, NDArray[np.int64]]:
         """(N, 3) m, world, the ground from above, one point per column; and (N,) the id of its plane, -1 = none."""
         surface = self._planes.surface
-        i, j = np.nonzero(np.isfinite(surface.height))
-        columns = np.column_stack([i, j])
-        columns = surface.origin + (columns - surface.origin) % len(surface.label)
-        points = np.column_stack([(columns + 0.5) * self.parameters.voxel_size_m, surface.height[i, j]])
-        label = surface.label[i, j]
-        return points @ self._R_world_grid.T, np.where(label >= 0, self._planes.ids[label], -1)
+        i, j = np.nonzero(np.isfinite(surface.height))  # places in the ring
+        places = np.column_stack([i, j])
+        # (N, 2) the column of the window that is stored at each place
+        columns = surface.origin + (places - surface.origin) % len(surface.label)
+        points = np.column_stack([(columns + 0.5) * self.parameters.voxel_size_m, surface.height[i, j]])  # grid axes
+        slots = surface.label[i, j]
+        return points @ self._R_world_grid.T, np.where(slots >= 0, self._planes.ids[slots], -1)
 
     def _extract(self, t_ns: int, p_camera_in_world: Array) -> None:
         """Extracts planes from the volume and terrains from the planes, and sets the estimate.
@@ -213,7 +222,7 @@ class TerrainMap:
         self._extracted_ns = _NEVER_NS
 
 
-def _volume(
+def _build_volume(
     backend: str, camera: DepthCamera, R_world_grid: Array, p: TerrainMapParameters
 ) -> VoxelVolume | Open3dVolume:
     """The volume of a backend: `numba` (or "") is the proposed one, `open3d` the published one.

@@ -56,6 +56,7 @@ class Open3dVolume:
         self._K = self._tensor(_matrix(camera.intrinsics))
         self._shape = camera.shape[0] // _SMOOTHED, camera.shape[1] // _SMOOTHED
         # of the smoothed image: fu, fv, pu, pv, and the (h, w, 3) rays of its pixels at depth 1
+        # the middle of its pixel 0 lies between the first `_SMOOTHED` pixels of the camera's image
         self._intrinsics = (camera.intrinsics - np.array([0.0, 0.0, 1.0, 1.0]) * (_SMOOTHED - 1) / 2) / _SMOOTHED
         v, u = np.mgrid[: self._shape[0], : self._shape[1]]
         fu, fv, pu, pv = self._intrinsics
@@ -91,12 +92,12 @@ class Open3dVolume:
         p, grid, self._T_grid_camera = self._p, self._grid, T_grid_camera
         image = self._o3d.t.geometry.Image(np.ascontiguousarray(depth))
         extrinsic = self._tensor(np.asarray(np.linalg.inv(T_grid_camera), float))
-        limits = 1.0, p.max_range_m, self._band
+        limits = 1.0, p.max_range_m, self._band  # units of depth per metre, largest depth, m, truncation, voxels
         with self._quiet():
             grid.hashmap().activate(grid.compute_unique_block_coordinates(image, self._K, extrinsic, *limits))
             rows, self._in_view = self._visible_blocks()
             grid.integrate(self._in_view, image, self._K, extrinsic, *limits)
-        weight = grid.attribute("weight").numpy()  # a view
+        weight = grid.attribute("weight").numpy()  # a view: assignments change the grid
         weight[rows] = np.minimum(weight[rows], p.max_weight)  # Zhao 2023 (22)
 
     def _visible_blocks(self) -> tuple[NDArray[np.int32], Any]:
@@ -106,10 +107,11 @@ class Open3dVolume:
             (N,) rows of the blocks in Open3D's buffers, and their (N, 3) block coordinates as a tensor.
         """
         p, hashmap = self._p, self._grid.hashmap()
-        rows = hashmap.active_buf_indices().numpy()
+        rows = hashmap.active_buf_indices().numpy()  # (N,) of all blocks in use
+        # (N, 3) block coordinates; (N, 3) m, from the camera to the middle of each block, grid axes
         keys, block_m = hashmap.key_tensor().numpy()[rows], EDGE * p.voxel_size_m
         offset = (keys + 0.5) * block_m - self._T_grid_camera[:3, 3]
-        near = np.abs(offset).max(axis=1) < 0.5 * COLUMNS * p.voxel_size_m
+        near = np.abs(offset).max(axis=1) < 0.5 * COLUMNS * p.voxel_size_m  # within the window
         if not near.all():
             for attribute in ("tsdf", "weight"):  # rows are used again as they are
                 self._grid.attribute(attribute).numpy()[rows[~near]] = 0.0
@@ -143,10 +145,10 @@ class Open3dVolume:
                 self._shape[1],
                 self._shape[0],
                 ["depth"],
-                1.0,
+                1.0,  # units of depth per metre
                 p.min_range_m,
                 p.max_range_m,
-                1.0,
+                1.0,  # least weight of a voxel
                 self._band,
             )
         return np.asarray(cast["depth"].numpy()[..., 0], np.float32)
@@ -155,16 +157,16 @@ class Open3dVolume:
         """The planes of the smoothed depth image from the last pose, projected down to the columns of the ground."""
         p, T = self._p, self._T_grid_camera
         depth = self.render_depth()
-        points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+        points = (depth[..., None] * self._rays @ T[:3, :3].T + T[:3, 3]).astype(np.float32)  # (h, w, 3) m, grid axes
         points[(depth == 0.0) | (points[..., 2] > T[2, 3] + HEADROOM_M)] = np.nan
         noise = np.hypot(min_noise_m(p), p.depth_noise_per_m * depth**2).astype(np.float32)
         labels, planes = extract_large_planes(points, noise, p)
-        return self._from_above(points, noise, labels, planes)
+        return self._project_down(points, noise, labels, planes)
 
-    def _from_above(
+    def _project_down(
         self, points: NDArray[np.float32], noise: NDArray[np.float32], labels: NDArray[np.int32], planes: Array
     ) -> TopView:
-        """The top view of labelled points; in each column the highest point counts.
+        """Projects labelled points down to the columns of a top view; in each column the highest point counts.
 
         Args:
             points: (h, w, 3) m, grid axes.
@@ -183,8 +185,9 @@ class Open3dVolume:
         height, spread = np.full((VIEW, VIEW), np.nan, np.float32), np.zeros((VIEW, VIEW), np.float32)
         label = np.full((VIEW, VIEW), NONE, np.int32)
         height[i, j], spread[i, j], label[i, j] = points[order, 2], noise[order], labels[order]
-        view = column_points(height, first, voxel_m)
+        view = column_points(height, first, voxel_m)  # (VIEW, VIEW, 3) m
         for number, (a, b, c, d) in enumerate(planes):
+            # the plane's columns with the gaps between them; a gap gets the height of the plane there
             closed = cv2.morphologyEx((label == number).astype(np.uint8), cv2.MORPH_CLOSE, _GAP) > 0
             gap = closed & (label == NONE)
             view[gap, 2] = ((d - a * view[..., 0] - b * view[..., 1]) / c)[gap]

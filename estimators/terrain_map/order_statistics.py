@@ -38,9 +38,9 @@ def median(ordered: NDArray[np.floating], n: int) -> float:
 def percentile(ordered: Array, percent: float) -> float:
     """Percentile of a sorted array (N,), linear between neighbours (Hyndman & Fan 1996, type 7)."""
     last = ordered.shape[0] - 1
-    rank = 1 + last * percent / 100.0
+    rank = 1 + last * percent / 100.0  # counted from 1, with a fraction
     below = math.floor(rank)
-    share = rank - below
+    share = rank - below  # of the upper neighbour
     low = ordered[min(max(below - 1, 0), last)]
     high = ordered[min(max(below, 0), last)]
     return low * (1 - share) + high * share

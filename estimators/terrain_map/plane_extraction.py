@@ -24,7 +24,9 @@ _HERE = Path(__file__).parent
 
 
 Labels = NDArray[np.int32]
+"""(n, m) number of the plane of each point of a grid, -1 = none."""
 Points = NDArray[np.float32]
+"""(n, m, 3) m, points of a grid, NaN = no point; or (n, m) m, heights or noise of the points."""
 CELL = 4
 """Points along the edge of a cell; from above 8 cm, a third of the shortest tread."""
 _VALID_SHARE = 0.7
@@ -71,12 +73,12 @@ def cell_sums(points: Points, noise: Points) -> Array:
                 for j in range(c * CELL, (c + 1) * CELL):
                     if not math.isnan(points[i, j, 2]):
                         add_point(sums, points[i, j, 0], points[i, j, 1], points[i, j, 2], noise[i, j])
-            if sums[0] < _VALID_SHARE * CELL * CELL:
+            if sums[0] < _VALID_SHARE * CELL * CELL:  # entry 0 is the number of points
                 sums[:] = 0.0
                 continue
             # centre (x, y, z) and normal (a, b, d); mean squared distance from the plane, and what noise explains of it
             x, y, z, a, b, d, error = fit_plane(sums)
-            variance = sums[10] / sums[0]
+            variance = sums[10] / sums[0]  # mean of the points' own variances, m²
             fits, limit = error <= variance, _DISTANCE_GATE_SD * math.sqrt(variance)
             for i in range(r * CELL, (r + 1) * CELL):
                 for j in range(c * CELL, (c + 1) * CELL):
@@ -145,10 +147,11 @@ def cluster(cells: Array) -> NDArray[np.int32]:
     best, met = np.empty(len(root), np.int64), np.empty(len(root), np.int64)
     common = np.empty(SUMS)
     while True:
+        # the cheapest edge of each plane
         best[:] = -1
         for e in range(count):
             a, b = edges[e]
-            if costs[e] < 0.0:
+            if costs[e] < 0.0:  # unknown: infinite, unless the normals agree and the common plane fits
                 costs[e] = np.inf
                 dot = normals[a, 0] * normals[b, 0] + normals[a, 1] * normals[b, 1] + normals[a, 2] * normals[b, 2]
                 if 1.0 - dot * dot <= _CELL_ANGLE_RAD**2 + _TILT_GATE_SD**2 * (tilt_variance[a] + tilt_variance[b]):
@@ -165,7 +168,7 @@ def cluster(cells: Array) -> NDArray[np.int32]:
         merged = False
         for e in range(count):
             a, b = edges[e]
-            if best[a] == e and best[b] == e:
+            if best[a] == e and best[b] == e:  # the cheapest edge of both its planes: b is merged into a
                 for s in range(SUMS):
                     sums[a, s] += sums[b, s]
                     sums[b, s] = 0.0
@@ -211,8 +214,8 @@ def extract_large_planes(points: Points, noise: Points, p: TerrainMapParameters)
         (n, m) number of each point's plane, -1 = none; and (P, 4) planes a x + b y + c z = d.
     """
     cells = cell_sums(points, noise)
-    roots = cluster(cells)
-    return _label(points, noise, roots, cells.reshape(-1, SUMS), math.cos(p.max_ramp_slope_rad))
+    roots = cluster(cells)  # `cells` now holds the sums of each plane at its root cell
+    return _label_points(points, noise, roots, cells.reshape(-1, SUMS), math.cos(p.max_ramp_slope_rad))
 
 
 def extract_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tuple[Labels, Array]:
@@ -228,6 +231,7 @@ def extract_planes(points: Points, noise: Points, p: TerrainMapParameters) -> tu
     """
     labels, planes = extract_large_planes(points, noise, p)
     fewest = min_columns(p.voxel_size_m)
+    # changes `labels`, too; the number of planes afterwards
     count = _label_strips(points, noise, labels, planes, math.cos(p.max_ramp_slope_rad), fewest)
     return labels, plane_sums(points, noise, labels, count)
 
@@ -240,8 +244,8 @@ def column_points(height: Points, first: NDArray[np.int64], voxel_m: float) -> P
         first: (2,) column of the image's corner; column (i, j) begins at (i, j) `voxel_m`.
         voxel_m: Edge of a column.
     """
-    along = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
-    places = (along[:, None] + first.astype(float) * voxel_m).astype(np.float32)
+    from_corner = (np.arange(len(height), dtype=np.float32) + np.float32(0.5)) * np.float32(voxel_m)
+    places = (from_corner[:, None] + first.astype(float) * voxel_m).astype(np.float32)  # (n, 2) m
     points = np.empty((*height.shape, 3), np.float32)
     points[..., 0], points[..., 1], points[..., 2] = places[:, :1], places[:, 1], height
     return points
@@ -259,7 +263,7 @@ def plane_sums(points: Points, noise: Points, labels: Labels, count: int) -> Arr
 
 
 @entry_kernel(_HERE)
-def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: float) -> tuple[Labels, Array]:
+def _label_points(points: Points, noise: Points, roots: Labels, sums: Array, least_up: float) -> tuple[Labels, Array]:
     """Assigns each point to the nearest walkable plane of the cells around it.
 
     Args:
@@ -284,7 +288,7 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
                 planes[count, 0], planes[count, 1], planes[count, 2] = a, b, d
                 planes[count, 3] = a * x + b * y + d * z
                 count += 1
-    cells = np.full((rows, columns), -1, np.int32)
+    cells = np.full((rows, columns), -1, np.int32)  # number of each cell's walkable plane
     for r in range(rows):
         for c in range(columns):
             if roots[r, c] >= 0:
@@ -308,7 +312,7 @@ def _label(points: Points, noise: Points, roots: Labels, sums: Array, least_up: 
                     x, y, z = points[i, j, 0], points[i, j, 1], points[i, j, 2]
                     if math.isnan(z):
                         continue
-                    nearest = _DISTANCE_GATE_SD * noise[i, j]
+                    nearest = _DISTANCE_GATE_SD * noise[i, j]  # a plane farther away is not the point's
                     for k in near_planes[:near_count]:
                         off = abs(planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z - planes[k, 3])
                         if off < nearest:
@@ -363,17 +367,17 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
                             visited[p, q] = True
                             stack[size, 0], stack[size, 1] = p, q
                             size += 1
-            if size < fewest and not 0 <= beside < long:
+            if size < fewest and not 0 <= beside < long:  # too few for a plane, and no large plane beside them
                 continue
             sums[:] = 0.0
             for s in range(size):
                 p, q = stack[s]
                 add_point(sums, points[p, q, 0], points[p, q, 1], points[p, q, 2], noise[p, q])
             plane = fit_plane(sums)
-            limit = _STRIP_VARIANCE * sums[10] / size
+            limit = _STRIP_VARIANCE * sums[10] / size  # largest mean squared distance from a plane, m²
             if 0 <= beside < long:
                 q = planes[beside]
-                off = 0.0
+                off = 0.0  # sum of the squared distances from the plane beside, m²
                 for s in range(size):
                     a, b = stack[s]
                     off += (q[0] * points[a, b, 0] + q[1] * points[a, b, 1] + q[2] * points[a, b, 2] - q[3]) ** 2
@@ -383,7 +387,8 @@ def _label_strips(points: Points, noise: Points, labels: Labels, planes: Array, 
                     continue
             if size < fewest:
                 continue
-            level = sums[9] / size - (sums[3] / size) ** 2 < limit  # too narrow to have a slope
+            # of one height within noise: too narrow to have a slope
+            level = sums[9] / size - (sums[3] / size) ** 2 < limit
             # 5 is the normal's z, 6 the mean squared distance
             if level or (plane[5] >= least_up and plane[6] < limit):
                 for s in range(size):

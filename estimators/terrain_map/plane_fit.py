@@ -15,11 +15,12 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 SUMS = 11
-"""n, x, y, z, xx, xy, xz, yy, yz, zz, and the sum of the points' variances (m²)."""
+"""Number of sums over points: 0 n, 1-3 x, y, z, 4-9 xx, xy, xz, yy, yz, zz, 10 the points' own variances (m²)."""
 _NEWTON, _EXACT = 40, 1e-9  # largest number of steps, and relative step that ends the iteration
 BORDER_M = 0.25
 """Width of a plane's border, half of which is free space, where its height is not evaluated (`point_toward`)."""
 PlaneFit = tuple[float, float, float, float, float, float, float]
+"""Centre (x, y, z), unit normal (x, y, z), and mean squared distance of the points, m²."""
 
 
 @njit(inline="always")
@@ -53,7 +54,8 @@ def fit_plane(s: Array) -> PlaneFit:
     x, y, z = s[1] / n, s[2] / n, s[3] / n
     a, b, d = s[4] / n - x * x, s[7] / n - y * y, s[9] / n - z * z
     e, f, g = s[5] / n - x * y, s[6] / n - x * z, s[8] / n - y * z
-    # Smallest eigenvalue of a symmetric matrix, in closed form (Smith 1961).
+    # Smallest eigenvalue `least` of a symmetric matrix, in closed form (Smith 1961): q is the mean of the eigenvalues,
+    # p their scatter, and phi an angle from the determinant of the matrix (covariance - q) / p.
     q = (a + b + d) / 3.0
     p = math.sqrt(max(((a - q) ** 2 + (b - q) ** 2 + (d - q) ** 2 + 2.0 * (e * e + f * f + g * g)) / 6.0, 1e-30))
     aa, bb, dd, ee, ff, gg = (a - q) / p, (b - q) / p, (d - q) / p, e / p, f / p, g / p
@@ -72,16 +74,16 @@ def fit_plane(s: Array) -> PlaneFit:
         ux, uy, uz, uu = wx, wy, wz, ww
     if uu < 1e-40:  # collinear points have no normal
         ux, uy, uz, uu = 0.0, 0.0, 1.0, 1.0
-    size = math.copysign(math.sqrt(uu), uz)
+    size = math.copysign(math.sqrt(uu), uz)  # the normal points upwards
     return x, y, z, ux / size, uy / size, uz / size, max(least, 0.0)
 
 
 @njit(error_model="numpy", **INNER_KERNEL)
 def plane_misfit(s: Array) -> float:
-    """Mean squared distance of points from their best-fit plane, m², as in `fit_plane`, without computing the plane.
+    """Mean squared distance of points from their best-fit plane, m², without computing the plane.
 
-    Newton's method finds the smallest root of the characteristic polynomial from 0. It converges from below in a few
-    steps, because points on a plane scatter little across it.
+    It is the smallest eigenvalue of their covariance. Newton's method finds it, the smallest root of the characteristic
+    polynomial, from 0. It converges from below in a few steps, because points on a plane scatter little across it.
 
     Args:
         s: (11,) sums over at least three points, see `SUMS`.
@@ -95,7 +97,7 @@ def plane_misfit(s: Array) -> float:
     det = a * (b * d - g * g) - e * (e * d - g * f) + f * (e * g - b * f)
     root = 0.0
     for _ in range(_NEWTON):
-        rise = minors - root * (2.0 * trace - 3.0 * root)
+        rise = minors - root * (2.0 * trace - 3.0 * root)  # derivative of the polynomial
         if rise <= 0.0:
             break
         step = (det - root * (minors - root * (trace - root))) / rise
@@ -129,12 +131,13 @@ def fit_height_planes(
     """
     n = sums[:, 0]
     centres = sums[:, 1:4] / n[:, None]
-    second = (sums[:, [4, 5, 6, 7, 8]] / n[:, None]).T
+    second = (sums[:, [4, 5, 6, 7, 8]] / n[:, None]).T  # (5, N) means of xx, xy, xz, yy, yz
     x, y, z = centres.T
-    xx, xy, xz, yy, yz = second - np.array([x * x, x * y, x * z, y * y, y * z])
+    xx, xy, xz, yy, yz = second - np.array([x * x, x * y, x * z, y * y, y * z])  # (N,) covariances
     spreads = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
     # (N,) variance of the mean height, σ² of docs/terrain_map.md (7): `alike` points count as one
     share = np.maximum(sums[:, 10] / n * alike / n, 1e-12)
+    # (N, 2, 2) covariance of the slopes: inverse of the information of points and prior
     of_slopes = np.asarray(np.linalg.inv(spreads / share[:, None, None] + slope_sd**-2 * np.eye(2)), float)
     slopes = matvec(of_slopes, np.column_stack([xz, yz])) / share[:, None]
     covariances = np.zeros((len(sums), 3, 3))
@@ -161,7 +164,7 @@ def height_plane_misfit(
     a, b = -slopes.T
     d = -(centres[:, 2] + a * centres[:, 0] + b * centres[:, 1])
     n, x, y, z, xx, xy, xz, yy, yz, zz, _ = new.T
-    # of a x + b y + z + d
+    # sum of (a x + b y + z + d)² over the points, from their sums; `squares` is that of (a x + b y + z)²
     squares = a * a * xx + b * b * yy + zz + 2.0 * (a * b * xy + a * xz + b * yz)
     return np.asarray((squares + 2.0 * d * (a * x + b * y + z)) / n + d * d)
 
@@ -186,17 +189,19 @@ def point_toward(centre: Array, spread: Array, x: float, y: float, border_m: flo
     if length == 0.0:
         return ox, oy
     x, y = x / length, y / length
+    # of the points along the direction (x, y), m²
     variance = x * x * spread[0, 0] + 2.0 * x * y * spread[0, 1] + y * y * spread[1, 1]
-    half = math.sqrt(3.0 * max(variance, 0.0))  # for uniformly distributed points
+    half = math.sqrt(3.0 * max(variance, 0.0))  # from the centre to the boundary, for uniformly distributed points
     reach = max(0.0, min(length, half) - border_m)
     return ox + reach * x, oy + reach * y
 
 
 @entry_kernel(_HERE)
 def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: float, border_m: float) -> float:
-    """Height of a plane, m, at the point toward (x, y) where it is still well observed, see `point_toward`.
+    """Height of a plane, m, at the farthest point toward (x, y) at which it is still well observed.
 
-    A narrow plane is known best at its centre: its slope is uncertain, and its boundary is half free space.
+    That is (x, y) itself if it is well inside. A narrow plane is known best at its centre: its slope is uncertain, and
+    its boundary is half free space.
 
     Args:
         centre: (3,) m, centre of the plane's points.
@@ -213,11 +218,19 @@ def height_toward(centre: Array, gradient: Array, spread: Array, x: float, y: fl
 def rotate_planes(
     centres: Array, slopes: Array, covariances: Array, spreads: Array, R: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Rotates planes, as the four arrays that `fit_height_planes` returns, by a (3, 3) rotation R about the vertical.
+    """Rotates N planes about the vertical; heights do not change.
 
-    Heights do not change. Returns the four rotated arrays in the same order.
+    Args:
+        centres: (N, 3) m.
+        slopes: (N, 2) along x and y.
+        covariances: (N, 3, 3) of height at the centre and slopes.
+        spreads: (N, 2, 2) m², covariances of the points in plan.
+        R: (3, 3) rotation about the vertical.
+
+    Returns:
+        The four rotated arrays in the same order.
     """
-    rotation = R[:2, :2]
+    rotation = R[:2, :2]  # of the horizontal axes
     covariances = covariances.copy()
     covariances[:, 1:, 1:] = rotation @ covariances[:, 1:, 1:] @ rotation.T
     return centres @ R.T, slopes @ rotation.T, covariances, rotation @ spreads @ rotation.T

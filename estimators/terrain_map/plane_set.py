@@ -29,6 +29,7 @@ _HERE = Path(__file__).parent
 COLUMNS = SHAPE[0] * EDGE
 """Columns along an edge of the window; a power of two."""
 NONE = -1
+"""Label of a column without a plane, and id of an empty slot."""
 
 
 class Surface(NamedTuple):
@@ -111,6 +112,7 @@ def count_overlaps(surface: Surface, view: TopView, slots: int) -> tuple[NDArray
         view observes.
     """
     label, first = surface.label, view.first
+    # & (COLUMNS - 1) is mod COLUMNS: a column's place in the ring
     both, seen = np.zeros((len(view.sums), slots), np.int64), np.zeros(slots, np.int64)
     for i in range(view.labels.shape[0]):
         for j in range(view.labels.shape[1]):
@@ -128,7 +130,8 @@ def write_view(
 ) -> None:
     """Writes a view's heights, noise and planes into the columns of the map.
 
-    A column of the view without a plane keeps its label only if its height has not changed.
+    A column that the view observes without a plane keeps its old plane only if its height has not changed. One that the
+    view does not observe loses its plane and height or, with `keeps_unobserved`, keeps both.
 
     Args:
         surface: Modified in place.
@@ -231,6 +234,7 @@ def find_borders(surface: Surface, reach: int, least_m: float, most_m: float) ->
 
 
 SLOTS = 256
+"""Largest number of planes; each is stored in a slot, which labels its columns."""
 _MAX_VOTES = 30.0
 """Upper limit of a plane's votes."""
 _SAME_IOU, _INSIDE_SHARE = 0.3, 0.6
@@ -276,17 +280,17 @@ class PlaneSet:
 
     def update(self, view: TopView) -> None:
         """Associates the planes of one top view with the known ones, and updates columns, votes and sums."""
-        s = self.surface
-        common, in_scope = count_overlaps(s, view, SLOTS)
+        # columns that new and old planes share, and columns of each old plane that the view observes
+        common, in_scope = count_overlaps(self.surface, view, SLOTS)
         slots = self._match_slots(common, in_scope, view.sums)
-        write_view(s, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
+        write_view(self.surface, view, slots, self._p.plane_noise_m, self._keeps_unobserved)
         self._vote(slots, in_scope)
         self.refit()
 
     def refit(self) -> None:
         """Recomputes the sums over each plane's columns; removes planes with too few."""
         self._sums = sums_of(self.surface, SLOTS, self._p.voxel_size_m)
-        few = (self.ids >= 0) & (self._sums[:, 0] < self._min_columns)
+        few = (self.ids >= 0) & (self._sums[:, 0] < self._min_columns)  # entry 0 is the number of columns
         self._remove(np.flatnonzero(few))
 
     def planes(self, R_world_grid: Array) -> dict[int, Plane]:
@@ -300,7 +304,7 @@ class PlaneSet:
         # A plane of unchanged sums and votes is taken from the last call; the others, `fresh`, are fitted.
         changed = (self._sums != self._last_sums).any(axis=1) | (self.votes != self._last_votes)
         self._last_sums[:], self._last_votes[:] = self._sums, self.votes
-        planes = {}
+        planes = {}  # by id, in the order of the slots: the plane of the last call, if there was one
         fresh = []
         for slot in np.flatnonzero(self.ids >= 0).tolist():
             id_ = int(self.ids[slot])
@@ -321,9 +325,10 @@ class PlaneSet:
             *fit_height_planes(sums, self._p.plane_sd_m, self._p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD),
             R_world_grid,
         )
-        normals = np.column_stack([-slopes, np.ones(len(slots))])
+        normals = np.column_stack([-slopes, np.ones(len(slots))])  # (N, 3), up
         normals /= np.linalg.norm(normals, axis=1)[:, None]
-        ids, votes, areas = self.ids[slots].tolist(), self.votes[slots].tolist(), sums[:, 0] * self._p.voxel_size_m**2
+        ids, votes = self.ids[slots].tolist(), self.votes[slots].tolist()
+        areas = sums[:, 0] * self._p.voxel_size_m**2  # m², number of columns times that of one
         return {
             id_: Plane(
                 id=id_,
@@ -340,37 +345,40 @@ class PlaneSet:
     def _match_slots(self, common: NDArray[np.int64], in_scope: NDArray[np.int64], sums: Array) -> NDArray[np.int32]:
         """(P,) slot of each new plane: that of the known plane it belongs to, docs/terrain_map.md (9), or a free one.
 
-        If there are too few free slots, the planes with the fewest votes make room.
+        If there are too few free slots, the planes with the fewest votes make room, unless they were matched. A new
+        plane for which there is none left keeps -1.
 
         Args:
             common: (P, SLOTS) number of columns that a new and an old plane share.
             in_scope: (SLOTS,) number of columns of each old plane that the view observes.
             sums: (P, 11) sums of the new planes, see `plane_fit.SUMS`.
         """
-        sizes = sums[:, 0].astype(np.int64)
+        sizes = sums[:, 0].astype(np.int64)  # (P,) columns of each new plane
         slots = np.full(len(sizes), NONE, np.int32)
+        # pairs of a new plane and an old one's slot that share columns, and how many
         new, old = np.nonzero(common)
         shared = common[new, old]
         union, smaller = sizes[new] + in_scope[old] - shared, np.minimum(sizes[new], in_scope[old])
-        # candidate pairs (new, old), those that share most first; `parts` are the sums of what an old plane has so far
+        # indices of the pairs that share enough, those that share most first
         alike = np.flatnonzero((shared > _SAME_IOU * union) | (shared > _INSIDE_SHARE * np.maximum(smaller, 1)))
         alike = alike[np.argsort(-shared[alike], kind="stable")]
         agrees = self._lies_on_plane(sums[new[alike]], old[alike])
-        parts: dict[int, Array] = {}
-        for d, known in zip(new[alike[agrees]].tolist(), old[alike[agrees]].tolist()):
-            together = sums[d] + parts.get(known, 0.0)
+        parts: dict[int, Array] = {}  # by slot: sums of the new planes that the old one has got so far
+        for number, slot in zip(new[alike[agrees]].tolist(), old[alike[agrees]].tolist()):
+            together = sums[number] + parts.get(slot, 0.0)
             # From afar low treads look like a ramp: each lies near that old plane, but they all on no plane.
-            if slots[d] == NONE and squared_distance(together) < self._p.plane_noise_m**2:
-                slots[d], parts[known] = known, together
+            if slots[number] == NONE and squared_distance(together) < self._p.plane_noise_m**2:
+                slots[number], parts[slot] = slot, together
+        # the new planes that belong to no old one get a free slot and a new id
         free = np.flatnonzero(self.ids < 0)
         wanted = np.flatnonzero(slots == NONE)
         if len(wanted) > len(free):
             taken = np.flatnonzero(self.ids >= 0)
-            least = taken[np.argsort(self.votes[taken], kind="stable")[: len(wanted) - len(free)]]
-            self._remove(least[~np.isin(least, slots)])
+            least_votes = taken[np.argsort(self.votes[taken], kind="stable")[: len(wanted) - len(free)]]
+            self._remove(least_votes[~np.isin(least_votes, slots)])
             free = np.flatnonzero(self.ids < 0)
-        for d, slot in zip(wanted, free):
-            slots[d] = slot
+        for number, slot in zip(wanted, free):
+            slots[number] = slot
             self.ids[slot], self._next_id = self._next_id, self._next_id + 1
         return slots
 
@@ -382,10 +390,11 @@ class PlaneSet:
             slots: (N,) slot of the known plane to compare each with.
         """
         p = self._p
-        off = height_plane_misfit(
+        # (N,) mean squared height of the new plane's columns over the known plane, m²
+        misfit = height_plane_misfit(
             new, self._sums[slots], p.plane_sd_m, p.slope_sd_rad, _SHARED_COLUMNS, _SLOPE_PRIOR_SD_RAD
         )
-        return np.asarray(off < (_APART * p.plane_noise_m) ** 2)
+        return np.asarray(misfit < (_APART * p.plane_noise_m) ** 2)
 
     def _vote(self, slots: NDArray[np.int32], in_scope: NDArray[np.int64]) -> None:
         """Updates the votes: + 1 for a matched plane, - 1 for one that is in view without a match.
@@ -396,7 +405,7 @@ class PlaneSet:
             slots: (P,) slots of the new planes.
             in_scope: (SLOTS,) number of columns of each old plane that the view observes.
         """
-        paired = np.zeros(SLOTS, bool)
+        paired = np.zeros(SLOTS, bool)  # slots of the matched planes, and of new ones
         paired[slots[slots >= 0]] = True
         self.votes[paired] = np.minimum(self.votes[paired] + 1.0, _MAX_VOTES)
         lost = (self.ids >= 0) & ~paired & (in_scope > 0.5 * self._sums[:, 0])

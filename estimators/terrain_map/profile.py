@@ -75,28 +75,29 @@ def read_profile(
         nothing = np.full(len(s), np.nan)
         return Profile(s=s, height=nothing, plane=np.full(len(s), -1), changes=())
     forward = np.array([math.cos(heading), math.sin(heading)])
-    # v @ R_world_grid is v in grid axes; start in columns, and columns per metre along the line
+    # in grid axes, where v @ R_world_grid is v: start of the line in columns, and columns per metre along it
     turn = R_world_grid[:2, :2]
-    at, along = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
-    slot, middle = _read_lanes(planes.surface, at, along, s, lanes)
+    start_column, columns_per_m = origin @ turn / p.voxel_size_m, forward @ turn / p.voxel_size_m
+    slot, height = _read_lanes(planes.surface, start_column, columns_per_m, s, lanes)  # (N,) each
     plane = np.where(slot >= 0, planes.ids[slot], -1)
-    runs = _find_straight_runs(s, middle, plane, estimate, origin, forward, p)
+    runs = _find_straight_runs(s, height, plane, estimate, origin, forward, p)
+    # where a plane is known, its own height and slope replace those of the columns
     slope, slope_sd = np.full(len(s), np.nan), np.full(len(s), np.nan)
     for id_ in _plane_ids(plane):
-        on = estimate.planes[id_]
-        at = plane == id_
-        middle[at] = on.height(origin + s[at, None] * forward)
-        slope[at], slope_sd[at] = math.atan(float(on.gradient @ forward)), on.slope_sd
+        whole_plane = estimate.planes[id_]
+        on = plane == id_  # (N,) samples on this plane
+        height[on] = whole_plane.height(origin + s[on, None] * forward)
+        slope[on], slope_sd[on] = math.atan(float(whole_plane.gradient @ forward)), whole_plane.slope_sd
     for run in runs:
-        if run.stretch is not None:
-            at = np.zeros(len(s), bool)
-            at[run.first : run.last + 1] = True
-            at = at & (plane == run.plane.id)
-            middle[at] = run.plane.height(origin + s[at, None] * forward)
-            slope[at] = math.atan(run.stretch.slope)
-            slope_sd[at] = math.hypot(p.slope_sd_rad, run.stretch.slope_sd)
+        if run.stretch is not None:  # the plane bends along the line
+            on = np.zeros(len(s), bool)
+            on[run.first : run.last + 1] = True
+            on = on & (plane == run.plane.id)
+            height[on] = run.plane.height(origin + s[on, None] * forward)
+            slope[on] = math.atan(run.stretch.slope)
+            slope_sd[on] = math.hypot(p.slope_sd_rad, run.stretch.slope_sd)
     changes = _find_changes(s, runs, estimate, origin, forward, p)
-    return Profile(s=s, height=middle, plane=plane, changes=changes, slope=slope, slope_sd=slope_sd)
+    return Profile(s=s, height=height, plane=plane, changes=changes, slope=slope, slope_sd=slope_sd)
 
 
 def _plane_ids(plane: NDArray[np.int64]) -> list[int]:
@@ -125,7 +126,7 @@ def _read_lanes(
     slot, middle = np.full(len(s), -1), np.full(len(s), math.nan)
     slots, heights = np.empty(len(lanes), np.int32), np.empty(len(lanes), np.float32)
     for n in range(len(s)):
-        known = 0
+        known = 0  # lanes of known height
         for lane in range(len(lanes)):
             i = math.floor(origin[0] + s[n] * forward[0] - lanes[lane] * forward[1])
             j = math.floor(origin[1] + s[n] * forward[1] + lanes[lane] * forward[0])
@@ -137,7 +138,7 @@ def _read_lanes(
             if not math.isnan(z):
                 heights[known] = z
                 known += 1
-        most = _MIN_LANES - 1
+        most = _MIN_LANES - 1  # lanes on the majority plane so far; that needs at least `_MIN_LANES`
         for lane in range(len(lanes)):
             count = 0
             for other in range(len(lanes)):
@@ -193,7 +194,10 @@ def _find_straight_runs(
         if len(stretches) < 2:
             runs.append(_Run(first, last, whole_plane, None))
         else:
-            runs += [_Run(k.first, k.last, _tilt_along(whole_plane, k, origin, forward), k) for k in stretches]
+            runs += [
+                _Run(stretch.first, stretch.last, _tilt_along(whole_plane, stretch, origin, forward), stretch)
+                for stretch in stretches
+            ]
     return runs
 
 
@@ -202,6 +206,7 @@ def _tilt_along(plane: Plane, stretch: Stretch, origin: Array, forward: Array) -
 
     The line begins at `origin` (2,), m, and has the direction `forward` (2,).
     """
+    # the plane's gradient, with the component along the line replaced by the stretch's slope
     gradient = plane.gradient + (stretch.slope - float(plane.gradient @ forward)) * forward
     normal = np.array([-gradient[0], -gradient[1], 1.0])
     centre = np.array([*(origin + stretch.s * forward), stretch.height])
@@ -245,16 +250,17 @@ def _find_runs(plane: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     `plane` (N,) are the planes' ids, -1 = none. Runs of fewer than `_MIN_SAMPLES` are left out, so a plane that only
     they interrupt has one run.
     """
-    known = np.flatnonzero(plane >= 0)
+    known = np.flatnonzero(plane >= 0)  # indices of the samples with a plane
+    ends = np.flatnonzero(np.diff(plane[known])) + 1  # where another plane begins among them
     runs: list[tuple[int, int, int]] = []
-    for steps in np.split(known, np.flatnonzero(np.diff(plane[known])) + 1):
-        if len(steps) < _MIN_SAMPLES:
+    for samples in np.split(known, ends):  # all on one plane
+        if len(samples) < _MIN_SAMPLES:
             continue
-        id_ = int(plane[steps[0]])
-        if runs and runs[-1][2] == id_:
-            runs[-1] = runs[-1][0], int(steps[-1]), id_
+        first, last, id_ = int(samples[0]), int(samples[-1]), int(plane[samples[0]])
+        if runs and runs[-1][2] == id_:  # only a short run lay between: the last run continues
+            runs[-1] = runs[-1][0], last, id_
         else:
-            runs.append((int(steps[0]), int(steps[-1]), id_))
+            runs.append((first, last, id_))
     return runs
 
 
@@ -287,20 +293,19 @@ def _edge_or_slope_break(
     middle = 0.5 * (end + start)
     place = origin + middle * forward
     drop = float(other.height(place) - one.height(place))  # negative: the ground goes down
-    slopes = [float(q.gradient @ forward) for q in (one, other)]
-    bend = math.atan(slopes[1]) - math.atan(slopes[0])
-    bends = abs(bend) > max(
-        p.min_slope_break_rad, _MIN_BREAK_SD * math.hypot(*(_slope_sd(q, forward) for q in (one, other)))
-    )
+    slope_before, slope_after = float(one.gradient @ forward), float(other.gradient @ forward)  # rise over run
+    bend = math.atan(slope_after) - math.atan(slope_before)  # rad
+    bend_sd = math.hypot(_slope_sd(one, forward), _slope_sd(other, forward))
+    bends = abs(bend) > max(p.min_slope_break_rad, _MIN_BREAK_SD * bend_sd)
     if not bends and is_flat(one, p) and is_flat(other, p):  # treads: their heights where they are well observed
         x, y = place.tolist()
         after, before = (height_toward(q.centre, q.gradient, q.spread, x, y, BORDER_M) for q in (other, one))
         drop = after - before
-    bend_slope = slopes[1] - slopes[0]
-    reach = abs(start - end) / 2 + _BORDER_REACH_M
+    bend_slope = slope_after - slope_before
+    reach = abs(start - end) / 2 + _BORDER_REACH_M  # of a slope break from the middle of the gap, m
     if bends and abs(drop) < max(abs(bend_slope) * reach, KERB_M):
         # The planes meet where they are equally high, but no farther away than the map may have drawn their border.
-        away = -drop / bend_slope
+        away = -drop / bend_slope  # from the middle of the gap, m
         s = middle + min(max(away, -reach), reach)
         place = origin + s * forward
         sd = math.hypot(_height_sd(one, place, p), _height_sd(other, place, p)) / abs(bend_slope)
@@ -310,13 +315,16 @@ def _edge_or_slope_break(
         return None
     # An edge: its position and standard deviation, `known`, from a flight that has it, or that it continues.
     for flight in estimate.stairs:
-        known = _in_flight(flight, one.id, other.id, origin, forward, p.edge_sd_m)
+        known = _locate_edge_in_flight(flight, one.id, other.id, origin, forward, p.edge_sd_m)
         if known is None:
-            known = _next_to_flight(flight, one.id, other.id, drop, origin, forward)
+            known = _locate_edge_next_to_flight(flight, one.id, other.id, drop, origin, forward)
+            # an inferred edge must lie in the gap between the planes, or near it
             if known is not None and not end - _INFERRED_REACH_M < known[0] < start + _INFERRED_REACH_M:
                 known = None
         if known is not None:
-            return Change(kind="edge", s=known[0], sd=known[1], drop=drop, bend=0.0)
+            edge_s, edge_sd = known
+            return Change(kind="edge", s=edge_s, sd=edge_sd, drop=drop, bend=0.0)
+    # no flight: at the end of the upper plane
     s = end + p.voxel_size_m / 2 if drop < 0 else start - p.voxel_size_m / 2
     return Change(kind="edge", s=s, sd=max(abs(start - end) / 4, p.voxel_size_m / 2), drop=drop, bend=0.0)
 
@@ -330,11 +338,11 @@ def _height_sd(plane: Plane, place: Array, p: TerrainMapParameters) -> float:
     """Standard deviation of a plane's height at a (2,) position, m, without the pose error common to all planes."""
     # the pose error is in the covariance of every plane, docs/terrain_map.md (8)
     shared = np.diag([p.plane_sd_m, p.slope_sd_rad, p.slope_sd_rad]) ** 2
-    j = np.array([1.0, *(place - plane.centre[:2])])
-    return math.sqrt(max(float(j @ (plane.covariance - shared) @ j), 0.0))
+    J = np.array([1.0, *(place - plane.centre[:2])])  # derivative of the height by height at the centre and slopes
+    return math.sqrt(max(float(J @ (plane.covariance - shared) @ J), 0.0))
 
 
-def _in_flight(
+def _locate_edge_in_flight(
     flight: Stairs, one: int, other: int, origin: Array, forward: Array, min_sd_m: float
 ) -> tuple[float, float] | None:
     """Position of the edge between two planes of a flight, m along a line, and its standard deviation.
@@ -353,15 +361,15 @@ def _in_flight(
     """
     for k in range(flight.steps):
         if {flight.planes[k], flight.planes[k + 1]} == {one, other}:
-            even = flight.start + k * flight.tread
+            even = flight.start + k * flight.tread  # place of edge k in the fitted flight, m along the ascent
             if flight.steps > 2 and abs(float(flight.edges[k]) - even) > _UNEVEN_M:
                 return _edge_crossing(flight, even, _EVEN_SD_M, origin, forward)
-            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), min_sd_m)
+            sd = max(math.sqrt(max(flight.covariance[3, 3], 0.0)), min_sd_m)  # entry 3 is the start
             return _edge_crossing(flight, float(flight.edges[k]), sd, origin, forward)
     return None
 
 
-def _next_to_flight(
+def _locate_edge_next_to_flight(
     flight: Stairs, one: int, other: int, drop: float, origin: Array, forward: Array
 ) -> tuple[float, float] | None:
     """Position of the edge one tread beyond either end of a flight, m along a line, and its standard deviation.
@@ -400,5 +408,7 @@ def _edge_crossing(flight: Stairs, edge: float, sd: float, origin: Array, forwar
         origin: (2,) start of the line, m.
         forward: (2,) unit vector of the line.
     """
-    along = float(flight.up @ forward)
-    return None if abs(along) < _MIN_COSINE else ((edge - float(flight.up @ origin)) / along, sd / abs(along))
+    along = float(flight.up @ forward)  # cosine between line and ascent; negative where the line leads down
+    if abs(along) < _MIN_COSINE:
+        return None
+    return (edge - float(flight.up @ origin)) / along, sd / abs(along)

@@ -16,6 +16,7 @@ from stridetwin.streams.samples import Array
 _HERE = Path(__file__).parent
 
 _BESIDE = np.ones((5, 5), np.uint8)
+"""The columns around one, for `column_noise`."""
 _MIN_WEIGHT = 0.1
 """Smallest weight of an observed voxel, in images taken from 1 m."""
 _MAX_LAMBDA = 0.5
@@ -52,19 +53,19 @@ def cast_down(
     above, known = np.zeros(EDGE * EDGE, np.float32), np.zeros(EDGE * EDGE, np.float32)
     met = np.zeros(EDGE * EDGE, np.bool_)
     slots, origin = blocks.slots, blocks.origin
-    start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)
-    nothing, least = np.float32(0.0), np.float32(_MIN_WEIGHT)
+    start = min(top_k, (origin[2] + SHAPE[2]) * EDGE - 1)  # highest layer, within the window
+    nothing, least = np.float32(0.0), np.float32(_MIN_WEIGHT)  # in 32 bit
     for bi in range(size // EDGE):
         for bj in range(size // EDGE):
             known[:], met[:] = nothing, False
-            open_columns = EDGE * EDGE
+            open_columns = EDGE * EDGE  # number of columns of this block that have not met a surface
             for bk in range(start >> 3, origin[2] - 1, -1):
                 row = slot_of(slots, origin, (first_i >> 3) + bi, (first_j >> 3) + bj, bk)
-                if row < 0:
+                if row < 0:  # a block that is not allocated is unobserved
                     known[:] = nothing
                     continue
                 distance, weight = blocks.distance[row], blocks.weight[row]
-                top = min(EDGE - 1, start - bk * EDGE)
+                top = min(EDGE - 1, start - bk * EDGE)  # highest layer in this block
                 for column in range(EDGE * EDGE):
                     if met[column]:
                         continue
@@ -84,6 +85,7 @@ def cast_down(
                             trusted = nothing
                             continue
                         if value >= nothing and trusted > nothing and before < nothing:
+                            # the surface lies `value / (value - before)` voxels above the middle of this one
                             i, j = bi * EDGE + (column >> 3), bj * EDGE + (column & 7)
                             height[i, j] = (bk * EDGE + k + 0.5 + value / (value - before)) * voxel_m
                             trust[i, j] = min(voxel_weight, trusted)
@@ -132,6 +134,7 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
                 if share < 1e-6:
                     continue
                 p, q, r = i + di, j + dj, k + dk
+                # row of the voxel's block, and index of the voxel in it
                 row = slot_of(slots, origin, p >> 3, q >> 3, r >> 3)
                 here = ((p & 7) << 6) | ((q & 7) << 3) | (r & 7)
                 if row < 0 or weight[row, here] < _MIN_WEIGHT:
@@ -139,7 +142,7 @@ def solid_reach(blocks: Blocks, starts: Array, direction: Array, slope: float, r
                     break
                 value += share * distance[row, here]
             if not math.isnan(value):
-                if value < 0.0:
+                if value < 0.0:  # free: the ground ends between the last solid position and this one
                     if last_at >= 0.0 and at - last_at <= gap:
                         inside, outside = min(last, _MAX_LAMBDA), max(value, -_MAX_LAMBDA)
                         extents[n] = last_at + (at - last_at) * inside / (inside - outside)
@@ -188,9 +191,18 @@ def _column_noise(
     most_m: float,
     noise_per_m: float,
 ) -> NDArray[np.float32]:
-    """The compiled part of `column_noise`, with the same other arguments and result.
+    """(n, n) standard deviation of the columns' heights, m; flying pixels are removed from `height`.
 
-    `beside` (n, n) is the largest weight among the columns around each one.
+    This is the compiled part of `column_noise`.
+
+    Args:
+        height: (n, n) m; modified: NaN where the column has far less weight than one around it.
+        weight: (n, n) of the columns.
+        beside: (n, n) largest weight among the columns around each one, itself included.
+        eye_z: Height of the camera, m.
+        least_m: Lower limit of the standard deviation.
+        most_m: Upper limit.
+        noise_per_m: Standard deviation of the depth divided by its square, 1/m.
     """
     noise = np.empty(height.shape, np.float32)
     unseen = np.float32(math.nan)
@@ -198,7 +210,7 @@ def _column_noise(
         for j in range(height.shape[1]):
             column_weight = weight[i, j]
             z = unseen if column_weight < _NEIGHBOUR_SHARE * beside[i, j] else height[i, j]
-            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)
+            off = noise_per_m * (0.0 if math.isnan(z) else eye_z - z)  # m, noise at a weight of 1
             sd = math.sqrt(
                 least_m * least_m + off * off / (column_weight if column_weight > _WEIGHT_FLOOR else _WEIGHT_FLOOR)
             )

@@ -86,6 +86,7 @@ def _extent(points: Array, down: Array) -> tuple[float, float, float]:
     """
     n, least, most = len(points), math.inf, -math.inf
     for k in range(n):
+        # along the edge, m
         along = points[k, 1] * down[0] - points[k, 0] * down[1]
         least, most = min(least, along), max(most, along)
     return mean(points, 0, n, 0), mean(points, 0, n, 1), most - least
@@ -97,7 +98,8 @@ def fit_riser(lower: Plane, upper: Plane, columns: NDArray[np.int32], turn: Arra
     Args:
         lower: Lower plane.
         upper: Upper plane.
-        columns: (N, 5) from `plane_set.find_borders`, the upper plane's last columns before the lower one.
+        columns: (N, 5) from `plane_set.find_borders`, the upper plane's last columns before the lower one: slots of the
+            lower and the upper plane, column (i, j), and side of the lower plane, 0..3 for +i, -i, +j, -j.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
 
@@ -126,10 +128,11 @@ def _fit_edge(
     gradient: Array,
     spread: Array,
 ) -> tuple[Array, Array, float]:
-    """Edge between two planes from the columns of `fit_riser`, and their height difference there.
+    """Fits the edge between two planes to the upper one's last columns, and takes their height difference there.
 
     Args:
-        columns: (N, 5), see `fit_riser`.
+        columns: (N, 5) of which are used: 2, 3 the upper plane's column (i, j), and 4 the side of the lower plane, 0..3
+            for +i, -i, +j, -j.
         turn: (2, 2) grid to world axes.
         voxel_m: Edge of a column.
         low_centre: (3,) of the lower plane, m.
@@ -142,6 +145,7 @@ def _fit_edge(
     Returns:
         (2,) unit vector down across the edge; (N, 2) points, m, none if there is no edge; height, m.
     """
+    # (N, 2) of each column, in world axes: its end, m, and the unit vector toward the lower plane
     ends, toward = np.empty((len(columns), 2)), np.empty((len(columns), 2))
     for n in range(len(columns)):
         # The end of a column is the middle of its side toward the lower plane; (i, j) points to that side.
@@ -151,8 +155,8 @@ def _fit_edge(
         for axis in range(2):
             ends[n, axis] = turn[axis, 0] * x + turn[axis, 1] * y
             toward[n, axis] = turn[axis, 0] * i + turn[axis, 1] * j
-    down, points = _fit_line(ends, toward)
-    if len(points) == 0:
+    down, points = _fit_edge_line(ends, toward)
+    if len(points) == 0:  # no edge
         return down, points, 0.0
     x, y = mean(points, 0, len(points), 0), mean(points, 0, len(points), 1)
     lower = height_toward(low_centre, low_gradient, low_spread, x, y, BORDER_M)
@@ -193,7 +197,7 @@ def _select_points(points: Array, keep: NDArray[np.bool_], fewest: int) -> Array
 
 
 @njit(**INNER_KERNEL)
-def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
+def _fit_edge_line(ends: Array, toward: Array) -> tuple[Array, Array]:
     """Fits the edge's line to the ends of the upper plane's columns.
 
     Args:
@@ -205,13 +209,14 @@ def _fit_line(ends: Array, toward: Array) -> tuple[Array, Array]:
         `_MIN_POINTS` lie near it, or if the lower plane surrounds the upper one.
     """
     count, down = ends.shape[0], np.empty(2)
+    # first guess of the direction: the mean, which is short where the upper plane has the lower one on all sides
     down[0] = mean(toward, 0, count, 0)
     down[1] = mean(toward, 0, count, 1)
     keep = np.zeros(count, np.bool_)
     if math.hypot(down[0], down[1]) < _OPEN_SIDE:  # the lower plane surrounds the upper one: no edge to step over
         return down, _select_points(ends, keep, 1)
     down = normal_across(ends, down, _DIRECTION_RATIO)
-    s = project(ends, down[0], down[1])
+    s = project(ends, down[0], down[1])  # across the edge, m
     middle = _median(s)
     for n in range(count):
         keep[n] = abs(s[n] - middle) < _LINE_M
@@ -240,6 +245,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
         xy += x * y
         yy += y * y
     turn = 0.5 * math.atan2(2.0 * xy, xx - yy)  # direction of the largest scatter
+    # components of `toward` across the line and along it
     ahead = -math.sin(turn) * toward[0] + math.cos(turn) * toward[1]
     along = math.cos(turn) * toward[0] + math.sin(turn) * toward[1]
     if abs(ahead) < abs(along) * ratio_min:  # the edge is too short to have a direction
@@ -247,7 +253,7 @@ def normal_across(points: Array, toward: Array, ratio_min: float) -> Array:
         normal[0] = toward[0] / size
         normal[1] = toward[1] / size
     else:
-        side = math.copysign(1.0, ahead)
+        side = math.copysign(1.0, ahead)  # of the two normals the one on the side of `toward`
         normal[0] = side * -math.sin(turn)
         normal[1] = side * math.cos(turn)
     return normal
@@ -294,19 +300,20 @@ def _edge_in_voxels(
         (2,) unit vector down across the edge; (K, 2) its points, m, none if the voxels show no edge.
     """
     starts = _lane_starts(points, down)
-    at = np.empty((len(starts), 3))
+    at = np.empty((len(starts), 3))  # the same in voxels of the grid, one voxel under the upper plane
     for n in range(len(starts)):
         x, y = starts[n, 0], starts[n, 1]
         for axis in range(2):
-            # one voxel under the plane z = z_c + g · (x - x_c), in voxels of the grid
             at[n, axis] = (turn[axis, 0] * x + turn[axis, 1] * y) / voxel_m
+        # z = z_c + g · (x - x_c), less one voxel
         at[n, 2] = (centre[2] + (x - centre[0]) * gradient[0] + (y - centre[1]) * gradient[1]) / voxel_m - 1.0
-    slope = gradient[0] * down[0] + gradient[1] * down[1]
-    direction = np.empty(2)
+    slope = gradient[0] * down[0] + gradient[1] * down[1]  # of the upper plane along the lanes
+    direction = np.empty(2)  # of the lanes, in grid axes
     for axis in range(2):
         direction[axis] = turn[axis, 0] * down[0] + turn[axis, 1] * down[1]
     length, gap = (_INSIDE_M + _BEYOND_M) / voxel_m, _GAP_M / voxel_m
-    edge_points = _lane_ends(starts, solid_reach(blocks, at, direction, slope, length, gap), voxel_m, down)
+    reach = solid_reach(blocks, at, direction, slope, length, gap)  # voxels, NaN where unobserved
+    edge_points = _lane_ends(starts, reach, voxel_m, down)
     return (normal_across(edge_points, down, _DIRECTION_RATIO) if len(edge_points) else down), edge_points
 
 
@@ -318,7 +325,7 @@ def _lane_starts(points: Array, down: Array) -> Array:
         points: (N, 2) m, the edge from the columns.
         down: (2,) unit vector across it, from the upper plane to the lower one.
     """
-    aside = project(points, -down[1], down[0])
+    aside = project(points, -down[1], down[0])  # along the edge, m
     sort(aside)
     low, high = percentile(aside, _TRIM_PCT), percentile(aside, 100.0 - _TRIM_PCT)
     first = _median(project(points, down[0], down[1])) - _INSIDE_M
@@ -341,7 +348,7 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
         down: (2,) direction of the lanes.
     """
     points, keep, seen = np.empty(starts.shape), np.zeros(starts.shape[0], np.bool_), 0
-    known = np.empty(starts.shape[0])
+    known = np.empty(starts.shape[0])  # m, the first `seen` entries: lengths of the observed lanes
     for n in range(starts.shape[0]):
         if math.isfinite(reach[n]):
             known[seen] = reach[n] * voxel_m
@@ -357,7 +364,7 @@ def _lane_ends(starts: Array, reach: Array, voxel_m: float, down: Array) -> Arra
     return _select_points(points, keep, _MIN_POINTS)
 
 
-def pairs_of(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
+def group_by_planes(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[int, int], NDArray[np.intp]]:
     """Groups the rows of `borders` by the pair of planes that border on each other.
 
     Args:
@@ -369,8 +376,11 @@ def pairs_of(borders: NDArray[np.int32], ids: NDArray[np.int64]) -> dict[tuple[i
     """
     if not len(borders):
         return {}
-    key = borders[:, 0].astype(np.int64) * len(ids) + borders[:, 1]
+    key = borders[:, 0].astype(np.int64) * len(ids) + borders[:, 1]  # one number for each pair of slots
     order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-    groups = np.split(order, starts[1:])
-    return {(int(ids[borders[g[0], 0]]), int(ids[borders[g[0], 1]])): g for g in groups}
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))  # where another pair begins in that order
+    groups = {}
+    for rows in np.split(order, starts[1:]):
+        lower_slot, upper_slot = borders[rows[0], :2]
+        groups[int(ids[lower_slot]), int(ids[upper_slot])] = rows
+    return groups

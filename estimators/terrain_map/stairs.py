@@ -31,8 +31,9 @@ def heading_of(edges: Sequence[Riser]) -> Array:
     An edge whose `down` is opposite to that of the edge with the most points counts reversed.
     """
     downs = np.array([edge.down for edge in edges])
-    most = max(edges, key=lambda e: len(e.points)).down
-    total = np.copysign([edge.length**3 for edge in edges], downs @ most) @ downs
+    reference = max(edges, key=lambda edge: len(edge.points)).down  # of the edge with the most points
+    weights = np.copysign([edge.length**3 for edge in edges], downs @ reference)
+    total = weights @ downs
     return np.asarray(total / math.hypot(*total.tolist()))
 
 
@@ -41,23 +42,24 @@ def find_flights(risers: list[Riser], p: TerrainMapParameters) -> list[list[Rise
 
     The risers of a flight that winds are rows of their own, each with its own direction.
     """
-    # risers by their lower plane; `following` is the next riser up by the `id()` of a riser, `led_to` that of these
-    above: dict[int, list[Riser]] = {}
-    for r in risers:
-        above.setdefault(r.lower, []).append(r)
-    following: dict[int, Riser] = {}
-    led_to: set[int] = set()
-    for r in sorted(risers, key=lambda r: -len(r.points)):
-        best = [n for n in above.get(r.upper, []) if _continues(r, n, p) and id(n) not in led_to]
-        if best:
-            nxt = max(best, key=lambda n: len(n.points))
-            following[id(r)] = nxt
-            led_to.add(id(nxt))
+    above: dict[int, list[Riser]] = {}  # by id of a plane: the risers that lead up from it
+    for riser in risers:
+        above.setdefault(riser.lower, []).append(riser)
+    following: dict[int, Riser] = {}  # by `id()` of a riser: the next one up
+    led_to: set[int] = set()  # `id()` of the risers that are the next one of another
+    for riser in sorted(risers, key=lambda riser: -len(riser.points)):  # risers with many points choose first
+        candidates = [
+            upper for upper in above.get(riser.upper, []) if _continues(riser, upper, p) and id(upper) not in led_to
+        ]
+        if candidates:
+            next_riser = max(candidates, key=lambda upper: len(upper.points))
+            following[id(riser)] = next_riser
+            led_to.add(id(next_riser))
     rows = []
-    for r in risers:
-        if id(r) in led_to:
+    for riser in risers:
+        if id(riser) in led_to:  # not the lowest of its row
             continue
-        row = [r]
+        row = [riser]
         while id(row[-1]) in following:
             row.append(following[id(row[-1])])
         rows += [[one] for one in row] if _is_winding(row) else [row]
@@ -68,13 +70,13 @@ def _is_winding(row: list[Riser]) -> bool:
     """Whether each edge of three or more is turned against the one before, all to one side."""
     if len(row) < 3:
         return False
-    down = np.array([complex(*r.down) for r in row])
+    down = np.array([complex(*riser.down) for riser in row])  # directions as complex numbers x + i y
     turns = np.angle(down[1:] / down[:-1])  # rad, from each edge to the next, anticlockwise positive
     return bool(abs(turns.mean()) > _WINDING_RAD and (turns * turns.mean() > 0.0).all())
 
 
 def _continues(one: Riser, other: Riser, p: TerrainMapParameters) -> bool:
-    """Whether one riser continues in another: parallel, and a tread farther up."""
+    """Whether the riser `other` may be the next one up after `one` in a flight: parallel, and a tread farther up."""
     tread = float(np.subtract(one.middle, other.middle) @ one.down)  # positive: the other one is farther up
     are_parallel = float(one.down @ other.down) > math.cos(_PARALLEL_RAD)
     return are_parallel and p.min_tread_m <= tread <= p.max_tread_m
@@ -89,34 +91,35 @@ def fit_stairs(row: list[Riser], planes: dict[int, Plane], id_: int, p: TerrainM
         id_: Id of the flight.
         p: Standard deviations.
     """
-    up = -heading_of(row)
+    up = -heading_of(row)  # (2,) first estimate of the direction of ascent, which the fit corrects by a small turn
     left = to_left(up)
-    middles = np.array([r.middle for r in row])
-    middle = float((middles @ left).mean())
+    middles = np.array([riser.middle for riser in row])  # (R, 2) m, world
+    middle = float((middles @ left).mean())  # of the flight's width, m to the left
     # edges from the voxels are more accurate than those from the columns
-    sd = [p.edge_sd_m if r.in_voxels else 2.0 * p.voxel_size_m for r in row]
-    # even: start, tread and rotation of the edges, of_even: their covariance; steps: base and riser, likewise
-    even, of_even = fit_even_edges([r.points for r in row], sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
-    ids = (row[0].lower, *(r.upper for r in row))
-    ground = [_height_and_sd(planes[k], middles[max(n - 1, 0)]) for n, k in enumerate(ids)]
-    steps, of_steps = fit_stair_line(*np.array(ground).T)
+    sd = [p.edge_sd_m if riser.in_voxels else 2.0 * p.voxel_size_m for riser in row]
+    edge_points = [riser.points for riser in row]
+    (start, tread, turn), even_covariance = fit_even_edges(edge_points, sd, up, middle, (0.25 * p.voxel_size_m) ** 2)
+    ids = (row[0].lower, *(riser.upper for riser in row))  # of the planes, from the lowest
+    # height of each plane and its standard deviation, m, toward the edge below it; of the lowest, toward the first edge
+    ground = [_height_and_sd(planes[id_plane], middles[max(n - 1, 0)]) for n, id_plane in enumerate(ids)]
+    (base, riser_m), steps_covariance = fit_stair_line(*np.array(ground).T)
     covariance = np.zeros((5, 5))  # of riser, tread, heading, start and base
-    covariance[_EVEN], covariance[_STEPS] = of_even, of_steps
+    covariance[_EVEN], covariance[_STEPS] = even_covariance, steps_covariance
     if len(row) == 1:
         covariance[1, 1] = _UNKNOWN
-    heading = math.atan2(up[1], up[0]) + float(even[2])
+    heading = math.atan2(up[1], up[0]) + float(turn)
     up_flight = np.array([math.cos(heading), math.sin(heading)])
-    aside = np.sort(np.concatenate([r.points for r in row]) @ to_left(up_flight))
+    aside = np.sort(np.concatenate(edge_points) @ to_left(up_flight))  # lateral positions of all points, m
     return Stairs(
         id=id_,
         planes=ids,
         steps=len(row),
-        riser=float(steps[1]),
-        tread=float(even[1]),
+        riser=float(riser_m),
+        tread=float(tread),
         heading=math.atan2(up_flight[1], up_flight[0]),
-        base=float(steps[0]),
+        base=float(base),
         covariance=covariance,
-        start=float((even[0] * up + middle * left) @ up_flight),  # the line at its middle
+        start=float((start * up + middle * left) @ up_flight),  # the middle of the first edge, along the new direction
         edges=middles @ up_flight,
         risers=np.array([r.height for r in row]),
         # percentiles, by linear interpolation; `numpy.percentile` takes ten times as long for as few points
@@ -132,6 +135,7 @@ def to_left(forward: Array) -> Array:
 def _height_and_sd(plane: Plane, place: Array) -> tuple[float, float]:
     """Height of a plane, m, where it is well observed toward a place (2,), and its standard deviation, m."""
     x, y = point_toward(plane.centre, plane.spread, place[0], place[1], BORDER_M)
+    # derivative of the height there by height at the centre and both slopes
     J = np.array([1.0, x - plane.centre[0], y - plane.centre[1]])
     return float(plane.centre[2] + J[1:] @ plane.gradient), math.sqrt(J @ plane.covariance @ J)
 
@@ -153,13 +157,13 @@ def fit_even_edges(
     Returns:
         (3,) start, tread and turn, NaN for the tread of a single edge; their (3, 3) covariance.
     """
-    normal, right = np.zeros((3, 3)), np.zeros(3)
+    normal, right = np.zeros((3, 3)), np.zeros(3)  # matrix and right side of the normal equations
     for k, points in enumerate(edges):
-        s, l, n = points @ up, points @ to_left(up), len(points)
+        s, l, n = points @ up, points @ to_left(up), len(points)  # m along the ascent, m to the left, number
         variance = max(float(s.var()), least)
         # inverse of variance I + sd² 1 1ᵀ: I / variance - shared 1 1ᵀ
         shared = 1.0 / (variance**2 * (n / variance + 1.0 / sd[k] ** 2))
-        A = np.column_stack([np.ones(n), np.full(n, float(k)), middle - l])
+        A = np.column_stack([np.ones(n), np.full(n, float(k)), middle - l])  # derivatives by start, tread and turn
         total = A.sum(axis=0)
         normal += A.T @ A / variance - shared * total[:, None] * total
         right += A.T @ s / variance - shared * s.sum() * total

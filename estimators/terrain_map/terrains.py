@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stridetwin.estimators.terrain_map.estimate import Level, Plane, Ramp, Stairs, Terrain
 from stridetwin.estimators.terrain_map.parameters import TerrainMapParameters
 from stridetwin.estimators.terrain_map.plane_set import PlaneSet, find_borders
-from stridetwin.estimators.terrain_map.risers import Riser, fit_riser, pairs_of
+from stridetwin.estimators.terrain_map.risers import Riser, fit_riser, group_by_planes
 from stridetwin.estimators.terrain_map.stairs import find_flights, fit_stairs, heading_of
 from stridetwin.streams.samples import Array
 
@@ -52,15 +52,15 @@ class _CachedRiser(NamedTuple):
 
 def is_flat(plane: Plane, p: TerrainMapParameters) -> bool:
     """Whether a plane may be a tread: flat within its uncertainty."""
-    return _less_than(p.max_tread_slope_rad, plane)
+    return _may_slope_less(plane, p.max_tread_slope_rad)
 
 
 def is_level(plane: Plane, p: TerrainMapParameters) -> bool:
     """Whether a plane is level within its uncertainty."""
-    return _less_than(p.max_level_slope_rad, plane)
+    return _may_slope_less(plane, p.max_level_slope_rad)
 
 
-def _less_than(slope_rad: float, plane: Plane) -> bool:
+def _may_slope_less(plane: Plane, slope_rad: float) -> bool:
     """Whether a plane may slope by less than `slope_rad`, within its uncertainty or as a flat one bent by pose errors.
 
     A tread's two sides are observed at different times. A pose correction in between gives it an apparent slope, which
@@ -103,18 +103,20 @@ class Terrains:
         p = self._p
         terrains: list[Terrain] = []
         treads: set[int] = set()
+        # rows of risers, one per flight; a row of unchanged risers keeps its flight
         rows = [tuple(row) for row in find_flights(self._find_risers(planes, plane_set), p)]
         self._stairs = {row: self._stairs.get(row) or self._fit_flight(row, planes, refine) for row in rows}
         for flight in self._stairs.values():
             terrains.append(flight)
-            treads.update(flight.planes[1:-1])
+            treads.update(flight.planes[1:-1])  # without the ground before the flight and the landing
         for plane in planes.values():
             if plane.id in treads:
                 continue
             if is_level(plane, p):
                 terrains.append(Level(id=plane.id, plane=plane.id))
             elif plane.slope <= p.max_ramp_slope_rad and plane.area_m2 >= _MIN_RAMP_AREA_M2:
-                heading = math.atan2(*plane.gradient[::-1])
+                gradient_x, gradient_y = plane.gradient
+                heading = math.atan2(gradient_y, gradient_x)
                 ramp = Ramp(id=plane.id, plane=plane.id, slope=plane.slope, slope_sd=plane.slope_sd, heading=heading)
                 terrains.append(ramp)
         return tuple(terrains)
@@ -135,22 +137,23 @@ class Terrains:
             plane_set.surface, round(_HIDDEN_M / p.voxel_size_m), p.min_riser_m, p.max_riser_m
         )
         known: dict[tuple[int, int], _CachedRiser] = {}
-        for pair, rows in pairs_of(border_columns, plane_set.ids).items():
+        # by ids of the lower and the upper plane: the rows of their border columns
+        for pair, rows in group_by_planes(border_columns, plane_set.ids).items():
             lower, upper = planes[pair[0]], planes[pair[1]]
             if not (is_flat(lower, p) and is_flat(upper, p)):
                 continue
-            columns, before = border_columns[rows], self._risers.get(pair)
-            if (
-                before is not None
-                and before.lower is lower
-                and before.upper is upper
-                and np.array_equal(before.columns, columns)
+            columns, cached = border_columns[rows], self._risers.get(pair)
+            if (  # an unchanged plane is the same object as in the last call
+                cached is not None
+                and cached.lower is lower
+                and cached.upper is upper
+                and np.array_equal(cached.columns, columns)
             ):
-                known[pair] = before
+                known[pair] = cached
             else:
                 known[pair] = _CachedRiser(lower, upper, columns, self._fit_riser(lower, upper, columns))
         self._risers = known
-        return [one.riser for one in known.values() if one.riser is not None]
+        return [cached.riser for cached in known.values() if cached.riser is not None]
 
     def _fit_riser(self, lower: Plane, upper: Plane, columns: NDArray[np.int32]) -> Riser | None:
         """The riser between two planes; None if it is not as high and long as one of stairs.

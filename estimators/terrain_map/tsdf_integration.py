@@ -19,8 +19,11 @@ _HERE = Path(__file__).parent
 _f32 = np.float32
 # signed distance of an unobserved voxel, m, and least divisor
 _NONE, _LEAST = _f32(1e9), _f32(1e-20)
+# Constants with which arithmetic stays in 32 bit. `_ORIGIN` is pixel 0, which also marks voxels out of view, and the
+# start of counts.
 _ZERO, _ONE, _ORIGIN = _f32(0.0), _f32(1.0), np.int32(0)
 _Corner = tuple[np.float32, np.float32, np.float32]
+"""A block's first voxel in the camera's axes, m."""
 _RADIUS = math.sqrt(3.0) / 2.0 * EDGE  # of a sphere around a block, voxels
 _SLAB = EDGE * EDGE
 """Voxels of a block that are skipped together if an image does not observe them."""
@@ -61,9 +64,9 @@ def allocate(
         top_m: Upper limit of the mapped height, grid axes.
         t_ns: Time of the image.
     """
-    R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]
-    per_block = 1.0 / (voxel_m * EDGE)
-    ray = np.zeros(3)
+    R, c = T_grid_camera[:3, :3], T_grid_camera[:3, 3]  # c is the camera's position
+    per_block = 1.0 / (voxel_m * EDGE)  # blocks per metre
+    ray = np.zeros(3)  # of a pixel at a depth of 1 m, grid axes
     last_i, last_j, last_k = 0, 0, blocks.origin[2] - 1  # a block outside the window
     for v in range(_PIXEL_STRIDE // 2, depth.shape[0], _PIXEL_STRIDE):
         for u in range(_PIXEL_STRIDE // 2, depth.shape[1], _PIXEL_STRIDE):
@@ -73,7 +76,7 @@ def allocate(
             x, y = (u - intrinsics[2]) / intrinsics[0], (v - intrinsics[3]) / intrinsics[1]
             for a in range(3):
                 ray[a] = R[a, 0] * x + R[a, 1] * y + R[a, 2]
-            if c[2] + ray[2] * d > top_m:
+            if c[2] + ray[2] * d > top_m:  # the surface is too high
                 continue
             # depth within the band on either side of the surface; five positions in it, half a band apart
             band = band_m / max(abs(ray[2]), float(_MIN_DESCENT))
@@ -97,7 +100,7 @@ def allocate(
                 row = slot_of(blocks.slots, blocks.origin, i, j, k)
                 if row < 0:
                     row = add_block(blocks, i, j, k)
-                if row >= 0:
+                if row >= 0:  # else the buffer is full
                     blocks.seen_ns[row] = t_ns
 
 
@@ -134,6 +137,7 @@ def integrate(
     # height of the camera in grid axes; half the distance between a block's outermost voxels
     eye_z = -(R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2])
     radius, half = _RADIUS * voxel_m, 0.5 * (EDGE - 1) * voxel_m
+    # 1 / cosine of the image's half angles: by so much a sphere reaches farther across the image's border
     slope_u, slope_v = math.sqrt(1 + (width / 2 / fu) ** 2), math.sqrt(1 + (height / 2 / fv) ** 2)
     camera = _Pinhole(
         _f32(fu),
@@ -150,7 +154,7 @@ def integrate(
         _f32(max_weight),
         _f32(_NOISE_GATE_SD * noise_per_m),
     )
-    lattice, projection = _lattice(R * voxel_m, voxel_m), _projection()
+    lattice, projection = _build_lattice(R * voxel_m, voxel_m), _allocate_projection()
     image = depth.ravel()
     for row in range(len(blocks.used)):
         if not blocks.used[row]:
@@ -251,8 +255,13 @@ class _Projection(NamedTuple):
 
 
 @njit(**INNER_KERNEL)
-def _lattice(steps: Array, voxel_m: float) -> _Lattice:
-    """Offsets of a block's voxels from its first, by the (3, 3) steps between neighbours in the camera's axes, m."""
+def _build_lattice(steps: Array, voxel_m: float) -> _Lattice:
+    """Offsets of a block's voxels from its first one.
+
+    Args:
+        steps: (3, 3) m, columns: steps to the next voxel along i, j and k, in the camera's axes.
+        voxel_m: Edge of a voxel.
+    """
     x, y, z = np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32), np.empty(VOXELS, np.float32)
     up = np.empty(VOXELS, np.float32)
     for at in range(VOXELS):
@@ -265,8 +274,8 @@ def _lattice(steps: Array, voxel_m: float) -> _Lattice:
 
 
 @njit(**INNER_KERNEL)
-def _projection() -> _Projection:
-    """A projection with uninitialised arrays."""
+def _allocate_projection() -> _Projection:
+    """A projection with uninitialised arrays, which `_project` overwrites for each block."""
     return _Projection(
         np.empty(VOXELS, np.float32),
         np.empty(VOXELS, np.float32),
@@ -289,6 +298,9 @@ def _project(
     projection: _Projection,
 ) -> bool:
     """Evaluates a depth image at each voxel of a block; returns whether any voxel is observed.
+
+    A voxel is observed if it is in view, if the image has a depth at its pixel, and if it is not farther behind that
+    surface than the truncation.
 
     Args:
         image: (H * W) depth, m, 0 = none.
@@ -313,7 +325,7 @@ def _project(
         # κ / t of docs/terrain_map.md (2)
         projection.scale[at] = (steep if steep > _MIN_DESCENT else _MIN_DESCENT) * camera.per_band
         projection.pixel[at] = v * camera.width + u if inside else _ORIGIN
-    for at in range(VOXELS):
+    for at in range(VOXELS):  # `sdf` holds the image's depth at first
         projection.sdf[at] = image[np.uint64(projection.pixel[at])]
     any_observed = False
     for slab in range(EDGE):
@@ -324,6 +336,7 @@ def _project(
             is_observed = (projection.pixel[at] != _ORIGIN) & (d > _ZERO) & (sdf * projection.scale[at] <= _ONE)
             projection.sdf[at] = sdf if is_observed else _NONE
             observed_count += np.int32(1) if is_observed else _ORIGIN
+            # behind a surface that is seen from above
             behind += np.int32(1) if is_observed & (sdf > _ZERO) & (projection.descent[at] > _ZERO) else _ORIGIN
         projection.observed[slab], projection.behind[slab] = observed_count, behind
         any_observed = any_observed or bool(observed_count > _ORIGIN)
@@ -355,7 +368,7 @@ def _check_above(
             sdf, descent = projection.sdf[at], projection.descent[at]
             behind = (sdf > _ZERO) & (sdf < _NONE) & (descent > _ZERO)
             up = sdf * descent if behind else _ZERO  # to where the line of sight meets the surface
-            zf = projection.z[at] + camera.up_z * up
+            zf = projection.z[at] + camera.up_z * up  # depth of the point straight above
             per_z = _ONE / zf
             u = np.int32(camera.fu * (x0 + lattice.x[at] + camera.up_x * up) * per_z + camera.pu)
             v = np.int32(camera.fv * (y0 + lattice.y[at] + camera.up_y * up) * per_z + camera.pv)
@@ -366,6 +379,7 @@ def _check_above(
             projection.second[at] = image[np.uint64(projection.pixel[at])]
         for at in range(slab * _SLAB, (slab + 1) * _SLAB):
             d, z, sdf, zf = projection.second[at], projection.z[at], projection.sdf[at], projection.descent[at]
+            # whether the image is much farther there than the surface: it has ended before
             ends = (zf - d + camera.noise * z * z) * projection.scale[at] < _FREE_LAMBDA
             other = _NONE if d == _ZERO else zf - d if ends else sdf
             projection.sdf[at] = other if projection.pixel[at] != _ORIGIN else sdf
@@ -394,7 +408,7 @@ def _average(
             new = projection.scale[at] * camera.band / (z if z > _ONE else _ONE)
             new = new * new if sdf < _NONE else _ZERO
             old = weight[at]
-            total = old + new
+            total = old + new  # weight
             # Zhao 2023 (21)
             mixed = (old * distance[at] + new * value) / (total if total > _LEAST else _LEAST)
             distance[at] = mixed if sdf < _NONE else distance[at]

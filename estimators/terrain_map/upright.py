@@ -34,7 +34,7 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
         depth: (H, W) m; 0 is invalid.
         intrinsics: (4,) fu, fv, pu, pv.
     """
-    step = max(1, max(depth.shape) // _CELLS)
+    step = max(1, max(depth.shape) // _CELLS)  # pixels between the points of the grid
     z = depth[::step, ::step].astype(float)
     v, u = np.mgrid[: z.shape[0], : z.shape[1]] * step
     fu, fv, pu, pv = intrinsics
@@ -47,8 +47,10 @@ def normals(depth: NDArray[np.float32], intrinsics: Array) -> Array:
     is_surface = (nearest > 0.0) & (farthest - nearest < _JUMP_SHARE * nearest)
     normal = np.cross((below - here)[is_surface], (right - here)[is_surface])
     length = np.linalg.norm(normal, axis=1)
-    normal, points_on = normal[length > 0.0] / length[length > 0.0, None], here[is_surface][length > 0.0]
-    return np.asarray(normal * -np.sign(np.sum(normal * points_on, axis=1))[:, None])
+    valid = length > 0.0
+    normal, surface_points = normal[valid] / length[valid, None], here[is_surface][valid]
+    away = np.sign(np.sum(normal * surface_points, axis=1))  # 1 where a normal points away from the camera, else -1
+    return np.asarray(normal * -away[:, None])
 
 
 def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
@@ -58,22 +60,22 @@ def upward(views: Iterable[tuple[Array, Array]]) -> Array | None:
         views: Per image, (N, 3) normals in the camera's optical frame, and (3, 3) rotation of that frame to the world.
     """
     # per image: normals in the world, and the camera's upper side (y points down in the optical frame)
-    parts = [(camera @ R.T, -R[:, 1]) for camera, R in views]
+    parts = [(camera_normals @ R.T, -R[:, 1]) for camera_normals, R in views]
     if not parts:
         return None
-    all_normals = np.concatenate([part for part, _ in parts])
-    camera_up = np.mean([axis for _, axis in parts], axis=0)
+    all_normals = np.concatenate([world_normals for world_normals, _ in parts])
+    camera_up = np.mean([up_axis for _, up_axis in parts], axis=0)
     camera_up /= np.linalg.norm(camera_up)
     near = all_normals[all_normals @ camera_up > _MIN_UP_COSINE]
     if not len(near):
         return None
     candidates = near[np.linspace(0, len(near) - 1, min(_CANDIDATES, len(near))).astype(int)]
     # per candidate: share of the normals along it, and of those across it
-    along = candidates @ all_normals.T
+    along = candidates @ all_normals.T  # cosines, candidates by normals
     support = (along > _NEAR).mean(axis=1)
     walls = (np.abs(along) < np.sqrt(1.0 - _NEAR**2)).mean(axis=1)
     up = candidates[np.argmax(support + _WALL_WEIGHT * walls)]
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS):  # refined: mean of the normals near it
         up = all_normals[all_normals @ up > _NEAR].mean(axis=0)
         up /= np.linalg.norm(up)
     return up if float((all_normals @ up > _NEAR).mean()) > _SUPPORT_MIN else None

@@ -79,8 +79,8 @@ class VoxelVolume:
         """
         p, blocks, camera = self._p, self._blocks, self._camera
         self._T_grid_camera, eye = T_grid_camera, T_grid_camera[:3, 3]
-        below = eye - np.array([0.0, 0.0, _BELOW_M])
-        roll(blocks, below, EDGE * p.voxel_size_m, t_ns - round(_STALE_S * 1e9))
+        window_middle = eye - np.array([0.0, 0.0, _BELOW_M])  # m, grid axes
+        roll(blocks, window_middle, EDGE * p.voxel_size_m, t_ns - round(_STALE_S * 1e9))
         clean = remove_discontinuities(depth, _DISCONTINUITY_SHARE, camera.pixels(_DISCONTINUITY_PX))
         top_m = float(eye[2]) + HEADROOM_M
         allocate(blocks, clean, camera.intrinsics, T_grid_camera, p.voxel_size_m, p.truncation_m, top_m, t_ns)
@@ -103,7 +103,7 @@ class VoxelVolume:
         assert self._T_grid_camera is not None
         p, eye_z = self._p, float(self._T_grid_camera[2, 3])
         first = view_corner(self._T_grid_camera, p)
-        top = math.floor(eye_z / p.voxel_size_m)
+        top = math.floor(eye_z / p.voxel_size_m)  # layer of the camera, from which the rays are cast down
         height, weight = cast_down(self._blocks, first[0], first[1], VIEW, top, p.voxel_size_m)
         noise = column_noise(height, weight, eye_z, min_noise_m(p), p.plane_noise_m, p.depth_noise_per_m)
         labels, sums = extract_planes(column_points(height, first, p.voxel_size_m), noise, p)
@@ -130,5 +130,5 @@ def view_corner(T_grid_camera: Array, p: TerrainMapParameters) -> NDArray[np.int
     """
     ahead = T_grid_camera[:2, 2] - T_grid_camera[:2, 1]
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    middle = (T_grid_camera[:2, 3] + _AHEAD_M * ahead) / p.voxel_size_m
+    middle = (T_grid_camera[:2, 3] + _AHEAD_M * ahead) / p.voxel_size_m  # of the top view, columns
     return (np.floor(middle / EDGE).astype(np.int64) - VIEW // EDGE // 2) * EDGE

@@ -18,11 +18,15 @@ from stridetwin.streams.compiled import INNER_KERNEL, entry_kernel
 _HERE = Path(__file__).parent
 
 EDGE = 8
+"""Voxels along the edge of a block."""
 VOXELS = EDGE**3
+"""Voxels of a block; voxel (i, j, k) is at index 64 i + 8 j + k."""
 SHAPE = (64, 64, 32)
 """Blocks in the window; powers of two."""
 CAPACITY = 12000
+"""Largest number of allocated blocks."""
 _NONE = -1
+"""Row of a block that is not allocated."""
 
 
 class Blocks(NamedTuple):
@@ -63,7 +67,7 @@ def empty_blocks() -> Blocks:
         weight=np.zeros((CAPACITY, VOXELS), np.float32),
         solid=np.zeros(CAPACITY, np.bool_),
         seen_ns=np.zeros(CAPACITY, np.int64),
-        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),
+        free=np.arange(CAPACITY - 1, -1, -1, dtype=np.int32),  # row 0 is on top of the stack
         counts=np.array([CAPACITY], np.int64),
         origin=np.zeros(3, np.int64),
     )
@@ -90,8 +94,9 @@ def roll(blocks: Blocks, centre: NDArray[np.float64], block_m: float, stale_ns: 
     _free_unused(blocks, stale_ns)
     if blocks.counts[0] < CAPACITY // 8:  # short of memory: frees the farthest quarter
         rows = np.flatnonzero(blocks.used)
-        away = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)
-        _drop(blocks, rows[np.argsort(away, kind="stable")[len(rows) * 3 // 4 :]])
+        distance = np.linalg.norm((blocks.places[rows] + 0.5) * block_m - centre, axis=1)  # of their middles, m
+        nearest_first = rows[np.argsort(distance, kind="stable")]
+        _free_rows(blocks, nearest_first[len(rows) * 3 // 4 :])
 
 
 @entry_kernel(_HERE)
@@ -110,14 +115,14 @@ def _free_unused(blocks: Blocks, stale_ns: int) -> None:
             and blocks.origin[1] <= j < blocks.origin[1] + SHAPE[1]
             and blocks.origin[2] <= k < blocks.origin[2] + SHAPE[2]
         )
-        if inside and (blocks.seen_ns[row] >= stale_ns or blocks.solid[row]):
+        if inside and (blocks.seen_ns[row] >= stale_ns or blocks.solid[row]):  # in use
             continue
         if inside and _is_solid(blocks.distance[row], blocks.weight[row], 0, 1):
             blocks.solid[row] = True
             continue
-        # voxels EDGE - 1, 2 EDGE - 1, ... are the top layer of a block
         below = slot_of(blocks.slots, blocks.origin, i, j, k - 1)
-        # A surface may lie just above the top voxels of the block below: this block then delimits the solid ground.
+        # A surface may lie just above the top voxels of the block below: this block then delimits the solid ground. The
+        # top layer of a block are its voxels EDGE - 1, 2 EDGE - 1, ...
         if inside and below >= 0 and _is_solid(blocks.distance[below], blocks.weight[below], EDGE - 1, EDGE):
             continue
         blocks.slots[i & (SHAPE[0] - 1), j & (SHAPE[1] - 1), k & (SHAPE[2] - 1)] = _NONE
@@ -135,9 +140,9 @@ def _is_solid(distance: NDArray[np.float32], weight: NDArray[np.float32], first:
     return at < VOXELS
 
 
-def _drop(blocks: Blocks, rows: NDArray[np.intp]) -> None:
+def _free_rows(blocks: Blocks, rows: NDArray[np.intp]) -> None:
     """Frees the blocks in some rows."""
-    i, j, k = (blocks.places[rows] % np.array(SHAPE, np.int32)).T
+    i, j, k = (blocks.places[rows] % np.array(SHAPE, np.int32)).T  # places in the ring
     blocks.slots[i, j, k] = _NONE
     blocks.used[rows] = False
     n = int(blocks.counts[0])

@@ -49,7 +49,7 @@ def phase_over_time(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
 
 
 def _break_at_wraps(phase_pct: Array) -> Array:
-    """The curve with NaN where a new cycle begins, so that no line is drawn from 100 to 0 %."""
+    """(N,) phases, %, with NaN for the first sample of each new cycle, so that no line is drawn from 100 to 0 %."""
     curve = phase_pct.copy()
     curve[1:][np.diff(phase_pct) < -50.0] = np.nan
     return curve
@@ -57,15 +57,15 @@ def _break_at_wraps(phase_pct: Array) -> Array:
 
 def error_over_cycle(series: PhaseSeries, strides: Sequence[Stride]) -> Markup:
     """Errors of the phase over the true phase, one curve per stride, by terrain."""
-    curves: dict[str, list[Array]] = {}
+    curves: dict[str, list[Array]] = {}  # by terrain, a curve per stride: (N, 2) true phase and error, %
     for stride in strides:
         if stride.is_pause:
             continue
         # (N,) errors and true phases of the stride's samples, shares of the cycle
         errors, _ = phase_errors(series, stride)
         begin, end = np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))
-        cycle = true_phase(series.t_ns[begin:end], stride)
-        curves.setdefault(stride.terrain, []).append(100.0 * np.column_stack([cycle, errors]))
+        true_phases = true_phase(series.t_ns[begin:end], stride)
+        curves.setdefault(stride.terrain, []).append(100.0 * np.column_stack([true_phases, errors]))
     all_errors = [curve[:, 1] for of_terrain in curves.values() for curve in of_terrain]
     plot = Plot(
         title=f"Error over the cycle, {FOOT_NAMES[series.foot]} leg",

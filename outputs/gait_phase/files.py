@@ -15,7 +15,8 @@ COLUMNS = ("t_s", "phase", "phase_sd", "rate_hz", "walking", "swing")
 def phase_rows(series: PhaseSeries) -> list[list[str]]:
     """The cells of `COLUMNS` for each of the N samples."""
     columns = (series.t_ns, series.phase, series.phase_sd, series.rate, series.walking, series.swing)
-    return list(starmap(_cells, zip(*(column.tolist() for column in columns))))
+    samples = zip(*(column.tolist() for column in columns))  # the arguments of `_cells` for each sample
+    return list(starmap(_cells, samples))
 
 
 def _cells(t_ns: int, phase: float, phase_sd: float, rate: float, walking: bool, swing: bool) -> list[str]:

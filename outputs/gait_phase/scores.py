@@ -131,14 +131,14 @@ def to_phase_series(estimates: Sequence[PhaseEstimate], foot: str) -> PhaseSerie
 
 def true_strides(footprints: Iterable[Footprint], foot: str) -> list[Stride]:
     """The strides of one foot, `l` or `r`, in order; its first footprint is where it stood at the beginning."""
-    prints = [p for p in footprints if p.foot == foot][1:]
-    times_ns = [p.t_ns for p in prints]
-    durations = np.diff(times_ns)
+    landed = [p for p in footprints if p.foot == foot][1:]
+    durations = np.diff([p.t_ns for p in landed])  # (strides,) ns
     if not len(durations):
         return []
+    # a longer stride is a pause
     longest_ns = min(1e9 * LONGEST_STRIDE_S, LONGEST_STRIDE_SHARE * float(np.median(durations)))
     strides = []
-    for i, (before, after) in enumerate(pairwise(prints)):
+    for i, (before, after) in enumerate(pairwise(landed)):
         stride = Stride(
             begin_ns=before.t_ns,
             end_ns=after.t_ns,
@@ -179,11 +179,12 @@ def match_touch_downs(detected_ns: ArrayLike, true_ns: ArrayLike, tolerance_s: f
         Pairs of indices of detected and true touch-downs, sorted.
     """
     detected, true = np.asarray(detected_ns, dtype=float), np.asarray(true_ns, dtype=float)
-    distance = np.abs(detected[:, None] - true[None, :])
-    nearest = np.argsort(distance, axis=None, kind="stable")
+    distance_ns = np.abs(detected[:, None] - true[None, :])  # (M, N)
+    nearest_first = np.argsort(distance_ns, axis=None, kind="stable")
+    rows, columns = np.unravel_index(nearest_first, distance_ns.shape)  # detected and true touch-down of each pair
     used_detected, used_true, pairs = set[int](), set[int](), []
-    for i, j in zip(*(k.tolist() for k in np.unravel_index(nearest, distance.shape))):
-        if distance[i, j] > tolerance_s * 1e9:
+    for i, j in zip(rows.tolist(), columns.tolist()):
+        if distance_ns[i, j] > tolerance_s * 1e9:  # all further pairs are farther apart
             break
         if i not in used_detected and j not in used_true:
             used_detected.add(i)
@@ -222,17 +223,19 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
         first and the last; `strides` counted. Empty without a counted stride.
     """
     counted = [s for s in strides if not s.is_pause]
-    # a stride, its (N,) errors and their (N,) standard deviations
-    rows = [(stride, *phase_errors(series, stride)) for stride in counted]
-    rows = [row for row in rows if len(row[1])]
+    # each stride with samples, the (N,) errors of these samples and their (N,) standard deviations
+    strides_with_errors = [(stride, *phase_errors(series, stride)) for stride in counted]
+    rows = [(stride, errors, sds) for stride, errors, sds in strides_with_errors if len(errors)]
     if not rows:
         return {}
-    errors, sds = (np.concatenate([row[k] for row in rows]) for k in (1, 2))
-    inside = [slice(*np.searchsorted(series.t_ns, (s.begin_ns, s.end_ns))) for s, *_ in rows]
-    walking = np.concatenate([series.walking[i] for i in inside])
+    # the samples of all these strides together
+    errors = np.concatenate([stride_errors for _, stride_errors, _ in rows])
+    sds = np.concatenate([stride_sds for _, _, stride_sds in rows])
+    inside = [slice(*np.searchsorted(series.t_ns, (stride.begin_ns, stride.end_ns))) for stride, _, _ in rows]
+    walking = np.concatenate([series.walking[samples] for samples in inside])
     groups: Mapping[str, list[Array]] = {
-        **{terrain: [e for s, e, _ in rows if s.terrain == terrain] for terrain in TERRAINS},
-        "steady": [e for s, e, _ in rows if s.is_steady],
+        **{terrain: [e for stride, e, _ in rows if stride.terrain == terrain] for terrain in TERRAINS},
+        "steady": [e for stride, e, _ in rows if stride.is_steady],
     }
     return {
         "rmse_pct": _rms_pct(errors),
@@ -247,11 +250,16 @@ def phase_scores(series: PhaseSeries, strides: Sequence[Stride]) -> dict[str, fl
 
 
 def _touch_down_scores(detected_ns: NDArray[np.int64], strides: Sequence[Stride]) -> dict[str, float]:
-    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones, see `phase_scores`.
+    """Errors of the matched touch-downs, ms, and the numbers of missed and extra ones.
 
     Args:
         detected_ns: (M,) times of the detected touch-downs, ns.
         strides: True strides of the foot, one or more, in order.
+
+    Returns:
+        `missed`: true touch-downs without a detected one; `extra`: detected ones without a true one, between the first
+        and the last true one; and, with a matched pair, `touch_down_error_ms`, mean size of the time errors, and
+        `touch_down_bias_ms`, their mean, positive if the detections are late.
     """
     true_ns = np.array([strides[0].begin_ns, *(s.end_ns for s in strides)])
     pairs = match_touch_downs(detected_ns, true_ns)

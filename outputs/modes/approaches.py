@@ -22,13 +22,15 @@ _MATCH_M = 0.4  # largest distance along the route between a predicted change an
 def mode_changes(layout: Layout) -> list[TerrainChange]:
     """The terrain changes of a route, in order: begin and end of each flight of stairs, and each change of slope.
 
-    The end of a flight is a change to level ground. A change of slope at a riser belongs to the stairs and is none.
+    The end of a flight is a change to level ground. Where the slope changes at a riser of a stair, that is no change of
+    its own, because it belongs to the flight.
     """
     changes = []
     for flight in flights(layout.profile, _STAIR_M):
         mode = "SA" if flight.riser > 0 else "SD"
         changes.append(TerrainChange(s=flight.s, mode=mode, riser=flight.riser, tread=flight.tread))
         changes.append(TerrainChange(s=flight.end, mode="LG"))
+    # strips of ground: z1 is the height at the end of one, z0 that at the begin of the next one
     for before, after in pairwise(layout.profile):
         if abs(after.z0 - before.z1) < _STAIR_M and after.slope != before.slope:
             changes.append(TerrainChange(s=after.s0, mode=mode_of(after), slope=after.slope))
@@ -57,11 +59,13 @@ def score_approaches(
     for change in mode_changes(layout):
         # infinite if no foot landed beyond the change, which then is not scored
         scored_ns = scoring_time_ns(change.s, landed_ns, places)
-        # the last estimate up to then
-        at = int(np.searchsorted(t_ns, scored_ns, side="right")) - 1
-        if math.isfinite(scored_ns):
-            score = _score_change(change, estimates[at], alignment, layout) if at >= 0 else None
-            scored.append(score or ScoredChange(mode=change.mode, is_detected=False))
+        if not math.isfinite(scored_ns):
+            continue
+        last = int(np.searchsorted(t_ns, scored_ns, side="right")) - 1  # number of the last estimate up to then
+        if last >= 0:
+            scored.append(_score_change(change, estimates[last], alignment, layout))
+        else:  # no estimate yet
+            scored.append(ScoredChange(mode=change.mode, is_detected=False))
     return scored
 
 
@@ -71,7 +75,7 @@ def _score_change(
     """Errors of the next terrain change that an estimate predicts.
 
     The true change is found if the predicted one has its mode and lies within 0.4 m along the route; otherwise all
-    errors are NaN. Sizes count where the true change has them.
+    errors are NaN. The error of a riser, a tread or a slope is NaN if the true change has no such size (it is 0 then).
 
     Args:
         change: The true change.
@@ -83,7 +87,7 @@ def _score_change(
     if predicted is None or predicted.mode != change.mode:
         return ScoredChange(mode=change.mode, is_detected=False)
     heading = float(layout.way.heading(change.s))
-    # (2,) m from the true place to the predicted one, of which the part along the route counts
+    # (2,) m from the true place to the predicted one in the true world, of which the part along the route counts
     offset = alignment.point(estimate.t_ns, predicted.p_in_world) - layout.way.point(change.s)
     offset_m = float(offset @ [math.cos(heading), math.sin(heading)])
     if abs(offset_m) > _MATCH_M:

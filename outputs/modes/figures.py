@@ -21,6 +21,7 @@ from stridetwin.pages.plot import ERROR, INK, MUTED, Plot, faint
 from stridetwin.reference.norms import read_reference
 from stridetwin.streams.samples import Array
 
+# colour of each mode, such as "#46aa5a"
 _HEX = {name: "#" + bytes(rgb).hex() for name, rgb in zip(GROUND_CLASSES, CLASS_COLORS)}
 _WITHIN_95 = 2.448  # standard deviations that contain 95 % of a normal density in the plane
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 25)
@@ -35,13 +36,18 @@ _NOTE = (
 
 
 def ellipse(middle: Array, covariance: Array) -> Array:
-    """(25, 2) points of the ellipse that contains 95 % of a normal density in the plane.
+    """(25, 2) m, closed outline of the ellipse that contains 95 % of a normal density in the plane.
 
-    They are m + 2.448 E diag(√λ) (cos φ, sin φ), with eigenvalues λ and eigenvectors E of the covariance (2, 2).
+    They are m + 2.448 E diag(√λ) (cos φ, sin φ), with eigenvalues λ and eigenvectors E of the covariance.
+
+    Args:
+        middle: (2,) or (3,) m, mean m of the density; a height is ignored.
+        covariance: (2, 2) m².
     """
     variances, axes = np.linalg.eigh(covariance)
-    half = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))
-    return np.asarray(middle[:2] + (np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)]) * half) @ axes.T)
+    half_axes = _WITHIN_95 * np.sqrt(np.maximum(variances, 0.0))  # rounding may leave a variance just below 0
+    unit_circle = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+    return np.asarray(middle[:2] + (unit_circle * half_axes) @ axes.T)
 
 
 def steps_from_above(estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk) -> Markup:
@@ -72,6 +78,7 @@ def _straighten_predictions(
         walk: The walk beside the truth.
     """
     straightened: list[_Predicted | None] = [None] * len(walk.footprints)
+    # from footprint 2 on: the two initial ones are not steps
     for i, first_prediction in enumerate(first_steps(walk.footprints, estimates), 2):
         if first_prediction is None:
             continue
@@ -79,6 +86,7 @@ def _straighten_predictions(
         alignment = walk.alignment.at(estimate.t_ns)
         # the true outline, shifted by the error of the predicted place
         shift = alignment.to_true(step.p_foot_in_world[:2]) - walk.footprints[i].p_foot_in_world[:2]
+        # (2, 2) from the odometry's world over the true one to the axes along and across the route
         rotation = straight.rotation(i) @ alignment.rotation
         place = straight.straighten(i, outline(walk.footprints[i]) + shift)
         straightened[i] = place, rotation @ step.covariance @ rotation.T, step.mode
@@ -112,11 +120,15 @@ def _draw_row(
     shown = straight.footprints_within(span)
     predictions = [prediction for i in shown if (prediction := predicted[i]) is not None]
     ellipses = [
-        ellipse(p.mean(axis=0), covariance) for p, covariance, _ in predictions if np.isfinite(covariance).all()
+        ellipse(corners.mean(axis=0), covariance)
+        for corners, covariance, _ in predictions
+        if np.isfinite(covariance).all()
     ]
     plot.areas(ellipses, faint(MUTED, 0.2), label="95 % ellipse")
     for mode in dict.fromkeys(mode for _, _, mode in predictions):
-        outlines = [np.vstack([place, place[:1]]) for place, _, m in predictions if m == mode]
+        # closed: the first corner comes again at the end
+        of_mode = [corners for corners, _, predicted_mode in predictions if predicted_mode == mode]
+        outlines = [np.vstack([corners, corners[:1]]) for corners in of_mode]
         plot.curves(outlines, _HEX[mode], width=2.0, label="predicted footprint, in its mode's colour")
     steps = scores.steps
     # the two initial footprints are not steps: footprint i belongs to step i - 2
@@ -128,7 +140,12 @@ def _draw_row(
 
 
 def _draw_crosses(plot: Plot, at: Array) -> None:
-    """Marks errors at (N, 2) places."""
+    """Marks errors by crosses.
+
+    Args:
+        plot: The figure.
+        at: (N, 2) x and y of each cross in the figure; without any, the legend has no entry.
+    """
     if len(at):
         plot.dots(at[:, 0], at[:, 1], ERROR, size=10, symbol="x", label="wrong")
 
@@ -140,8 +157,10 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
     if not steps or not estimates:
         return ""
     runs = prediction_runs(estimates, scores, walk)
-    begin, end = min(runs[0][0], steps[0].t_s), steps[-1].t_s + 0.3
+    first_begin, *_ = runs[0]
+    begin, end = min(first_begin, steps[0].t_s), steps[-1].t_s + 0.3  # of the time axis, s
     t = np.array([e.t_ns * 1e-9 for e in estimates])
+    # (N,) probability of the next step's predicted mode
     p = np.array([e.steps[0].probabilities[e.steps[0].mode] for e in estimates])
     plot = Plot(
         title="Modes over time",
@@ -154,13 +173,14 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
     )
     # bars of true modes at heights 3.0-3.8, of predicted ones at 2.0-2.8, of errors below these; the curve of the
     # probability p is at 0 to 1.6
+    # the bar of a step reaches from the previous touch-down to its own
     touched = np.array([begin, *(step.t_s for step in steps)])
     for mode in MODES:
         true = np.array([step.mode == mode for step in steps])
         plot.bars(touched[:-1][true], touched[1:][true], 3.0, 3.8, _HEX[mode], label=CLASS_NAMES[mode])
-        spans = np.array([(a, min(b, end)) for a, b, m, _ in runs if m == mode]).reshape(-1, 2)
+        spans = np.array([(since, min(until, end)) for since, until, m, _ in runs if m == mode]).reshape(-1, 2)
         plot.bars(spans[:, 0], spans[:, 1], 2.0, 2.8, _HEX[mode], label=CLASS_NAMES[mode])
-    wrong = np.array([(a, min(b, end)) for a, b, _, is_right in runs if not is_right]).reshape(-1, 2)
+    wrong = np.array([(since, min(until, end)) for since, until, _, right in runs if not right]).reshape(-1, 2)
     plot.bars(wrong[:, 0], wrong[:, 1], 1.86, 1.98, ERROR, label="wrong")
     _draw_crosses(plot, np.array([(step.t_s, 2.4) for step in steps if not step.is_correct]).reshape(-1, 2))
     plot.line(t[t < end], 1.6 * p[t < end], INK, width=1.0, label="probability")
@@ -170,32 +190,42 @@ def mode_ribbon(estimates: list[ModeEstimate], scores: ModeScores, walk: Aligned
 def prediction_runs(
     estimates: list[ModeEstimate], scores: ModeScores, walk: AlignedWalk
 ) -> list[tuple[float, float, str, bool]]:
-    """Time spans with one predicted mode of the coming step: from, to (s), the mode, whether it is right.
+    """Time spans in which the predicted mode of the coming step stays the same.
 
-    A span ends with the next estimate, at the latest at touch-down; the one that ends at touch-down is scored.
+    A span ends where an estimate with another mode follows, at the latest at touch-down. The one that ends at
+    touch-down is scored.
 
     Args:
         estimates: In time order.
         scores: The scored steps of the walk.
         walk: The walk, whose first two footprints are the initial ones.
+
+    Returns:
+        For each span its begin and end, s, the mode, and whether it is right.
     """
     steps = scores.steps
     by_step = predictions_by_step(walk.footprints[2:], estimates)
     runs = []
-    before = -math.inf
+    before = -math.inf  # touch-down of the previous step, s
     for step, predictions in zip(steps, by_step):
-        next_ = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in predictions if e.t_ns * 1e-9 > before]
-        ends = [*(t for t, _ in next_[1:]), step.t_s]
-        # `of_mode`: consecutive ((begin, mode), end) of the same mode
-        for mode, run in groupby(zip(next_, ends), key=lambda row: row[0][1]):
-            of_mode = list(run)
-            runs.append((of_mode[0][0][0], of_mode[-1][1], mode, mode in step.allowed))
+        # time and predicted mode of each estimate since the previous touch-down; an estimate e predicts the step as
+        # e.steps[k]
+        timed_modes = [(e.t_ns * 1e-9, e.steps[k].mode) for e, k in predictions if e.t_ns * 1e-9 > before]
+        ends = [*(t for t, _ in timed_modes[1:]), step.t_s]  # an estimate holds until the next one
+        intervals = [(begin, end, mode) for (begin, mode), end in zip(timed_modes, ends)]
+        for mode, consecutive in groupby(intervals, key=lambda interval: interval[2]):
+            of_mode = list(consecutive)
+            (run_begin, _, _), (_, run_end, _) = of_mode[0], of_mode[-1]
+            runs.append((run_begin, run_end, mode, mode in step.allowed))
         before = step.t_s
     return runs
 
 
 def lead_times(scores: ModeScores) -> str:
-    """Figure of how long before each touch-down its mode was finally predicted right, s."""
+    """Bars of how long before each touch-down its mode was finally predicted right, s; "" without steps.
+
+    A dot marks a step that changes the mode, a cross one whose mode was predicted wrong.
+    """
     steps = scores.steps
     if not steps:
         return ""
@@ -231,7 +261,8 @@ def _score_table(scores: Scores) -> str:
     """A table of the scores of a walk, with the accuracy that Zhao 2023 reports beside ours."""
     paper = read_reference("zhao2023")["generality"]["accuracy_pct"]
     published = {"accuracy_pct": f"{paper['mean']:.2f} ± {paper['sd']:.2f}"}
-    rows = [
-        (*row, published.get(score.name, "\N{EN DASH}")) for score in SCORES for row in score_rows([score], [scores])
-    ]
+    rows = []
+    for score in SCORES:
+        for row in score_rows([score], [scores]):  # one row, or none without a label or a value
+            rows.append((*row, published.get(score.name, "\N{EN DASH}")))
     return table(("Score", "this walk", "Zhao et al. 2023"), rows, (1, 2), note=_NOTE)

@@ -74,24 +74,32 @@ class CompletedSteps:
         """
         if self._before is not None and estimate.step < self._before.step:  # the poses jumped: start again
             self._since, self._before = {}, None
-        since, before, completed = self._since, self._before, None
+        before, completed = self._before, None
         if before is not None and estimate.step > before.step:
             step = before.steps[0]  # the step that was the next one
-            completed = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since[step.step][1]) * 1e-9)
-            self._since = since = {number: mode for number, mode in since.items() if number > estimate.step}
+            _, since_ns = self._since[step.step]
+            completed = PredictedStep(estimate=before, step=step, steady_s=(before.t_ns - since_ns) * 1e-9)
+            # forget the steps that have landed
+            self._since = {number: noted for number, noted in self._since.items() if number > estimate.step}
         for step in estimate.steps:
-            if since.get(step.step, ("", 0))[0] != step.mode:
-                since[step.step] = step.mode, estimate.t_ns
+            noted_mode, _ = self._since.get(step.step, ("", 0))  # "" for a step that was not predicted before
+            if noted_mode != step.mode:
+                self._since[step.step] = step.mode, estimate.t_ns
         self._before = estimate
         return completed
 
     def steady_s(self, estimate: ModeEstimate) -> float:
-        """How long the mode of the next step has not changed, at the last added estimate."""
-        return (estimate.t_ns - self._since[estimate.steps[0].step][1]) * 1e-9
+        """How long the predicted mode of the next step has not changed, s.
+
+        Args:
+            estimate: The last added estimate.
+        """
+        _, since_ns = self._since[estimate.steps[0].step]
+        return (estimate.t_ns - since_ns) * 1e-9
 
 
 def find_completed_steps(estimates: Iterable[ModeEstimate]) -> list[PredictedStep]:
-    """The last prediction of each completed step."""
+    """The last prediction of each step that was completed before the last estimate; the estimates are in time order."""
     steps = CompletedSteps()
     return [step for estimate in estimates if (step := steps.add(estimate)) is not None]
 
@@ -118,7 +126,7 @@ def mode_cells(row: PredictedStep) -> list[str]:
         _cell(step.slope, 4),
         _cell(step.slope_sd, 4),
     ]
-    if change is None:
+    if change is None:  # no coming terrain change: its columns, the last ones, stay empty
         return [*cells, *[""] * (len(MODE_COLUMNS) - len(cells))]
     sizes = (
         change.distance,

@@ -37,6 +37,7 @@ def log_modes(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeEs
 
 def _log_footprints(rerun: ModuleType, stream: RecordingStream, footprints: list[Footprint]) -> None:
     """Logs the outlines of the true footprints, each from its touch-down on."""
+    # (5, 3) m each, in the true world
     outlines = [
         _close_outline(np.column_stack([outline(f), np.full(4, f.p_foot_in_world[2] + _ABOVE_M)])) for f in footprints
     ]
@@ -54,6 +55,7 @@ def _log_steps(rerun: ModuleType, stream: RecordingStream, estimates: list[ModeE
         stream.set_time("time", duration=estimate.t_ns * 1e-9)
         outlines = [_sole_outline(s, estimate, alignment) for s in predicted]
         stream.log(f"{STEPS}/predicted", rerun.LineStrips3D(outlines, colors=colors, radii=[0.006]))
+        # each with its colour; steps whose covariance is unknown have none
         ellipses = [
             (_flat_ellipse(sole, alignment.rotation @ s.covariance @ alignment.rotation.T), c)
             for s, sole, c in zip(predicted, outlines, colors)
@@ -70,12 +72,12 @@ def _log_probabilities(rerun: ModuleType, stream: RecordingStream, estimates: li
     t_ns = np.array([e.t_ns for e in estimates])
     for i, mode in enumerate(MODES):
         entity = f"{MODE}/probability/{mode}"
-        p = np.array([[e.steps[0].probabilities[mode]] for e in estimates])
+        p = np.array([[e.steps[0].probabilities[mode]] for e in estimates])  # (N, 1)
         log_curves(rerun, stream, entity, t_ns, p, (CLASS_NAMES[mode],), colors=[CLASS_COLORS[i]])
     before = ""
     for estimate in _thin_out(estimates):
         text = prediction_text(estimate)
-        if text != before:
+        if text != before:  # only a text that differs from the last logged one
             stream.set_time("time", duration=estimate.t_ns * 1e-9)
             stream.log(f"{MODE}/predicted", rerun.TextDocument(text))
             before = text
@@ -100,7 +102,7 @@ def prediction_text(estimate: ModeEstimate) -> str:
 
 def _thin_out(estimates: list[ModeEstimate]) -> Iterator[ModeEstimate]:
     """Estimates at about `_STEPS_HZ`, and every one at which the number of steps changes."""
-    due_ns, step = -(2**62), -1
+    due_ns, step = -(2**62), -1  # earlier than any estimate, and no number of steps: the first one always comes
     for estimate in estimates:
         if estimate.t_ns >= due_ns or estimate.step != step:
             # 0.9 of the period: estimates that come slightly early still count
@@ -134,7 +136,12 @@ def _sole_outline(step: StepPrediction, estimate: ModeEstimate, alignment: YawAl
 
 
 def _flat_ellipse(sole: Array, covariance: Array) -> Array:
-    """(25, 3) m, the 95 % ellipse of the sole's centre."""
+    """(25, 3) m, the 95 % ellipse of the sole's centre, at the sole's height.
+
+    Args:
+        sole: (5, 3) m, closed outline of the sole.
+        covariance: (2, 2) m², of the horizontal position in the same world.
+    """
     middle = sole[:4].mean(axis=0)
     xy = ellipse(middle, covariance)
     return np.column_stack([xy, np.full(len(xy), middle[2])])

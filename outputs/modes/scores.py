@@ -171,7 +171,7 @@ class ModeScores:
     def of(cls, rows: ModeRows) -> ModeScores:
         """Restores the scores from the result of `rows`, which JSON may have stored."""
         steps = [_from_json(row) for row in rows["steps"]]
-        for row in steps:
+        for row in steps:  # JSON has turned the tuples of a step into lists
             row.update({name: tuple(row[name]) for name in ("allowed", "probabilities")})
         return cls(
             steps=[ScoredMode(**row) for row in steps],
@@ -206,14 +206,15 @@ def score_modes(
         footprints: True footprints, in order; the two initial ones come first.
         estimates: In time order.
         alignment: Alignment of the estimator's world with the true one.
-        layout: The true terrain; None: nothing straddles and no change is scored.
+        layout: The true terrain; None if it is not known: then every step has one allowed mode, and no terrain change
+            is scored.
         sole_m: Length of the soles.
     """
     landed = footprints[2:]  # without the two initial footprints
     by_step = predictions_by_step(landed, estimates)
     first = first_predictions(landed, by_step)
     alternatives: list[tuple[str, ...]] = [() for _ in landed]
-    slopes = [math.nan for _ in landed]
+    slopes = [math.nan for _ in landed]  # true slope under each step, rad
     approaches: list[ScoredChange] = []
     if layout is not None:
         all_places = project_on_way([f.p_foot_in_world for f in footprints], layout)
@@ -225,14 +226,16 @@ def score_modes(
     before = "LG"
     for i, print_ in enumerate(landed):
         allowed = (print_.mode, *alternatives[i])
-        predictions = by_step[i]
-        last = predictions[-1] if predictions else None
         # an estimate e predicts this step as e.steps[k]; the lead time counts from the first estimate after the last
         # wrong one
+        predictions = by_step[i]
         wrong_ns = [e.t_ns for e, k in predictions if e.steps[k].mode not in allowed]
         right_since = [e.t_ns for e, k in predictions if not wrong_ns or e.t_ns > wrong_ns[-1]]
         forward, left = _footprint_error(print_, first[i], alignment)
-        step = last[0].steps[last[1]] if last else None
+        step = None  # the last prediction of this step
+        if predictions:
+            last_estimate, k = predictions[-1]
+            step = last_estimate.steps[k]
         steps.append(
             ScoredMode(
                 t_s=print_.t_ns * 1e-9,
@@ -271,8 +274,9 @@ def _footprint_error(
     # horizontal part of the foot's x axis: first column of the quaternion's rotation matrix
     forward = np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (w * z + x * y)])
     forward /= np.linalg.norm(forward)
+    left = [-forward[1], forward[0]]
     error = p - print_.p_foot_in_world[:2]
-    return float(error @ forward), float(error @ [-forward[1], forward[0]])
+    return float(error @ forward), float(error @ left)
 
 
 _BINS = 10  # of probabilities, for the calibration
@@ -361,7 +365,11 @@ def mode_figures(walks: Iterable[ModeScores]) -> ModeFigures:
     steps = [s for w in walks for s in w.steps]
     approaches = [a for w in walks for a in w.approaches]
     transitions = [s for s in steps if s.is_transition]
-    confusion = {m: {t: sum(s.mode == m and s.predicted == t for s in steps) for t in (*MODES, "")} for m in MODES}
+    # by true and by predicted mode, "" where there was no prediction
+    confusion = {
+        true: {predicted: sum(s.mode == true and s.predicted == predicted for s in steps) for predicted in (*MODES, "")}
+        for true in MODES
+    }
     return {
         "accuracy_pct": _percent(s.is_correct for s in steps),
         "strict_accuracy_pct": _percent(s.is_strictly_correct for s in steps),
@@ -392,28 +400,34 @@ def _footprint_rmse(steps: Sequence[ScoredMode]) -> FootprintErrors:
 
 
 def _steady_steps(steps: Sequence[ScoredMode]) -> list[ScoredMode]:
-    """Steps of the same mode as their neighbours and nearly as long, without the first three and the last two.
+    """Steps of the same mode as the steps before and after them, and about as long as these.
 
-    This excludes pauses and changes of speed.
+    This excludes pauses and changes of speed. The first three and the last two steps of the walk are left out.
     """
     steady = []
     for i in range(3, len(steps) - 2):
         around = steps[i - 1 : i + 2]
         lengths = [s.length_m for s in around]
-        if len({s.mode for s in around}) == 1 and not max(lengths) > (1.0 + _STEADY) * min(lengths):
+        has_one_mode = len({s.mode for s in around}) == 1
+        if has_one_mode and not max(lengths) > (1.0 + _STEADY) * min(lengths):
             steady.append(steps[i])
     return steady
 
 
 def _change_figures(approaches: Sequence[ScoredChange]) -> ChangeFigures:
-    """Figures of the predicted terrain changes, see `mode_figures`."""
+    """Figures of the predicted terrain changes of some walks: how many were found, and the errors of their sizes.
+
+    Each figure is defined in `mode_figures`, which returns them among its own.
+    """
+    # the modes that the changes of each kind lead to
     kinds = {"stairs": ("SA", "SD"), "ramps": ("RA", "RD"), "ends": ("LG",)}
-    median = {
+    median = {  # of the distance errors of the detected changes, mm
         kind: _quantile([1e3 * abs(a.distance_m) for a in approaches if a.mode in modes and a.is_detected], 50)
         for kind, modes in kinds.items()
     }
     # per attribute, (error, standard deviation) of each change; NaN where the change lacks the size
     sizes = {name: [(getattr(a, name), getattr(a, sd)) for a in approaches] for name, sd in _SIZES}
+    # per attribute, the errors of the sizes that were observed, not guessed
     observed = {name: [e for e, sd in sizes[name] if sd < max_sd] for name, max_sd in _MAX_OBSERVED_SD.items()}
     begins = [a for a in approaches if a.mode != "LG"]
     return {
@@ -443,7 +457,7 @@ def _size_figures(name: str, factor: float, approaches: Sequence[ScoredChange]) 
 
     Args:
         name: Attribute of the size's error, such as `riser_m`.
-        factor: To the unit of the figures.
+        factor: From the unit of the attribute to that of the figures, such as 1000 from m to mm.
         approaches: Scored changes that have the size.
 
     Returns:
@@ -486,12 +500,15 @@ def reliability(steps: Sequence[ScoredMode]) -> list[tuple[float, float, int]]:
     Returns:
         For each tenth with steps: mean probability, share of steps that were right, and their number.
     """
-    predicted = [(max(s.probabilities), s.is_correct) for s in steps if s.probabilities and not s.is_straddling]
-    p, right = np.array([t[0] for t in predicted]), np.array([t[1] for t in predicted], float)
-    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)
-    return [
-        (float(p[bins == b].mean()), float(right[bins == b].mean()), int((bins == b).sum())) for b in np.unique(bins)
-    ]
+    predicted = [s for s in steps if s.probabilities and not s.is_straddling]
+    p = np.array([max(s.probabilities) for s in predicted])
+    right = np.array([s.is_correct for s in predicted], float)
+    bins = np.minimum((p * _BINS).astype(int), _BINS - 1)  # a probability of 1 belongs to the last bin
+    rows = []
+    for b in np.unique(bins):
+        in_bin = bins == b
+        rows.append((float(p[in_bin].mean()), float(right[in_bin].mean()), int(in_bin.sum())))
+    return rows
 
 
 def _percent(values: Iterable[bool]) -> float | None:
@@ -539,11 +556,11 @@ def scores_of_walk(modes: ModeScores) -> Scores:
         "transition_lead_median_s": figures["transition_lead_time_s"]["median"],
         "footprint_forward_rmse_m": figures["footprint_rmse_m"]["forward"],
         "footprint_left_rmse_m": figures["footprint_rmse_m"]["left"],
-        **{f"lead_to_{name}_median_s": _lead_to(mode, modes.steps) for mode, (name, _) in _CHANGES.items()},
+        **{f"lead_to_{name}_median_s": _median_lead_to(mode, modes.steps) for mode, (name, _) in _CHANGES.items()},
     }
     return {name: float(value) for name, value in flat.items() if value is not None}
 
 
-def _lead_to(mode: str, steps: Sequence[ScoredMode]) -> float | None:
+def _median_lead_to(mode: str, steps: Sequence[ScoredMode]) -> float | None:
     """Median lead time, s, of the steps that change the mode to this one; None without any."""
     return _quantile([step.lead_s for step in steps if step.is_transition and step.mode == mode], 50)

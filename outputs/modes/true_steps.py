@@ -28,10 +28,24 @@ _LOW_RISER_M = (0.065, 0.075)
 def first_steps(
     footprints: Sequence[Footprint], estimates: Sequence[ModeEstimate]
 ) -> list[tuple[ModeEstimate, StepPrediction] | None]:
-    """For each true step the first prediction after the previous foot had landed; None if there was none."""
+    """For each true step the first prediction after the previous foot had landed.
+
+    Args:
+        footprints: True footprints, in order; the two initial ones come first and are not steps.
+        estimates: In time order.
+
+    Returns:
+        For each step the estimate and the step in it; None if there was no such prediction.
+    """
     landed = footprints[2:]
-    first = first_predictions(landed, predictions_by_step(landed, estimates))
-    return [None if one is None else (one[0], one[0].steps[one[1]]) for one in first]
+    steps: list[tuple[ModeEstimate, StepPrediction] | None] = []
+    for prediction in first_predictions(landed, predictions_by_step(landed, estimates)):
+        if prediction is None:
+            steps.append(None)
+        else:
+            estimate, k = prediction
+            steps.append((estimate, estimate.steps[k]))
+    return steps
 
 
 def first_predictions(
@@ -48,6 +62,7 @@ def first_predictions(
     """
     first: list[tuple[ModeEstimate, int] | None] = [None for _ in landed]
     for i in range(1, len(landed)):
+        # k is the index of the step in an estimate e: 0 for the next step
         candidates = ((e, k) for e, k in by_step[i] if k == 0 and e.t_ns > landed[i - 1].t_ns)
         first[i] = next(candidates, None)
     return first
@@ -60,6 +75,13 @@ def predictions_by_step(
 
     An insole reports a touch-down with a delay: an estimate in between still predicts the step that has landed. A
     touch-down that was guessed may be reported early: an estimate in between already predicts the other foot's step.
+
+    Args:
+        landed: The steps' true footprints, in order.
+        estimates: In time order.
+
+    Returns:
+        For each step pairs of an estimate and the step's index in `ModeEstimate.steps`, in time order.
     """
     t_ns = np.array([f.t_ns for f in landed])
     # estimate.steps[k] predicts step first + k + offset, where `first` is the next true step; the offset is -1 if the
@@ -74,18 +96,19 @@ def predictions_by_step(
             late = next_foot == landed[first - 1].foot
         if first < len(landed) and t_ns[first] - estimate.t_ns < _JUST_LANDED_NS:
             early = next_foot not in ("", landed[first].foot)
-        offset = early - late
-        for k in range(late, len(estimate.steps)):
-            if first + k + offset < len(landed):
-                predictions[first + k + offset].append((estimate, k))
+        offset = early - late  # 1, 0 or -1: True counts as 1
+        for k in range(late, len(estimate.steps)):  # from 1 on if steps[0] has landed
+            step = first + k + offset
+            if step < len(landed):  # steps after the end of the walk have no truth
+                predictions[step].append((estimate, k))
     return predictions
 
 
 def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, sole_m: float) -> tuple[str, ...]:
     """Modes other than the true one that a step between two places may count as.
 
-    Its footprint overlaps a ramp's edge, the slope is too gentle for everyone to call it a ramp, or the riser too low
-    for everyone to call it a stair.
+    There are some if its footprint overlaps a ramp's edge, if the slope is too gentle for everyone to call it a ramp,
+    or if the riser is too low for everyone to call it a stair. Otherwise the result is empty.
 
     Args:
         mode: True mode.
@@ -95,6 +118,7 @@ def alternative_modes(mode: str, from_to: tuple[float, float], layout: Layout, s
     """
     behind, s = from_to  # the walk goes forward: behind < s
     heel, toe = s - _HEEL_M, s + sole_m - _HEEL_M
+    # strips of the ground reach from s0 to s1 along the route, and from the height z0 to z1
     gentle = any(p.s0 <= s < p.s1 and 0.0 < abs(p.slope) < _GENTLE_RAD for p in layout.profile)
     modes = ["LG"] if gentle and mode in ("RA", "RD") else []
     for before, after in pairwise(layout.profile):

@@ -69,7 +69,7 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
     """
     check_type("evaluate", "recording", recording, Recording, "a Recording, such as open_any(PATH)")
     results = []
-    worlds: dict[str, Rigid] = {}
+    worlds: dict[str, Rigid] = {}  # alignment of each world that several estimates share
     for estimate in estimates:
         _check_poses(estimate)
         # the truth from the first valid pose on
@@ -87,18 +87,19 @@ def evaluate(recording: Recording, estimates: Iterable[PathEstimate], alignment:
 
 
 def _check_poses(estimate: PathEstimate) -> None:
-    """Raises ConfigError for a pose that is not finite, far away, or whose quaternion is not of norm 1."""
+    """Raises ConfigError for a pose that is not finite, is far away, or has a quaternion whose norm is not 1."""
     path = estimate.path
     with np.errstate(over="ignore"):
         norm_error = np.abs(np.linalg.norm(path.q_world_frame, axis=1) - 1.0)
     near = (np.abs(path.p_frame_in_world) <= LARGEST_SCORE).all(axis=1)
     unit = f"a unit quaternion, its norm within {_MAX_NORM_ERROR:g} of 1"
+    # per array: its name, (N,) whether each row is valid, and what is valid
     for name, fits, valid in (
         ("p_frame_in_world", near, f"finite numbers of up to {LARGEST_SCORE:g} m"),
         ("q_world_frame", norm_error <= _MAX_NORM_ERROR, unit),
     ):
         if not fits.all():
-            first = int(np.argmin(fits))
+            first = int(np.argmin(fits))  # the first row that is not valid
             where = f"{name} at t = {path.t_ns[first] / 1e9:.3f} s"
             raise ConfigError(estimate.name, where, getattr(path, name)[first].tolist(), valid)
 
@@ -116,7 +117,7 @@ def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
     # about `_MAX_ORDER_POSES` poses are enough
     step = 1 + len(truth) // _MAX_ORDER_POSES
     path, true_q = estimate.path, truth.q_world_frame[::step]
-    q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]
+    q = path.q_world_frame[np.isin(path.t_ns, truth.t_ns)][::step]  # at the same stamps as `true_q`
     error = _mean_rotation_error(q, true_q)
     if error < _MIN_ORDER_ERROR_RAD:  # small enough for the right order
         return
@@ -126,7 +127,12 @@ def _check_order(estimate: PathEstimate, truth: Trajectory) -> None:
 
 
 def _mean_rotation_error(q: Array, true_q: Array) -> float:
-    """Mean angle between the rotations since the first pose, of estimate and truth (N, 4), rad."""
-    rotations = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (q, true_q)]
-    since_first = [rotation[0].inv() * rotation for rotation in rotations]
-    return float((since_first[0].inv() * since_first[1]).magnitude().mean())
+    """Mean angle between the estimated and the true rotation since the first pose, rad.
+
+    Args:
+        q: (N, 4) estimated quaternions.
+        true_q: (N, 4) true ones at the same stamps.
+    """
+    attitudes = [Rotation.from_quat(quaternions, scalar_first=True) for quaternions in (q, true_q)]
+    estimated, true = (attitude[0].inv() * attitude for attitude in attitudes)  # since the first pose
+    return float((estimated.inv() * true).magnitude().mean())

@@ -21,7 +21,7 @@ _OTHERS = {"l": PALETTE[2::3], "r": PALETTE[5::-1], "camera": PALETTE[4:]}  # of
 
 
 def part_of(estimate: PathEstimate) -> str:
-    """The body of a path: the foot `l` or `r`, or the `camera`."""
+    """What a path is of: the foot `l` or `r`, as its frame says, such as `foot_l/imu`; else the `camera`."""
     return next((foot for foot in FOOT_NAMES if estimate.frame.startswith(f"foot_{foot}/")), "camera")
 
 
@@ -40,7 +40,7 @@ def by_part(results: Sequence[Result]) -> dict[str, list[Result]]:
 
 def side_view(layout: Layout | None, results: Sequence[Result]) -> Markup:
     """Heights along the route: terrain, and the true and estimated paths of one foot or of the camera."""
-    paths = [_along_route(layout, result) for result in results]
+    paths = [_along_route(layout, result) for result in results]  # (2, 2, N): truth and estimate, place and height
     span_s = data_range(*(s for s, _ in paths), margin=0.01)
     profile = layout.profile if layout else ()
     # the ground is filled down to 12 cm below its lowest point
@@ -56,6 +56,7 @@ def side_view(layout: Layout | None, results: Sequence[Result]) -> Markup:
 def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Block[Footprint] | None) -> Markup:
     """The walk from above: ground, footprints, true and estimated paths; to scale unless it is nearly a line."""
     prints = [] if footprints is None else [outline(p) for p in footprints]
+    # (2, 2, N) m: x and y, each of truth and estimate
     paths = [_positions(result)[:, :, :2].transpose(2, 0, 1) for result in results]
     span_x = data_range(*(x for x, _ in paths), *(p[:, 0] for p in prints), margin=0.02)
     span_y = data_range(*(y for _, y in paths), *(p[:, 1] for p in prints), margin=0.05)
@@ -71,7 +72,10 @@ def plan_view(layout: Layout | None, results: Sequence[Result], footprints: Bloc
 
 
 def error_over_time(results: Sequence[Result]) -> Markup:
-    """Position errors of the estimates of one part, and the 95 % bound that each estimator reports."""
+    """Figure of the position errors of one foot or of the camera, and of the 95 % bound that each estimator reports.
+
+    An estimate without a covariance has no bound.
+    """
     errors = [1e3 * np.linalg.norm(r.comparison.error_m, axis=1) for r in results]
     bounds = [_bound_mm(r) for r in results]
     max_error = max(float(e.max()) for e in errors)
@@ -158,14 +162,21 @@ def estimate_colors(results: Sequence[Result]) -> dict[str, str]:
 
 
 def _positions(result: Result) -> Array:
-    """(2, N, 3) true and estimated positions."""
+    """(2, N, 3) m: the true positions, then the estimated ones, both in the true world."""
     return np.stack([result.comparison.truth.p_frame_in_world, result.comparison.estimate.p_frame_in_world])
 
 
 def _along_route(layout: Layout | None, result: Result) -> Array:
-    """(2, 2, N) arc length along the route and height, of the true and of the estimated path.
+    """A path from the side: place along the route, and height.
 
     The estimate is offset from the truth by the component of its error along the route.
+
+    Args:
+        layout: The true terrain; None takes the world's x axis for the route.
+        result: The path beside the truth.
+
+    Returns:
+        (2, 2, N) m: first the places, then the heights; each of the truth, then of the estimate.
     """
     truth, estimate = _positions(result)
     s, heading = truth[:, 0], np.zeros(len(truth))
@@ -178,8 +189,16 @@ def _along_route(layout: Layout | None, result: Result) -> Array:
 
 
 def _bound_mm(result: Result) -> Array | None:
-    """(N,) radius of the sphere around an estimate with 95 % probability in its worst direction, mm: √(χ² λ_max)."""
+    """Radius of a sphere around each estimated position that contains the whole 95 % ellipsoid, mm.
+
+    It is √(χ² λ): χ² is the 95 % quantile with 3 degrees of freedom, λ the largest eigenvalue of the position's
+    covariance.
+
+    Returns:
+        (N,) mm; None if the estimate has no covariance.
+    """
     covariance = result.comparison.estimate.covariance
     if covariance is None:
         return None
-    return np.asarray(1e3 * np.sqrt(CHI2_3_95 * np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]))
+    largest_variance = np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]  # eigenvalues ascend
+    return np.asarray(1e3 * np.sqrt(CHI2_3_95 * largest_variance))

@@ -48,8 +48,9 @@ def is_reliable(estimate: PathEstimate) -> NDArray[np.bool_]:
     keep = np.ones(len(t_ns), bool) if estimate.healthy is None else estimate.healthy.copy()
     if estimate.status is not None:
         # time of each tracked pose; every other pose has a time so early that it never counts as recently tracked
-        tracked = np.where(estimate.status == TRACKING, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
-        keep &= t_ns - np.maximum.accumulate(tracked) <= DEAD_RECKONING_S * 1e9
+        tracked_ns = np.where(estimate.status == TRACKING, t_ns, t_ns[0] - round(2e9 * DEAD_RECKONING_S))
+        last_tracked_ns = np.maximum.accumulate(tracked_ns)  # of each pose, the last tracked one up to it
+        keep &= t_ns - last_tracked_ns <= DEAD_RECKONING_S * 1e9
     return keep
 
 
@@ -69,7 +70,8 @@ def write_path(estimate: PathEstimate, file: Path, *, dead_reckoning: bool = Fal
     is_written = np.ones(len(keep), bool) if dead_reckoning or not keep.any() else keep
     path = estimate.path[is_written]
     if file.suffix == TABLE:
-        write_table(COLUMNS, _rows(path, None if estimate.status is None else estimate.status[is_written]), file)
+        status = None if estimate.status is None else estimate.status[is_written]
+        write_table(COLUMNS, _format_rows(path, status), file)
     else:
         write_tum(path, file)
     return len(path), f"{file}: {len(path)} poses{_describe_unreliable(estimate.path, keep, dead_reckoning)}"
@@ -91,13 +93,13 @@ def _describe_unreliable(path: Trajectory, keep: NDArray[np.bool_], written: boo
     handling = "included" if written else "left out, --dead-reckoning includes them"
     if not keep.any():  # then `write_path` wrote all of them
         return "; tracking never began: all of them are unreliable"
-    last = int(np.flatnonzero(keep)[-1])
+    last = int(np.flatnonzero(keep)[-1])  # the last reliable pose
     lost_s = (int(path.t_ns[-1]) - int(path.t_ns[last])) * 1e-9
     end_text = f"; tracking ended {lost_s:.1f} s before the recording" if lost_s > DEAD_RECKONING_S else ""
     return f"{end_text}; {int((~keep).sum())} poses without tracking {handling}"
 
 
-def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
+def _format_rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[str]]:
     """Rows of `COLUMNS`, one per pose; an unknown status or covariance gives empty cells.
 
     Args:
@@ -107,6 +109,7 @@ def _rows(path: Trajectory, status: NDArray[np.str_] | None) -> Iterator[list[st
     # in the order of the columns: x, y, z, qx, qy, qz, qw
     poses = np.column_stack((path.p_frame_in_world, path.q_world_frame[:, [1, 2, 3, 0]])).tolist()
     statuses = [""] * len(path) if status is None else status.tolist()
+    # the 21 numbers on and above the diagonal of each covariance
     upper = [None] * len(path) if path.covariance is None else path.covariance[:, *_UPPER].tolist()
     for t_ns, pose, status_text, covariance in zip(path.t_ns.tolist(), poses, statuses, upper):
         covariance_cells = [""] * len(_UPPER[0]) if covariance is None else [f"{v:.6g}" for v in covariance]

@@ -57,7 +57,8 @@ def describe_distance(results: Sequence[Result]) -> str:
     """Text with the longest path of a foot, else of the camera."""
     on_feet = [r for r in results if part_of(r.estimate) in FOOT_NAMES]
     carrier = "a foot" if on_feet else "the camera"
-    return f"{max(r.scores['distance_m'] for r in on_feet or results):.1f} m travelled by {carrier}"
+    longest_m = max(r.scores["distance_m"] for r in on_feet or results)
+    return f"{longest_m:.1f} m travelled by {carrier}"
 
 
 def score_cards(results: Sequence[Result]) -> str:
@@ -76,6 +77,7 @@ def score_cards(results: Sequence[Result]) -> str:
         ]
         if values:
             cards.append({"title": title, "values": values, "note": note})
+    # what each estimator with a result is; a result has the name of its estimator, with a part such as `foot_ins_l`
     lead = [
         estimator_class.declaration.summary
         for name, estimator_class in registry.estimators(PATH).items()
@@ -124,11 +126,11 @@ def scores_section(results: Sequence[Result]) -> str:
 
 
 def _paper_figures() -> Markup:
-    """Table of the end errors of zero-velocity updates alone in Jao et al. 2020."""
+    """Table of the end errors with zero-velocity updates alone that Jao et al. 2020 report, in m and as shares."""
     jao = read_reference("jao2020")
     rows = []
     for key, title, length in _PUBLISHED_WALKS:
-        errors = jao[key]["mean_end_error_m"]["zupt"]
+        errors = jao[key]["mean_end_error_m"]["zupt"]  # of the left and of the right foot, m
         rows.append((title, *(f"{e:.2f} m" for e in errors), *(f"{100 * e / length:.1f} %" for e in errors)))
     note = (
         "Jao, Wang and Shkel 2020, tables II and III: zero-velocity updates alone, an ADIS16485 in each shoe, other "

@@ -25,8 +25,9 @@ def log_paths(rerun: ModuleType, stream: RecordingStream, results: Sequence[Resu
             ("truth", result.comparison.truth, _COLORS["truth"]),
             ("estimate", result.comparison.estimate, _COLORS[part_of(result.estimate)]),
         ):
+            # every other position is enough for a line
             line = rerun.LineStrips3D([path.p_frame_in_world[::2]], colors=[color], radii=[0.004])
             stream.log(f"world/{result.name}/{entity}", line, static=True)
     for result in results:
-        error_mm = np.linalg.norm(result.comparison.error_m, axis=1)[:, None] * 1000.0
+        error_mm = np.linalg.norm(result.comparison.error_m, axis=1)[:, None] * 1000.0  # (N, 1): one curve
         log_curves(rerun, stream, f"error_mm/{result.name}", result.comparison.truth.t_ns, error_mm, ("",))

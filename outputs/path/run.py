@@ -29,7 +29,9 @@ def pose_of(estimate: object, source: str = "estimator") -> Pose | None:
     Raises:
         StrideTwinError: It is neither a `Pose` nor has one.
     """
-    pose = estimate if estimate is None or isinstance(estimate, Pose) else getattr(estimate, "pose", estimate)
+    pose = estimate
+    if estimate is not None and not isinstance(estimate, Pose):
+        pose = getattr(estimate, "pose", estimate)  # without such an attribute the check below fails
     if pose is None or isinstance(pose, Pose):
         return pose
     expected = "stridetwin.streams.trajectory.Pose"
@@ -46,7 +48,7 @@ class PathCollector(Collector[PathEstimate]):
 
     def __init__(self, instance: Instance, source: str) -> None:
         self._instance, self._source = instance, source
-        self._poses: dict[str, list[Pose]] = {}
+        self._poses: dict[str, list[Pose]] = {}  # by frame, in time order
 
     def add(self, sample: Sample, estimate: object) -> None:
         """Keeps the pose of an estimate, if it has one."""
@@ -64,6 +66,7 @@ class PathCollector(Collector[PathEstimate]):
             raise StrideTwinError(f"{self._source}: {declaration.name} gives no pose")
         outputs = []
         for frame, poses in self._poses.items():
+            # the suffix of the name: the frame's part, else the foot of an estimator of one foot
             part = declaration.parts.get(frame, options.foot if declaration.per_foot else "")
             # the path is ready from its first valid pose on, or from its first one if none is valid
             valid = np.array([pose.valid for pose in poses], bool)
@@ -73,6 +76,7 @@ class PathCollector(Collector[PathEstimate]):
                 path=trajectory_of(poses),
                 ready_ns=poses[int(valid.argmax())].t_ns,
                 healthy=valid,
+                # all parts of one estimator share a world
                 world=declaration.name if declaration.parts else "",
                 label=declaration.name if declaration.label is None else declaration.label,
                 supplies_poses=declaration.supplies_poses,
@@ -128,12 +132,19 @@ def all_paths(
         supplies_poses: Selects estimators by `Declaration.supplies_poses`; None takes all.
         only: Names of the estimators to run; None runs all.
         parameters: Values in place of the estimators' own.
+
+    Raises:
+        StrideTwinError: An estimator fails, or a value is invalid.
     """
     check_type("all_paths", "recording", recording, Recording, "a Recording, such as open_any(PATH)")
-    return [
-        output.estimates
+    selected = [
+        estimator_class
         for name, estimator_class in registry.estimators(PATH).items()
         if supplies_poses in (None, estimator_class.declaration.supplies_poses) and (only is None or name in only)
-        for instance in runnable_instances(estimator_class, recording)
-        for output in run_paths(with_parameters(instance, parameters), recording)
     ]
+    paths = []
+    for estimator_class in selected:
+        for instance in runnable_instances(estimator_class, recording):
+            outputs = run_paths(with_parameters(instance, parameters), recording)
+            paths += [output.estimates for output in outputs]
+    return paths

@@ -189,8 +189,10 @@ def relative_errors_m(comparison: PathComparison, span_m: float) -> Array:
     # at the start of each stretch, the true attitude and the estimated one, and the difference of their headings
     attitudes = [Rotation.from_quat(p.q_world_frame[starts], scalar_first=True) for p in (truth, estimate)]
     rotation = vertical_rotation((attitudes[0] * attitudes[1].inv()).as_matrix())
+    # (K, 3) m, displacement over each stretch
     estimated_moves, true_moves = (p.p_frame_in_world[ends] - p.p_frame_in_world[starts] for p in (estimate, truth))
-    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", rotation, estimated_moves) - true_moves, axis=1))
+    rotated_moves = np.einsum("nij,nj->ni", rotation, estimated_moves)
+    return np.asarray(np.linalg.norm(rotated_moves - true_moves, axis=1))
 
 
 def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -203,10 +205,10 @@ def _stretches(distance_m: Array, span_m: float) -> tuple[NDArray[np.int64], NDA
     Returns:
         Two arrays of the same length, which is 0 if the path is shorter than the span.
     """
-    s = distance_m
-    starts = np.searchsorted(s, np.arange(s[0], s[-1] - span_m, RPE_SPACING_M))
-    ends = np.searchsorted(s, s[starts] + span_m)
-    return starts[ends < len(s)], ends[ends < len(s)]
+    starts = np.searchsorted(distance_m, np.arange(distance_m[0], distance_m[-1] - span_m, RPE_SPACING_M))
+    ends = np.searchsorted(distance_m, distance_m[starts] + span_m)
+    is_complete = ends < len(distance_m)  # the path does not end before the stretch does
+    return starts[is_complete], ends[is_complete]
 
 
 def nees_position(comparison: PathComparison) -> Array:
@@ -219,8 +221,9 @@ def nees_position(comparison: PathComparison) -> Array:
     if covariance is None:
         raise ValueError("the estimate has no covariance")
     P = covariance[:, :3, :3] + _VARIANCE_FLOOR_M2 * np.eye(3)
-    e = comparison.error_m
-    return np.asarray(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[..., None])[..., 0]))
+    e = comparison.error_m  # (N, 3) m
+    P_inverse_e = np.linalg.solve(P, e[..., None])[..., 0]
+    return np.asarray(np.einsum("ni,ni->n", e, P_inverse_e))
 
 
 def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
@@ -234,10 +237,11 @@ def armse_2d(estimate: Array, truth: Array, far_m: float = 0.8) -> float:
         truth: (N, 2 or 3) m at the same stamps.
         far_m: Distance that fixes the bearing.
     """
-    e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]
+    e, g = estimate[:, :2] - estimate[0, :2], truth[:, :2] - truth[0, :2]  # (N, 2) m: estimate and ground truth
     # index of the sample that fixes the bearing; the last one if the estimate never gets that far
     far = np.linalg.norm(e, axis=1) > far_m
     i = int(np.argmax(far)) if far.any() else len(e) - 1
+    # angle by which the estimate is rotated, rad; rows are points, so the matrix is the transpose of the rotation
     a = np.arctan2(g[i, 1], g[i, 0]) - np.arctan2(e[i, 1], e[i, 0])
     rotated = e @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
     return float(np.mean(np.sqrt(((rotated - g) ** 2).sum(axis=1) / 2)))
@@ -294,6 +298,7 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
         the largest; None without climbs), `coverage_pct` of the walk, and with a covariance `nees_mean` and
         `nees_within_95_pct` of the position.
     """
+    # the first healthy pose; without any, nothing remains
     first = int(odometry.healthy.argmax()) if odometry.healthy.any() else len(odometry.healthy)
     path, healthy = odometry.path[first:], odometry.healthy[first:]
     inside = (path.t_ns >= truth.t_ns[0]) & (path.t_ns <= truth.t_ns[-1])
@@ -304,9 +309,9 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
     unhealthy_s = float(steps[~healthy].sum())
     if not (np.isfinite(path.p_frame_in_world).all() and np.isfinite(path.q_world_frame).all()):
         return {"failure": "not finite", "unhealthy_s": unhealthy_s, "recovered": False}
+    # compared with the first pose aligned, and with the whole path aligned
     from_start, from_fit = compare(path, truth, "start"), compare(path, truth, "yaw")
-    error = from_start.error_m
-    # errors with the start aligned, and distances with the whole path aligned
+    error = from_start.error_m  # (N, 3) m
     distances = np.linalg.norm(from_fit.error_m, axis=1)
     relative, climbs = relative_errors_m(from_fit, SPAN_M), climb_errors_m(from_fit)
     is_off = max(float(distances.max()), float(np.linalg.norm(error, axis=1).max())) > LOST_M
@@ -326,13 +331,15 @@ def drift_figures(odometry: OdometryPath, truth: TruePath) -> DriftFigures:
 
 
 def climb_errors_m(comparison: PathComparison) -> Array:
-    """Error of the height gain over every 5 m of path that rise or fall by more than 0.3 m.
+    """Error of the height gain over every stretch of 5 m of the path on which it rises or falls by more than 0.3 m.
+
+    Stretches start each 0.1 m travelled, so that they overlap.
 
     Returns:
         (K,) m, estimated minus true; empty if there are none.
     """
     starts, ends = _stretches(comparison.distance_m, SPAN_M)
-    estimated, true = (p.p_frame_in_world[:, 2] for p in (comparison.estimate, comparison.truth))
+    estimated, true = (p.p_frame_in_world[:, 2] for p in (comparison.estimate, comparison.truth))  # (N,) m, heights
     true_gain = true[ends] - true[starts]
     error: Array = estimated[ends] - estimated[starts] - true_gain
     return error[np.abs(true_gain) > CLIMB_M]

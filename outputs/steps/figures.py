@@ -25,7 +25,7 @@ def steps_from_aside(
     layout: Layout | None, steps: Sequence[ScoredStep], title: str = "Planes under the feet"
 ) -> Markup:
     """Side view of one walk: the true ground along the route, and the estimated plane and normal of each footprint."""
-    true, estimated, slopes = _step_positions(steps)
+    true, estimated, slopes = _step_positions(steps)  # (N, 3) m, (N, 3) m and (N,) rad, in the true world
     s = true[:, 0] if layout is None else project_on_way(true, layout)
     heading = np.zeros(len(s)) if layout is None else layout.way.heading(s)
     error = estimated - true
@@ -37,13 +37,14 @@ def steps_from_aside(
     span_z = data_range(true[:, 2], at[:, 1], include=(floor, float(at[:, 1].max()) + 0.3), margin=0.0)
     plot = Plot(title=title, x=span_s, y=span_z, x_label="along the route, m", y_label="height, m", to_scale=True)
     draw_profile(plot, profile, span_s, span_z[0])
-    # unit vectors along each plane and normal to it; the figure's foot begins a tenth of its length behind the place
+    # (N, 2) unit vectors along each plane and normal to it; a foot reaches from a tenth of its length behind the place
+    # (`heel`) forward (`toe`), and the normal stands on its middle
     along = np.column_stack([np.cos(slopes), np.sin(slopes)])
     up = along[:, ::-1] * [-1.0, 1.0]
-    foot = at + 0.4 * FOOT_M * along
+    middle = at + 0.4 * FOOT_M * along
     heel, toe = at - 0.1 * FOOT_M * along, at + 0.9 * FOOT_M * along
     plot.curves(np.stack([heel, toe], axis=1), _PLANE, width=2.4, label="estimated plane")
-    plot.curves(np.stack([foot, foot + _NORMAL_M * up], axis=1), _NORMAL, width=1.4, label="its normal")
+    plot.curves(np.stack([middle, middle + _NORMAL_M * up], axis=1), _NORMAL, width=1.4, label="its normal")
     return plot.html()
 
 
@@ -60,9 +61,13 @@ def steps_from_above(layout: Layout | None, steps: Sequence[ScoredStep], title: 
 
 
 def _step_positions(steps: Sequence[ScoredStep]) -> tuple[Array, Array, Array]:
-    """(N, 3) true and estimated positions of the estimated steps, both in the true world, and (N,) estimated slopes.
+    """Positions and slopes of the steps that have an estimate.
 
-    The first estimated position is aligned with the true one; headings are those of the AHRS.
+    The estimated positions are shifted so that the first one agrees with the true one; their heading stays that of the
+    AHRS.
+
+    Returns:
+        (N, 3) m, true positions; (N, 3) m, estimated positions in the true world; and (N,) rad, estimated slopes.
     """
     matched = [s for s in steps if s.is_matched]
     true, estimated = np.array([s.place for s in matched]), np.array([s.estimated_place for s in matched])

@@ -123,11 +123,12 @@ def score_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
         print_ = footprints[i]  # `print` is a built-in
         # two footprints of one foot in a row: the truth lacks one of the other foot between them;
         # either foot may take the first step, whatever the order of the list: that is not a gap
-        beside = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
-        before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)
-        if before is None or any(p.foot == print_.foot for p in beside):
+        neighbours = (*footprints[max(i - 1, _STANDING) : i], *footprints[i + 1 : i + 2])
+        before = next((p for p in footprints[i - 1 :: -1] if p.foot != print_.foot), None)  # of the other foot
+        if before is None or any(p.foot == print_.foot for p in neighbours):
             continue
-        steps.append(_score_step(print_, before, next(iter(_estimates_of(footprints, i, estimate_list)), None)))
+        first_estimate = next(iter(_estimates_of(footprints, i, estimate_list)), None)
+        steps.append(_score_step(print_, before, first_estimate))
     return steps
 
 
@@ -141,16 +142,16 @@ def false_steps(footprints: Sequence[Footprint], estimates: Iterable[StepEstimat
         footprints: True footprints, in order; the two initial ones come first.
         estimates: One per estimated step, in order.
     """
-    estimate_list, matched = list(estimates), set[int]()
+    estimate_list = list(estimates)
+    matched = set[int]()  # identities (`id`) of the estimates that belong to a true or missing footprint
     for i, print_ in enumerate(footprints):
         later = footprints[max(i + 1, _STANDING) :]
         # footprints of the other foot until this foot's next one: one is normal, each further one marks a missing print
         other_foot_count = next((n for n, p in enumerate(later) if p.foot == print_.foot), len(later))
         # one estimate for the footprint itself (none for an initial one), and one for each missing print after it
         max_estimates = (i >= _STANDING) + max(other_foot_count - 1, 0)
-        matched.update(
-            [id(e) for e in _estimates_of(footprints, i, estimate_list) if id(e) not in matched][:max_estimates]
-        )
+        unmatched = [id(e) for e in _estimates_of(footprints, i, estimate_list) if id(e) not in matched]
+        matched.update(unmatched[:max_estimates])
     return len(estimate_list) - len(matched)
 
 
@@ -179,6 +180,7 @@ def _score_step(print_: Footprint, before: Footprint, estimate: StepEstimate | N
         estimate: The step's estimate; None for a missed step.
     """
     w, x, y, z = print_.q_world_foot
+    # the true values, which alone remain if the step was missed
     missed_step = ScoredStep(
         mode=print_.mode,
         slope=float(np.arcsin(2.0 * (x * z - w * y))),  # of the foot's x axis above the horizontal
@@ -207,28 +209,30 @@ def _finite_or_none(sd: float) -> float | None:
 def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[float, float, float]]:
     """Error of the displacement divided by the number of steps, for each run of steps of one mode, m.
 
-    A run begins at the footprint before it (as the paper's walks begin with a standing subject), and goes from the
-    first to the last estimated footprint.
+    The displacement of a run goes from the footprint before it to its last one (the paper's walks begin with a standing
+    subject). Where these have no estimate, the first and the last estimated footprint in between take their place.
+    A run with fewer than two estimated footprints is left out.
 
     Args:
         steps: Steps of a walk.
         mode: Mode of the runs; "" takes the whole walk.
 
     Returns:
-        Forward, up and left, for each run.
+        For each run the errors along the world's x axis (forward), z axis (up) and y axis (left), m per step.
     """
     errors, start = [], 0
     for end in range(1, len(steps) + 1):  # steps[start:end] is the present run
-        inside = not mode or steps[end - 1].mode == mode
-        if inside and end < len(steps) and (not mode or steps[end].mode == mode):
+        is_inside = not mode or steps[end - 1].mode == mode
+        if is_inside and end < len(steps) and (not mode or steps[end].mode == mode):  # the run goes on
             continue
-        if inside:
+        if is_inside:
             # with the footprint before the run; only steps with an estimate have an estimated place
             run = [(i, s) for i, s in enumerate(steps[max(start - 1, 0) : end]) if s.is_matched]
             if len(run) > 1:
                 (i, first), (j, last) = run[0], run[-1]
-                error = np.subtract(last.estimated_place, first.estimated_place) - np.subtract(last.place, first.place)
-                forward, left, up = (error / (j - i)).tolist()
+                estimated_move = np.subtract(last.estimated_place, first.estimated_place)
+                true_move = np.subtract(last.place, first.place)
+                forward, left, up = ((estimated_move - true_move) / (j - i)).tolist()  # per step
                 errors.append((forward, up, left))
         start = end
     return errors
@@ -237,15 +241,16 @@ def displacement_errors(steps: Sequence[ScoredStep], mode: str) -> list[tuple[fl
 def align_yaw(steps: Sequence[ScoredStep]) -> list[ScoredStep]:
     """The steps of a walk with estimated positions rotated about the vertical, so that they fit the true ones best.
 
-    Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018).
+    Without a magnetometer the initial heading is unobservable (a gauge freedom: Zhang & Scaramuzza 2018). With fewer
+    than two estimated steps, all steps come back unchanged.
     """
     matched = [s for s in steps if s.is_matched]
     if len(matched) < 2:  # no direction to fit
         return list(steps)
-    true, estimated = (
-        np.array(places) for places in ([s.place for s in matched], [s.estimated_place for s in matched])
-    )
+    true = np.array([s.place for s in matched])  # (N, 3) m
+    estimated = np.array([s.estimated_place for s in matched])
     R = vertical_rotation((true - true.mean(axis=0)).T @ (estimated - estimated.mean(axis=0)))
+    # about the origin of the estimator's world; only displacements count, so no translation is needed
     return [replace(s, estimated_place=tuple((R @ s.estimated_place).tolist())) if s.is_matched else s for s in steps]
 
 

@@ -42,13 +42,13 @@ def terrain_document(estimate: TerrainEstimate) -> TerrainDocument:
     return {
         "t_s": estimate.t_ns * 1e-9,
         "p_camera_in_world_m": _to_list(estimate.p_camera_in_world),
-        "planes": [_plane(p, estimate.terrain_of(p.id)) for p in estimate.planes.values()],
-        "terrains": [_terrain(t) for t in estimate.terrains],
+        "planes": [_plane_fields(p, estimate.terrain_of(p.id)) for p in estimate.planes.values()],
+        "terrains": [_terrain_fields(t) for t in estimate.terrains],
     }
 
 
 def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) -> list[Path]:
-    """Writes planes and terrains as JSON, and the ground as a `.ply` of the same name.
+    """Writes planes and terrains as JSON, and the ground as points in a `.ply` of the same name.
 
     Args:
         terrain_map: The map.
@@ -56,17 +56,18 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
         mesh: Also writes a `.glb`, the ground as a surface; and every surface as `_mesh.ply`, if the map has one.
 
     Raises:
-        RecordingError: The map is empty.
+        RecordingError: The map is empty, because no depth image had a pose.
         StrideTwinError: A mesh is requested, and the library that writes it is not installed.
     """
     estimate = terrain_map.estimate
     if estimate is None:
         raise RecordingError("no depth image has a pose, so the map is empty")
-    mesh_files = _meshes(terrain_map, estimate, file) if mesh else {}
-    points, plane = terrain_map.surface_points()
+    mesh_files = _export_meshes(terrain_map, estimate, file) if mesh else {}
+    points, plane = terrain_map.surface_points()  # (N, 3) m, and (N,) id of the plane of each point
+    kinds = [_terrain_name(estimate.terrain_of(int(p))) for p in plane]
     cloud = file.with_suffix(".ply")
     with atomic_file(cloud) as out:
-        _write_ply(points, [_terrain_name(estimate.terrain_of(int(p))) for p in plane], plane, out)
+        _write_ply(points, kinds, plane, out)
     with atomic_file(file) as out:
         out.write_text(to_json(terrain_document(estimate)), encoding="utf-8")
     for surface, content in mesh_files.items():
@@ -75,7 +76,7 @@ def write_terrain(terrain_map: TerrainMap, file: Path, *, mesh: bool = False) ->
     return [file, cloud, *mesh_files]
 
 
-def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
+def _export_meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> dict[Path, bytes]:
     """Contents of the mesh files, by path: the ground as `.glb`, and every surface as `_mesh.ply` if the map has one.
 
     Args:
@@ -89,9 +90,11 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     with explain_import_error("a mesh needs it", "twin"):
         import trimesh
     scene = trimesh.Scene()
-    scene.add_geometry(_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP)
+    scene.add_geometry(
+        _build_ground_mesh(terrain_map, estimate), node_name="ground", geom_name="ground", transform=_Y_UP
+    )
     files = {file.with_suffix(".glb"): bytes(scene.export(file_type="glb", include_normals=True))}
-    if (surfaces := terrain_map.mesh()) is not None:
+    if (surfaces := terrain_map.mesh()) is not None:  # vertices and triangles of all surfaces
         mesh = trimesh.Trimesh(*surfaces, process=False)
         content = mesh.export(file_type="ply")
         assert isinstance(content, bytes)
@@ -99,7 +102,7 @@ def _meshes(terrain_map: TerrainMap, estimate: TerrainEstimate, file: Path) -> d
     return files
 
 
-def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.Trimesh:
+def _build_ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.Trimesh:
     """The ground as a mesh, m: one vertex per column of the map, coloured by class.
 
     Vertices are in the map's world, z up; the scene's node rotates them to y up, as glTF requires.
@@ -112,9 +115,11 @@ def _ground_mesh(terrain_map: TerrainMap, estimate: TerrainEstimate) -> trimesh.
     # number of the vertex in each cell; -1 without one. Four neighbours with vertices make two triangles.
     number = np.full(is_known.shape, -1, np.int64)
     number[is_known] = np.arange(len(points))
+    # (I - 1, J - 1, 4) vertices of each square of four neighbouring cells, in order around it
     corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1)
-    complete_faces = corners[(corners >= 0).all(axis=-1)]
-    faces = np.concatenate([complete_faces[:, [0, 1, 2]], complete_faces[:, [0, 2, 3]]])
+    squares = corners[(corners >= 0).all(axis=-1)]  # those with all four vertices
+    faces = np.concatenate([squares[:, [0, 1, 2]], squares[:, [0, 2, 3]]])
+    # colour of each vertex, looked up once per plane
     ids, id_index = np.unique(plane, return_inverse=True)
     rgb = np.array([COLORS[_terrain_name(estimate.terrain_of(int(i)))] for i in ids], np.uint8)[id_index]
     surface = trimesh.Trimesh(vertices=points, faces=faces, vertex_colors=rgb, process=False)
@@ -128,7 +133,7 @@ def _terrain_name(terrain: Terrain | None) -> str:
     return "none" if terrain is None else type(terrain).__name__.lower()
 
 
-def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
+def _plane_fields(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
     """A plane as plain values for the JSON file."""
     return {
         "id": plane.id,
@@ -143,7 +148,7 @@ def _plane(plane: Plane, terrain: Terrain | None) -> dict[str, object]:
     }
 
 
-def _terrain(terrain: Terrain) -> dict[str, object]:
+def _terrain_fields(terrain: Terrain) -> dict[str, object]:
     """Stairs, a ramp or level ground as plain values for the JSON file."""
     if isinstance(terrain, Stairs):
         sd = np.sqrt(np.diag(terrain.covariance))  # 0 riser, 1 tread, 3 start; the rest is not written

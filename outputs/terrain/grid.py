@@ -23,10 +23,10 @@ CLASS_NAMES = {"LG": "level", "SA": "stairs up", "SD": "stairs down", "RA": "ram
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GroundGrid:
-    """Columns of the map in the map's own, rotated grid.
+    """Heights and planes of the columns of the map, in the map's own grid, which is rotated against its world.
 
     Attributes:
-        first: (2,) int64, column of the first cell.
+        first: (2,) int64, numbers of the grid's column that cell (0, 0) of the arrays holds.
         height: (I, J) m, NaN where unknown.
         plane: (I, J) int64, id of the plane, -1 without a plane.
         rotation: (2, 2), grid to world.
@@ -41,7 +41,7 @@ class GroundGrid:
 
     @classmethod
     def of(cls, terrain_map: TerrainMap) -> GroundGrid:
-        """The current ground of a map, with the surface point of each column."""
+        """The current ground of a map: in each column the height and the plane of its surface point."""
         p = terrain_map.parameters
         c, s = math.cos(GRID_ROTATION_RAD), math.sin(GRID_ROTATION_RAD)
         rotation = np.array([[c, -s], [s, c]])
@@ -66,8 +66,13 @@ class GroundGrid:
         return np.where(inside, self.height[i, j], np.nan), np.where(inside, self.plane[i, j], -1)
 
     def points(self) -> tuple[Array, NDArray[np.int64]]:
-        """(N, 3) m in the map's world, and (N,) ids."""
+        """The centres of all cells of known height.
+
+        Returns:
+            (N, 3) m in the map's world, and (N,) id of the plane of each, -1 without a plane.
+        """
         i, j = np.nonzero(np.isfinite(self.height))
+        # 0.5 leads from the corner of a cell to its middle
         xy = (np.column_stack([i, j]) + self.first + 0.5) * self.cell_m @ self.rotation.T
         return np.column_stack([xy, self.height[i, j]]), self.plane[i, j]
 
@@ -93,10 +98,17 @@ def ground_class_of(estimate: TerrainEstimate, plane: int, heading: float) -> st
 
 
 def ground_classes_at(estimate: TerrainEstimate, plane: NDArray[np.int64], heading: float) -> NDArray[np.uint8]:
-    """Numbers (...) of `GROUND_CLASSES` for plane ids (...), for a walker who heads `heading` rad from x.
+    """The class of the ground of many planes, for a walker in a given direction.
 
-    -1 is no plane.
+    Args:
+        estimate: Planes and terrains of the map.
+        plane: (...) ids of planes; -1 is no plane.
+        heading: Direction of the walker, rad from x in the map's world.
+
+    Returns:
+        (...) indices in `GROUND_CLASSES`.
     """
-    ids, where = np.unique(plane, return_inverse=True)
-    known = [ground_class_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
-    return np.array([GROUND_CLASSES.index(kind) for kind in known], np.uint8)[where].reshape(np.shape(plane))
+    ids, id_index = np.unique(plane, return_inverse=True)  # each plane is classified once
+    names = [ground_class_of(estimate, int(i), heading) if i >= 0 else "none" for i in ids]
+    classes = np.array([GROUND_CLASSES.index(name) for name in names], np.uint8)
+    return classes[id_index].reshape(np.shape(plane))

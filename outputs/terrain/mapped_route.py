@@ -79,6 +79,7 @@ class RouteMapper:
         classes = ground_classes_at(estimate, plane, heading)
         is_known = np.isfinite(height)
         rows, columns = np.nonzero(is_known)
+        # from the map's world to the true one: without the drift in height
         self._height[nearby[rows], columns] = height[is_known] - alignment.estimated[2] + alignment.true[2]
         self._classes[nearby[rows], columns] = classes[is_known]
         for flight in estimate.stairs:
@@ -88,14 +89,15 @@ class RouteMapper:
     def _keep_edge(self, a: Array, b: Array, place_m: float) -> None:
         """Stores an edge ahead of the walker; it replaces earlier ones within `_SAME_EDGE_M`.
 
-        An edge counts if its line crosses the route within `_MAX_EDGE_AHEAD_M`, it lies across the route, and not
-        beside it.
+        Other edges are dropped: an edge counts if its line crosses the route at most `_MAX_EDGE_AHEAD_M` ahead, if it
+        lies across the route rather than along it, and if it is not wholly beside the route.
 
         Args:
             a: (3,) m, one end in the true world.
             b: (3,) m, the other end.
             place_m: Place of the walker along the route, m.
         """
+        # samples of the route ahead: m along it; (S, 2) m, points; and (S, 2), unit vectors to its left
         places = np.arange(place_m, place_m + _MAX_EDGE_AHEAD_M, 0.02)
         way, heading = self._way.point(places), self._way.heading(places)
         left = np.stack([-np.sin(heading), np.cos(heading)], axis=-1)
@@ -104,16 +106,16 @@ class RouteMapper:
         if distance[k] > 0.02:  # the line crosses the route nowhere near
             return
         # left coordinates of both ends, and cosine of the angle between edge and the direction across the route
+        along_edge = (b - a)[:2]
         low, high = sorted(float((end[:2] - way[k]) @ left[k]) for end in (a, b))
-        across = float(abs((b - a)[:2] @ left[k])) / max(float(np.linalg.norm((b - a)[:2])), 1e-9)
+        across = float(abs(along_edge @ left[k])) / max(float(np.linalg.norm(along_edge)), 1e-9)
         if across < _ACROSS or low > _BESIDE_M or high < -_BESIDE_M:
             return
         forward = np.array([math.cos(heading[k]), math.sin(heading[k])])
         # the edge's point nearest to that sample gives the place between two samples
-        middle = a[:2] + (b - a)[:2] * float(
-            np.clip((way[k] - a[:2]) @ (b - a)[:2] / ((b - a)[:2] @ (b - a)[:2]), 0, 1)
-        )
-        s = float(places[k]) + float((middle - way[k]) @ forward)
+        share = float(np.clip((way[k] - a[:2]) @ along_edge / (along_edge @ along_edge), 0, 1))  # from a (0) to b (1)
+        nearest = a[:2] + along_edge * share
+        s = float(places[k]) + float((nearest - way[k]) @ forward)
         self._edges = [e for e in self._edges if abs(e[0] - s) > _SAME_EDGE_M]
         self._edges.append((s, low, high))
 

@@ -89,15 +89,22 @@ class MapScores:
 
 
 def mesh_of(slabs: Sequence[Slab]) -> Array:
-    """(T, 3, 3) m, the true ground as triangles: the top of each slab, and its sides down to below the lowest."""
+    """The true ground as triangles: the top of each slab, and its four sides down to below the lowest top.
+
+    Returns:
+        (T, 3, 3) m: triangle, corner, coordinate in the true world.
+    """
+    # (4, 3) m, corners of each top in order around it
     tops = [
         slab.point([0, slab.length, slab.length, 0], [-slab.right, -slab.right, slab.left, slab.left]) for slab in slabs
     ]
     floor = min(float(top[:, 2].min()) for top in tops) - _FLOOR_BELOW_M
-    faces = []
+    faces = []  # (4, 3) m each
     for top in tops:
-        under = np.column_stack([top[:, :2], np.full(4, floor)])
-        faces += [top, *(np.array([under[i], under[j], top[j], top[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+        under = np.column_stack([top[:, :2], np.full(4, floor)])  # the corners below those of the top
+        sides = [np.array([under[i], under[j], top[j], top[i]]) for i, j in ((0, 1), (1, 2), (2, 3), (3, 0))]
+        faces += [top, *sides]
+    # two triangles per face
     return np.array([face[corners] for face in faces for corners in ([0, 1, 2], [0, 2, 3])])
 
 
@@ -108,17 +115,18 @@ def distance_to(triangles: Array, points: Array) -> Array:
     """
     nearest = np.full(len(points), np.inf)
     low, high = triangles.min(axis=1), triangles.max(axis=1)
-    flat = np.argsort(high[:, 2] - low[:, 2], kind="stable")  # tops first: most points lie on them
-    for i in flat.tolist():
+    # level triangles first: most points lie on them, and upright ones are then mostly skipped
+    flattest_first = np.argsort(high[:, 2] - low[:, 2], kind="stable")
+    for i in flattest_first.tolist():
         # per axis, the distance from the bounding box
         apart = np.maximum(np.maximum(low[i] - points, points - high[i]), 0.0)
         near = np.flatnonzero((apart**2).sum(axis=1) < nearest**2)
         if len(near):
-            nearest[near] = np.minimum(nearest[near], _from_triangle(triangles[i], points[near]))
+            nearest[near] = np.minimum(nearest[near], _distance_from_triangle(triangles[i], points[near]))
     return nearest
 
 
-def _from_triangle(triangle: Array, points: Array) -> Array:
+def _distance_from_triangle(triangle: Array, points: Array) -> Array:
     """(N,) m, distances of (N, 3) points from one triangle.
 
     The distance is that from the plane for points above or below the triangle, else that from the nearest side.
@@ -167,7 +175,8 @@ class MapScorer:
 
     def __init__(self, layout: Layout, path: Array) -> None:
         self._layout = layout
-        # true changes with the time at which each is due, ns (infinite: never); `sample` moves them to `_changes`
+        # true changes that are not scored yet, each with the time at which it is due, ns (infinite: never); `sample`
+        # removes them one by one and adds their scores to `_changes`
         self._pending = [(change, scoring_time_ns(change.s, *path.T)) for change in true_changes(layout.profile)]
         self._changes: list[ScoredChange] = []
         self._points: list[Array] = []  # per sample, (K, 3) m, points of the map's ground ahead in the true world
@@ -207,6 +216,7 @@ class MapScorer:
     def scores(self) -> MapScores:
         """The scores over all samples so far."""
         points = np.concatenate(self._points) if self._points else np.zeros((0, 3))
+        # (N,) m, distances of all sampled points from the true ground
         far = distance_to(mesh_of(self._layout.slabs), points)
         return MapScores(
             changes=tuple(self._changes),
@@ -261,8 +271,9 @@ def _score_change(
 ) -> ScoredChange:
     """Errors of the estimate of one terrain change.
 
-    A ramp is found if the map has a slope of more than 5° shortly beyond its edge; stairs if a flight of two or more
-    steps in the same direction begins within `_MATCH_M`.
+    A ramp is found if the map has a slope of at least 5° shortly beyond its edge; stairs if a flight of two or more
+    steps that rises or falls in the same direction begins within `_MATCH_M` of the true begin. A ramp has the error of
+    its begin even if it is not found.
 
     Args:
         change: The true change.
@@ -279,21 +290,26 @@ def _score_change(
         return ScoredChange(mode=change.mode, is_detected=False)
     if change.slope:
         # a ramp: the slope break nearest to the true edge gives the begin, even where the slope is not found
-        near = [c for c in _profile_ahead(mapper, place_m, alignment, layout).changes if c.kind == "slope_break"]
-        edge = min((place_m + c.s - change.s for c in near), key=abs, default=math.nan)
-        at = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
-        if at is None or at[0].slope < math.radians(5):
+        mapped_changes = _profile_ahead(mapper, place_m, alignment, layout).changes
+        slope_breaks = [c for c in mapped_changes if c.kind == "slope_break"]
+        edge = min((place_m + c.s - change.s for c in slope_breaks), key=abs, default=math.nan)
+        # plane and terrain of the mapped ground 0.4 m beyond the edge, or 0.8 m where none is known there
+        ground = mapper.ground(place + 0.4 * forward) or mapper.ground(place + 0.8 * forward)
+        if ground is None or ground[0].slope < math.radians(5):
             return ScoredChange(mode=change.mode, is_detected=False, distance_m=edge)
-        slope = math.atan(float(at[0].gradient @ forward))
+        plane, _ = ground
+        slope = math.atan(float(plane.gradient @ forward))  # in the direction of the walk
         return ScoredChange(
             mode=change.mode,
             is_detected=True,
             distance_m=edge,
             slope_rad=slope - change.slope,
-            slope_sd_rad=at[0].slope_sd,
+            slope_sd_rad=plane.slope_sd,
         )
-    for flight in sorted(estimate.stairs, key=lambda f: -f.steps):
-        sign = math.copysign(1.0, change.riser)
+    for flight in sorted(estimate.stairs, key=lambda f: -f.steps):  # the longest first
+        sign = math.copysign(
+            1.0, change.riser
+        )  # -1 where the walker goes down, against the flight's direction of ascent
         if float(flight.up @ forward) * sign < 0.9:  # it rises, or falls, in another direction than the true one
             continue
         # from the true begin to each edge of the flight, m forward; the first one that the walker meets is the begin
@@ -306,6 +322,7 @@ def _score_change(
                 distance_m=float(first),
                 riser_m=flight.riser - abs(change.riser),  # a flight's riser is positive
                 tread_m=flight.tread - change.tread,
+                # the covariance is that of riser, tread and further parameters
                 riser_sd_m=math.sqrt(flight.covariance[0, 0]),
                 tread_sd_m=math.sqrt(flight.covariance[1, 1]),
             )
@@ -313,9 +330,17 @@ def _score_change(
 
 
 def _ground_ahead(mapper: TerrainMap, place_m: float, alignment: YawAlignment, layout: Layout) -> Array:
-    """(N, 3) m, a subset of the map's points ahead on the route, in the true world."""
-    points, plane = mapper.surface_points()
-    return points_ahead(alignment.to_true(points[plane >= 0][::_EVERY]), place_m, layout)
+    """(N, 3) m, in the true world: every `_EVERY`-th point of the map's planes that lies ahead on the route.
+
+    Args:
+        mapper: The map.
+        place_m: Place of the camera along the route, m.
+        alignment: From the map's world to the true one, now.
+        layout: The true terrain.
+    """
+    points, plane = mapper.surface_points()  # a point without a plane has the id -1
+    ground_points = points[plane >= 0][::_EVERY]
+    return points_ahead(alignment.to_true(ground_points), place_m, layout)
 
 
 def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
@@ -328,15 +353,16 @@ def points_ahead(points: Array, place_m: float, layout: Layout) -> Array:
     """
     near = points[np.linalg.norm(points[:, :2] - layout.way.point(place_m), axis=1) < FAR_M]
     s = _places_ahead(place_m, layout)
-    if not len(s) or not len(near):
+    if not len(s) or not len(near):  # at the end of the route, or nothing mapped nearby
         return np.zeros((0, 3))
     way, heading = layout.way.point(s), layout.way.heading(s)
-    # from the nearest sample of the route: along it and to the left
-    offset = near[:, None, :2] - way
-    k = np.argmin((offset**2).sum(axis=-1), axis=1)
-    offset = offset[np.arange(len(near)), k]
-    c, s_ = np.cos(heading[k]), np.sin(heading[k])
-    along, aside = offset[:, 0] * c + offset[:, 1] * s_, offset[:, 1] * c - offset[:, 0] * s_
+    # (P, S, 2) m, from each sample of the route to each point; then (P, 2) from the nearest sample alone
+    offsets = near[:, None, :2] - way
+    nearest = np.argmin((offsets**2).sum(axis=-1), axis=1)
+    offset = offsets[np.arange(len(near)), nearest]
+    # in the axes of the route there: forward along it, and to the left
+    cos, sin = np.cos(heading[nearest]), np.sin(heading[nearest])
+    along, aside = offset[:, 0] * cos + offset[:, 1] * sin, offset[:, 1] * cos - offset[:, 0] * sin
     return np.asarray(near[(np.abs(along) < _CELL_M) & (np.abs(aside) < _HALF_WIDTH_M)])
 
 
@@ -346,7 +372,15 @@ def _places_ahead(place_m: float, layout: Layout) -> Array:
 
 
 def cells_ahead(place_m: float, layout: Layout) -> tuple[Array, Array]:
-    """(N,) m along the route and (N,) m to its left, every 5 cm of the ground ahead."""
+    """Places of a grid of 5 cm on the ground ahead: 0.5 to 2.5 m along the route, and 0.5 m to both sides of it.
+
+    Args:
+        place_m: Place of the camera along the route, m.
+        layout: The true terrain.
+
+    Returns:
+        (N,) m along the route, and (N,) m to the left of it; empty at the end of the route.
+    """
     across = np.arange(-_HALF_WIDTH_M, _HALF_WIDTH_M + 1e-9, _CELL_M)
     s, aside = (grid.ravel() for grid in np.meshgrid(_places_ahead(place_m, layout), across))
     return s, aside
@@ -365,6 +399,7 @@ def _completeness(mapper: TerrainMap, place_m: float, alignment: YawAlignment, l
     if not len(s):
         return math.nan
     xy = alignment.to_estimated(layout.way.point(s, aside))
+    # (N,) m in the true world; NaN, where nothing is mapped, is within no limit
     height = mapper.heights(xy) - alignment.estimated[2] + alignment.true[2]
     return float(np.mean(np.abs(height - true_heights(layout.profile, s, aside)) < _COMPLETE_M))
 
@@ -380,7 +415,8 @@ def true_heights(profile: Sequence[Strip], s: Array, left: Array | float = 0.0) 
     starts = np.array([strip.s0 for strip in profile])
     # (strips, 4): begin along the route, height there, rise per m along the route and per m to the left
     strips = np.array([(strip.s0, strip.z0, math.tan(strip.slope), math.tan(strip.cross_slope)) for strip in profile])
-    s0, z0, slope, cross = strips[np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)].T
+    at = np.clip(np.searchsorted(starts, s, side="right") - 1, 0, None)  # the strip under each place
+    s0, z0, slope, cross = strips[at].T
     return np.asarray(z0 + slope * (s - s0) + cross * left)
 
 
@@ -399,13 +435,13 @@ def _edge_errors(mapper: TerrainMap, place_m: float, alignment: YawAlignment, la
         Estimated minus true distance; inf where no true edge is near.
     """
     changes = _profile_ahead(mapper, place_m, alignment, layout).changes
-    # m straight ahead
+    # mapped edges, m straight ahead
     known = np.array([c.s for c in changes if c.kind == "edge" and c.sd < _MAX_EDGE_SD_M])
     heading = float(layout.way.heading(place_m))
     forward = np.array([math.cos(heading), math.sin(heading)])
     ahead = layout.way.point(place_m) + known[:, None] * forward
     straight = np.linalg.norm(layout.way.point(place_m + known) - ahead, axis=1) < _STRAIGHT_M  # before it turns away
-    known, true = known[straight], _edges_along(place_m, forward, layout)
+    known, true = known[straight], _edges_along(place_m, forward, layout)  # m straight ahead, mapped and true
     if not len(true):
         return np.full(len(known), math.inf)
     return np.asarray(known - true[np.argmin(np.abs(known[:, None] - true), axis=1)])
@@ -422,10 +458,12 @@ def _edges_along(place_m: float, forward: Array, layout: Layout) -> Array:
     Returns:
         Distances, negative for edges behind; edges that the line does not meet from in front are left out.
     """
-    jumps = np.array([s for s, _, _ in edges(layout.profile)])
+    jumps = np.array([s for s, _, _ in edges(layout.profile)])  # places of the true edges, m along the route
     jumps = jumps[np.abs(jumps - place_m) < _REACH_M]
     heading = layout.way.heading(jumps)
-    across = np.stack([np.cos(heading), np.sin(heading)], -1)
+    across = np.stack(
+        [np.cos(heading), np.sin(heading)], -1
+    )  # (J, 2) direction of the route, perpendicular to each edge
     facing = across @ forward  # cosine of the angle between the line and the route at each edge
     # distance of each edge's line from the place, perpendicular to the edge
     away = ((layout.way.point(jumps) - layout.way.point(place_m)) * across).sum(axis=-1)

@@ -47,27 +47,32 @@ def take_snapshot(grid: GroundGrid, estimate: TerrainEstimate, alignment: YawAli
     """
     points, plane = grid.points()
     eye = estimate.p_camera_in_world
+    # numbers of the points near the camera, and the cell of `_SHOWN_M` in which each lies
     nearby = np.flatnonzero(np.linalg.norm(points[:, :2] - eye[:2], axis=1) < _MAX_DISTANCE_M)
     i, j = np.floor((points[nearby, :2] - eye[:2]) / _SHOWN_M).astype(np.int64).T
     # one point per cell; i and j are far smaller than 4096, so that each pair has a number of its own
     nearby = nearby[np.unique(i * 4096 + j, return_index=True)[1]]
-    near = [
+    near = [  # large enough planes near the camera
         p
         for p in estimate.planes.values()
         if p.area_m2 > _MIN_PLANE_M2 and np.linalg.norm(p.centre[:2] - eye[:2]) < _MAX_DISTANCE_M
     ]
-    classes = ground_classes_at(estimate, np.array([p.id for p in near], np.int64), heading)
+    plane_classes = ground_classes_at(estimate, np.array([p.id for p in near], np.int64), heading)
     return Snapshot(
         t_ns=estimate.t_ns,
         points=alignment.to_true(points[nearby]).astype(np.float32),
         classes=ground_classes_at(estimate, plane[nearby], heading),
-        planes=[(alignment.to_true(_outline(p)), int(c)) for p, c in zip(near, classes)],
+        planes=[(alignment.to_true(_outline(p)), int(c)) for p, c in zip(near, plane_classes)],
         edges=[alignment.to_true(line) for flight in estimate.stairs for line in edge_lines(flight)],
     )
 
 
 def _outline(plane: Plane) -> Array:
-    """(5, 3) m, the rectangle in the plane that its points would fill if evenly distributed."""
+    """The rectangle in a plane that the plane's points would fill if they were evenly distributed.
+
+    Returns:
+        (5, 3) m, its corners in the map's world, the first one again at the end.
+    """
     variances, axes = np.linalg.eigh(plane.spread)
     # half sides: a uniform density of half width h has the variance h² / 3
     half = np.sqrt(3.0 * np.maximum(variances, 0.0))

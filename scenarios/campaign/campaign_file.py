@@ -108,6 +108,7 @@ class Group:
         Args:
             quantiles: Number from 0 to 1 for each key that varies.
         """
+        # a key that does not vary has the same value at every quantile
         body = {key: distribution.at(quantiles.get(key, 0.0)) for key, distribution in self.body.items()}
         if "bmi" in body:
             # a scenario's person has a mass, not an index: mass = index × height²
@@ -115,7 +116,8 @@ class Group:
             assert isinstance(bmi, (int, float))
             assert isinstance(height_m, (int, float))
             mass = float(f"{bmi * height_m**2:.6g}")
-            body["mass_kg"] = min(max(mass, _MASS_KG[0]), _MASS_KG[1])
+            least_kg, most_kg = _MASS_KG
+            body["mass_kg"] = min(max(mass, least_kg), most_kg)
         return body
 
 
@@ -181,8 +183,8 @@ GroupInFile = Annotated[Group, ReadAs(_GroupInFile)]
 def plain_person(person: Person) -> dict[str, object]:
     """A person in the form of scenario file and manifest, with all defaults filled in."""
     body = asdict(person)
-    shoe = body.pop("shoe_m")
-    return body | ({} if shoe is None else {"shoe_mm": float(f"{shoe / _MM:.6g}")})
+    shoe_m = body.pop("shoe_m")  # None if it follows from the height
+    return body if shoe_m is None else body | {"shoe_mm": float(f"{shoe_m / _MM:.6g}")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +255,7 @@ def find_campaign(name: str) -> Path | None:
     Raises:
         StrideTwinError: The file cannot be read, or is not YAML.
     """
-    if name in catalogue():
+    if name in catalogue():  # a scenario
         return None
     if name in campaigns():
         return campaigns()[name]
@@ -287,8 +289,9 @@ def read_campaign(path: Path) -> Campaign:
         **{name: getattr(file, name) for name in ("walks", "seed", "sampling", "quality", "splits")},
         user_files=files.user_files,
     )
-    if campaign.people:
-        for variable in (*campaign.variables, *(v for base in campaign.bases for v in base.variables)):
+    if campaign.people:  # then no variable may set the person, too
+        of_bases = [variable for base in campaign.bases for variable in base.variables]
+        for variable in (*campaign.variables, *of_bases):
             if any(p.keys[0] == "person" for p in variable.paths):
                 raise variable.at.error(variable.name, "no person, as the campaign has people")
     return campaign

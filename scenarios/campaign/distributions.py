@@ -41,7 +41,8 @@ class Distribution(FileModel, ABC):
     @property
     def ends(self) -> tuple[object, ...]:
         """Lowest and highest value, or all values where they have no order: those of its own key, the first one."""
-        ends: tuple[object, ...] = getattr(self, next(iter(type(self).model_fields)))
+        first_key = next(iter(type(self).model_fields))  # the key that names the distribution, such as `uniform`
+        ends: tuple[object, ...] = getattr(self, first_key)
         return ends
 
     @property
@@ -146,6 +147,7 @@ class Normal(Distribution):
         from scipy.special import ndtr, ndtri  # takes long to import, and only a draw needs it
 
         (mean, sd), (low, high) = self.normal, self.within
+        # probabilities below the two limits, between which `u` is mapped
         first, last = ndtr((low - mean) / sd), ndtr((high - mean) / sd)
         return _round_and_clamp(mean + sd * float(ndtri(first + u * (last - first))), self.within)
 
@@ -172,7 +174,8 @@ class Integer(Distribution):
     def at(self, u: float) -> int:
         """The whole number at a quantile; each from low to high is equally likely."""
         low, high = self.integer
-        return low + min(int(u * (high - low + 1)), high - low)
+        steps = min(int(u * (high - low + 1)), high - low)  # rounding up to u = 1 must not pass the end
+        return low + steps
 
     @property
     def description(self) -> str:
@@ -216,6 +219,7 @@ class Choice(Distribution):
 def index_at_quantile(weights: Sequence[float], u: float) -> int:
     """Index of the item at a quantile `u` (0-1), where each item has a probability proportional to its weight."""
     sums = list(itertools.accumulate(weights))
+    # the first item whose sum of weights exceeds u times the whole sum
     return min(bisect.bisect_right(sums, u * sums[-1]), len(sums) - 1)
 
 
@@ -233,7 +237,11 @@ _KEYS = ("uniform", "log_uniform", "normal", "integer", "choice", "fixed")
 
 
 def _distribution_tag(node: object) -> str | None:
-    """The tag of a distribution, by its key, or that of a value which is the same in every walk."""
+    """The tag by which pydantic chooses the type of a value in a file.
+
+    It is that of a distribution if a mapping has the key of one, such as `uniform`, and `=value` for anything but a
+    mapping, which is the same in every walk. Any other mapping has none, which is an error of the file.
+    """
     if not isinstance(node, dict):
         return "=value"
     return next((TAG + key for key in node if key in _KEYS), None)

@@ -31,7 +31,7 @@ _STEPS = {"description": "a few steps", "terrain": [{"level": {"length_m": 2}}]}
 
 @contextmanager
 def _temporary_folder(campaign: Campaign) -> Iterator[Path]:
-    """A temporary output folder with the user's files, in which scenarios are tried."""
+    """Yields a temporary output folder with copies of the user's files, in which scenarios are tried."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / SCENARIOS).mkdir()
@@ -72,7 +72,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
         first_person = next(iter(draw_people(campaign)), None)
         for base in campaign.bases:
             varied = [v for v in effective_variables(campaign, base, extra) if v.varies]
-            middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}
+            middle = {v.name: v.distribution.at(_MIDDLE) for v in varied}  # the medians
             _try_base(folder, campaign, base, first_person, middle, extra)
             for variable in varied:
                 for end in variable.distribution.ends:
@@ -80,6 +80,7 @@ def check_extremes(campaign: Campaign, extra: Extra) -> None:
                         values = middle | {variable.name: end}  # one value at an end, the others at their median
                         parse_scenario(folder, scenario_of(campaign, base, first_person, values, extra))
                     except StrideTwinError as error:
+                        # the error is located in a file of the user, else in the campaign's file
                         if (user_error := errors_in_user_files(error, campaign.user_files)) is not None:
                             raise user_error from error
                         raise _campaign_error(variable, base, end, error) from error
@@ -129,7 +130,8 @@ def _try_base(
             raise user_error from error
         for variable in effective_variables(campaign, base, extra):
             if isinstance(error, ConfigError) and _is_about(error, variable):
-                if variable.varies and error.value == middle.get(variable.name):  # which is not in the file
+                # the file does not have the refused median, but the distribution that it comes from
+                if variable.varies and error.value == middle.get(variable.name):
                     raise variable.at.error(variable.distribution.description, error.valid) from error
                 raise _campaign_error(variable, base, error.value, error) from error
         raise base.at.error(
@@ -182,5 +184,6 @@ def _error_text(error: StrideTwinError) -> str:
     """The error without the temporary file's path, but with the name of a user's file."""
     if not isinstance(error, ConfigError):
         return str(error)
-    file_prefix = f"{Path(error.source).name}: " if FILES in Path(error.source).parts else ""
+    is_user_file = FILES in Path(error.source).parts
+    file_prefix = f"{Path(error.source).name}: " if is_user_file else ""
     return f"{file_prefix}{error.field}: {error.problem}"

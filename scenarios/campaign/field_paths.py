@@ -31,12 +31,16 @@ class FieldPath:
 def field_path(text: str, where: FieldLocation) -> FieldPath:
     """Parses the path of a field, such as `terrain[1].stairs.riser_mm`.
 
+    Args:
+        text: The path, keys with dots between and indices of list items in brackets.
+        where: Position of the text in the user's file, for the error.
+
     Raises:
         ConfigError: The text is not a path.
     """
     keys: list[str | int] = []
     for step in text.split("."):
-        match = _STEP.fullmatch(step)
+        match = _STEP.fullmatch(step)  # a key, and the indices after it in brackets, if any
         if match is None:
             raise where.error(text, _FORM)
         keys += [match[1], *(int(number) for number in re.findall(r"\d+", match[2]))]
@@ -48,6 +52,12 @@ def set_value(scenario: PlainScenario, path: FieldPath, value: object, where: Fi
 
     A list of sensor groups, and the short forms of a group, become mappings first. A mount of which the value is only a
     part, such as one coordinate, gets the standard values first, so that the rest stays where it was.
+
+    Args:
+        scenario: Plain data of the scenario, which is changed.
+        path: The field.
+        value: Plain data.
+        where: Position of the value in the user's file, for errors.
 
     Raises:
         ConfigError: A node on the way has no such place.
@@ -89,7 +99,7 @@ def _standard_mount(scenario: PlainScenario, keys: tuple[str | int, ...]) -> Any
         case ("sensors", "head_camera", "mount"):
             sensors: Any = scenario["sensors"]
             pitch_deg = sensors["head_camera"].pop("pitch_down_deg", RGBD_PITCH_RAD / DEG)
-            position_m = RGBD_MOUNT[str(scenario.get("camera_mount", "head"))][1]
+            _, position_m = RGBD_MOUNT[str(scenario.get("camera_mount", "head"))]  # the body, and the place on it
             return {"position_mm": _in_units(position_m, MM), "faces_deg": [0.0, -round(pitch_deg, 6)]}
         case _:
             return {}
@@ -143,11 +153,18 @@ def _check_place(node: object, path: FieldPath, depth: int, where: FieldLocation
 
 
 def _expand_short_form(node: object, *, of_group: bool) -> object:
-    """The list of sensor groups as a mapping from groups, or a group's part name as a mapping of options."""
+    """The sensors of a scenario, or one group of them, as a mapping, which is the long form in a file.
+
+    Args:
+        node: A list of enabled groups, or of one group the name of its part or whether it is on; a mapping stays.
+        of_group: Whether the node is one group.
+    """
     if of_group:
-        return {"part": node} if isinstance(node, str) else {} if isinstance(node, bool) else node
+        if isinstance(node, str):
+            return {"part": node}
+        return {} if isinstance(node, bool) else node
     if isinstance(node, list):
-        # only the groups that differ from the groups that are on by default
+        # only the groups whose state differs from the default one
         return {group: group in node for group in KIND if (group in node) != (group in TwinConfig.sensors)}
     return node
 

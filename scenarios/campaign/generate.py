@@ -85,8 +85,10 @@ class CampaignResult:
 
     @property
     def reasons(self) -> Counter[str]:
-        """Number of rejected walks by kind of reason."""
-        return Counter(kind for w in self.manifest["walks"] for kind in {r.split(":")[0] for r in w["reasons"]})
+        """Number of walks that were not accepted by kind of reason, such as `fell`; a walk may have several kinds."""
+        # the kind is the text before the colon; a walk counts once for each kind
+        kinds_of_walks = [{reason.split(":")[0] for reason in walk["reasons"]} for walk in self.manifest["walks"]]
+        return Counter(kind for kinds in kinds_of_walks for kind in kinds)
 
 
 def generate(
@@ -122,6 +124,7 @@ def generate(
         )
         for walk in plan_walks(campaign, options.extra)
     ]
+    # one process at a time; `unfinished` is a folder for files that are not complete yet
     with hold_folder(folder, lambda: any((folder / ROWS).glob("*.json")), _USED) as unfinished:
         for name in (RECORDINGS, REJECTED, ROWS, SCENARIOS):
             (folder / name).mkdir(exist_ok=True)
@@ -131,7 +134,7 @@ def generate(
         requested_count = len(jobs) if options.subset is None else options.subset
         jobs = [job for i, job in enumerate(jobs) if i < requested_count or store.has_any(job)]
         batch = Batch(jobs, store, update_row=lambda job, row: _current_row(job, row, store))
-        if batch.outdated:  # they describe recordings that will be replaced
+        if batch.outdated:  # manifest and card describe recordings that will be replaced
             for name in (manifests.NAME, manifests.CARD_NAME):
                 (folder / name).unlink(missing_ok=True)
         copy_files(folder, campaign.user_files)
@@ -143,6 +146,7 @@ def generate(
             results = batch.run_with(options, work, stage, progress, _RESUME)
         except KeyboardInterrupt as stop:
             raise KeyboardInterrupt(f"{len(batch.results)} of {len(jobs)} walks are in {folder}; {_RESUME}") from stop
+        # a walk with an unexpected error has a row in the manifest alone
         rows = [
             row_of_failure(job.task, result.reason) if isinstance(result, Failure) else result
             for job, result in zip(jobs, results)
@@ -175,8 +179,9 @@ def _current_row(job: Job[WalkTask], row: WalkRow, store: RowFiles[WalkRow]) -> 
     if recording is None:
         return None
     current = with_verdict(row, job.task.quality)
-    if recording != (path := job.task.folder / current["recording"]):
-        os.replace(recording, path)
+    current_place = job.task.folder / current["recording"]
+    if recording != current_place:
+        os.replace(recording, current_place)
     if current != row:
         store.write(job, current)
     return current
@@ -195,6 +200,7 @@ def campaign_request(campaign: Campaign, extra: Extra, file_digests: Mapping[str
     """
 
     def plain(variables: Iterable[Variable]) -> list[tuple[str, str]]:
+        """Name and distribution of each variable as text."""
         return [(v.name, repr(v.distribution)) for v in variables]
 
     content = [
@@ -218,9 +224,9 @@ def bind_folder(folder: Path, request: Mapping[str, object], walk_names: Iterabl
         walk_names: Names of its walks.
 
     Raises:
-        StrideTwinError: The folder has walks of another request.
+        StrideTwinError: The folder has walks of another request, of none that is known, or more than are asked for.
     """
-    existing = {row.stem for row in (folder / ROWS).glob("*.json")}
+    existing = {row.stem for row in (folder / ROWS).glob("*.json")}  # names of the walks that the folder has
     previous = read_request(folder)
     if existing and not isinstance(previous, dict):
         raise StrideTwinError(f"{folder}: has walks without their request (earlier version): expected another folder")

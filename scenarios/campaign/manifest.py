@@ -98,12 +98,12 @@ def assign_splits(rows: Sequence[WalkRow], splits: Splits, seed: int) -> dict[st
     Returns:
         By `person` and `terrain`: name to part.
     """
-    return {
-        by: _assign_parts(
-            list(dict.fromkeys(k for row in rows if (k := group_of(row, by, splits)))), splits.shares, seed, by
-        )
-        for by in _KEYS
-    }
+    parts = {}
+    for by in _KEYS:
+        groups = [group for row in rows if (group := group_of(row, by, splits))]
+        names = list(dict.fromkeys(groups))  # each once, in the order of its first walk
+        parts[by] = _assign_parts(names, splits.shares, seed, by)
+    return parts
 
 
 def group_of(row: WalkRow, by: str, splits: Splits) -> str | None:
@@ -135,11 +135,13 @@ def _assign_parts(names: Sequence[str], shares: Mapping[str, float], seed: int, 
     """
     start = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_KEYS[by],))).random()
     parts, ends = list(shares), np.cumsum(list(shares.values()))
-    start *= ends[0]  # the first one is in the first part
-    return {
-        name: parts[min(int(np.searchsorted(ends, (start + i * _GOLDEN) % 1.0, side="right")), len(parts) - 1)]
-        for i, name in enumerate(names)
-    }
+    start *= ends[0]  # the first name is in the first part
+    part_of = {}
+    for i, name in enumerate(names):
+        fraction = (start + i * _GOLDEN) % 1.0
+        number = int(np.searchsorted(ends, fraction, side="right"))
+        part_of[name] = parts[min(number, len(parts) - 1)]  # rounding may leave the last end just below 1
+    return part_of
 
 
 FORMAT = "stridetwin-campaign-1"
@@ -257,13 +259,14 @@ def _value_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
         if name.startswith("people["):
             yield _row(name, text, [])
             continue
-        base, colon, value_name = name.partition(": ")
+        # `NAME` is set in all scenarios, `BASE: NAME` in one, where it replaces the value of all
+        first, colon, second = name.partition(": ")
+        base, value_name = (first, second) if colon else ("", name)
         values = [
-            w["values"][value_name or base]
+            w["values"][value_name]
             for w in accepted
-            if (value_name or base) in w["values"]
-            # a value named `BASE: NAME` is that of one scenario, and replaces the campaign's value there
-            and (w["scenario"] == base if colon else f"{w['scenario']}: {name}" not in manifest["ranges"])
+            if value_name in w["values"]
+            and (w["scenario"] == base if base else f"{w['scenario']}: {name}" not in manifest["ranges"])
         ]
         yield _row(name, text, values)
     # the measures that the people actually have, instead of drawn quantities such as `bmi`
@@ -298,7 +301,8 @@ def _histogram(values: Sequence[float], low: float, high: float) -> str:
         return ""
     counts = Counter(min(int((v - low) / (high - low) * _BINS), _BINS - 1) for v in values)
     max_count = max(counts.values())
-    return "".join(_BARS[round(counts[i] / max_count * (len(_BARS) - 1))] if counts[i] else " " for i in range(_BINS))
+    heights = [round(counts[i] / max_count * (len(_BARS) - 1)) for i in range(_BINS)]
+    return "".join(_BARS[height] if counts[i] else " " for i, height in enumerate(heights))  # an empty bin is a blank
 
 
 def _split_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[str]:
@@ -311,6 +315,7 @@ def _split_lines(manifest: Manifest, accepted: Sequence[WalkRow]) -> Iterator[st
         walks = Counter(w["split"][by] for w in accepted)
         yield f"| by {by} | {'people' if by == 'person' else 'terrains'} | {_cells(groups[p] for p in parts)} |"
         yield f"| by {by} | walks | {_cells(walks[p] for p in parts)} |"
+    # walks whose person and terrain are in the same part, by this part
     both = Counter(w["split"]["person"] for w in accepted if len(set(w["split"].values())) == 1)
     yield f"| in the same part of both | walks | {_cells(both[p] for p in parts)} |"
 

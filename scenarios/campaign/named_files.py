@@ -123,7 +123,7 @@ class NamedFiles:
 
     def __init__(self, path: Path, folder: str) -> None:
         self._home, self._folder = path.resolve().parent, folder
-        self._bases: set[str] = set()
+        self._bases: set[str] = set()  # names of the scenarios so far
         self.user_files: dict[str, Path] = {}
 
     def bases(self, items: Sequence[NamedBase], nodes: Iterable[object], where: FieldLocation) -> tuple[Base, ...]:
@@ -175,7 +175,7 @@ class NamedFiles:
         )
 
     def _make_unique(self, name: str) -> str:
-        """A unique name: a scenario may be listed twice with different values."""
+        """The name, or the name with the first free number, since a scenario may be listed twice with other values."""
         names = (name, *(f"{name}_{i}" for i in range(2, len(self._bases) + 2)))
         unique_name = next(n for n in names if n not in self._bases)
         self._bases.add(unique_name)
@@ -197,7 +197,7 @@ class NamedFiles:
             paths = tuple(field_path(part.strip(), at) for part in name.split(","))
             varied = self._with_output_names(value, at) if names_files(paths) else value
             canonical_name = ", ".join(p.text for p in paths)
-            if any(variable.name == canonical_name for variable in variables):  # they differ in blanks
+            if any(variable.name == canonical_name for variable in variables):  # keys that differ in blanks alone
                 raise at.error(name, "every place once")
             variables.append(Variable(name=canonical_name, paths=paths, distribution=varied, at=at))
         return tuple(variables)
@@ -270,7 +270,7 @@ def names_files(paths: tuple[FieldPath, ...]) -> bool:
 
 
 def _find_named_files(path: Path) -> Iterable[str]:
-    """Files that a user's file names in turn: meshes of a model, parts of a rig file."""
+    """Files that a user's file names in turn: meshes of a model, parts of a rig file; none for any other file."""
     if path.suffix.lower() in _SUFFIXES:
         return _find_part_files(read_yaml(path, most_values=LARGEST_FILE_VALUES))
     if path.suffix.lower() in _MODELS:
@@ -313,17 +313,22 @@ def errors_in_user_files(
         user_files: The user's files by their names there.
         scenario: The user's scenario file, where the scenario is as in that file.
     """
+    # the user's file by the end of the path of its copy
     files = {f"/{FILES}/{name}": path for name, path in user_files.items()}
     if scenario is not None and scenario not in catalogue().values():
         files[f"/{SCENARIOS}/{_PARSED}"] = scenario
     located: list[StrideTwinError] = []
     for one in error.errors if isinstance(error, ConfigFileError) else (error,):
-        file = next((f for end, f in files.items() if isinstance(one, ConfigError) and one.source.endswith(end)), None)
-        if file is not None and isinstance(one, ConfigError):
+        if not isinstance(one, ConfigError):
+            continue
+        file = next((path for end, path in files.items() if one.source.endswith(end)), None)
+        if file is not None:  # else the error is in a file of ours, such as the scenario of one walk
             working_folder = Path.cwd()
             shown_path = file.relative_to(working_folder) if file.is_relative_to(working_folder) else file
             located.append(ConfigError(shown_path, one.field, one.value, one.valid))
-    return (located[0] if len(located) == 1 else ConfigFileError(located)) if located else None
+    if not located:
+        return None
+    return located[0] if len(located) == 1 else ConfigFileError(located)
 
 
 def parse_scenario(folder: Path, scenario: PlainScenario) -> Scenario:

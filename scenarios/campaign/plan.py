@@ -104,7 +104,9 @@ def draw_people(campaign: Campaign) -> list[Walker]:
         points = quasi_random_points(
             campaign.sampling, group.count, len(group.varying_keys), campaign.seed, (_PEOPLE, i)
         )
-        members += group.names or [group.person(dict(zip(group.varying_keys, row))) for row in sorted(points.tolist())]
+        # a predefined group has names and no points
+        quantiles = [dict(zip(group.varying_keys, row)) for row in sorted(points.tolist())]
+        members += group.names or [group.person(of_member) for of_member in quantiles]
     return members
 
 
@@ -116,27 +118,26 @@ def plan_walks(campaign: Campaign, extra: Extra) -> list[PlannedWalk]:
     jointly, independent of the other scenarios.
     """
     members, sampling = draw_people(campaign), campaign.sampling
+    # number of the scenario of each walk
     base_numbers = [
         index_at_quantile([base.weight for base in campaign.bases], row[0])
         for row in quasi_random_points(sampling, campaign.walks, 1, campaign.seed, (_WALKS,)).tolist()
     ]
     # without the overrides of the command line, so that these do not change the values drawn for the other variables
     varied = [[v for v in effective_variables(campaign, base, Extra()) if v.varies] for base in campaign.bases]
-    points = [
-        iter(
-            quasi_random_points(
-                sampling, base_numbers.count(i), 1 + len(variables), campaign.seed, (_WALKS, i)
-            ).tolist()
-        )
-        for i, variables in enumerate(varied)
-    ]
+    # per scenario, an iterator over the points of its cube: its walks take one after the other
+    points = []
+    for i, variables in enumerate(varied):
+        walk_count, dimensions = base_numbers.count(i), 1 + len(variables)
+        points.append(iter(quasi_random_points(sampling, walk_count, dimensions, campaign.seed, (_WALKS, i)).tolist()))
+    # per scenario, the names of the variables that the overrides leave in place
     effective = [{v.name for v in effective_variables(campaign, base, extra)} for base in campaign.bases]
     walks = []
     for i, k in enumerate(base_numbers):
         # the first coordinate of the point gives the person, the others the values
-        base, (who, *row) = campaign.bases[k], next(points[k])
-        drawn = {v.name: v.distribution.at(u) for v, u in zip(varied[k], row) if v.name in effective[k]}
-        person = members[int(who * len(members))] if members else None
+        base, (person_quantile, *quantiles) = campaign.bases[k], next(points[k])
+        drawn = {v.name: v.distribution.at(u) for v, u in zip(varied[k], quantiles) if v.name in effective[k]}
+        person = members[int(person_quantile * len(members))] if members else None
         walks.append(
             PlannedWalk(
                 name=f"walk_{i:05d}",
@@ -160,7 +161,9 @@ def effective_variables(campaign: Campaign, base: Base, extra: Extra) -> list[Va
     variables: list[Variable] = []
     later = list(extra.places)  # fields that are set later on, as keys; a field inside one of them is replaced, too
     for variable in reversed((*campaign.variables, *base.variables)):
-        if not all(any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths):
+        # for each of its fields, whether one of the later fields is that field or contains it
+        is_replaced = [any(path.keys[: len(keys)] == keys for keys in later) for path in variable.paths]
+        if not all(is_replaced):
             variables.insert(0, variable)
             later += [path.keys for path in variable.paths]
     return variables
@@ -185,6 +188,7 @@ def scenario_of(
     """
     scenario = deepcopy(base.scenario)
     for variable in effective_variables(campaign, base, extra):
+        # a fixed value is the same at every quantile
         value = drawn[variable.name] if variable.varies else variable.distribution.at(0.0)
         set_values(scenario, variable.paths, value, variable.at)
     if person is not None:

@@ -139,7 +139,7 @@ def generate_walk(task: WalkTask) -> WalkRow | Failure:
     except StrideTwinError:
         raise
     except Exception as error:
-        if was_interrupted(error):
+        if was_interrupted(error):  # a library has turned a Ctrl-C into an error of its own
             raise KeyboardInterrupt from error
         return Failure(f"{type(error).__name__}: {error}")
 
@@ -153,7 +153,7 @@ def row_of_failure(task: WalkTask, reason: str) -> WalkRow:
         scenario = scenario_of(task.walk.scenario, task.path(SCENARIOS, ".yaml"))
     except Exception:  # may be the cause of the failure
         scenario = None
-    return _row(task, FAILED, [f"error: {_one_line(task, reason)}"], scenario)
+    return _start_row(task, FAILED, [f"error: {_one_line(task, reason)}"], scenario)
 
 
 def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
@@ -171,13 +171,13 @@ def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
     make_twin = twin_class()
     scenario: Scenario | None = None
     path, recorded = task.path(SCENARIOS, ".yaml"), unfinished / f"{task.walk.name}.mcap"
-    written = unfinished / path.name
-    written.write_text(scenario_text(task.walk.scenario), encoding="utf-8")
-    os.replace(written, path)
+    unfinished_scenario = unfinished / path.name
+    unfinished_scenario.write_text(scenario_text(task.walk.scenario), encoding="utf-8")
+    os.replace(unfinished_scenario, path)
     try:
         scenario = read_scenario(path)
         twin = make_twin(scenario.config, task.walk.seed)
-        _ = twin.duration_s  # simulated here
+        _ = twin.duration_s  # asking for the duration simulates the walk, which may be infeasible
     except StrideTwinError as error:
         return _reject_infeasible(task, error, path, scenario)
     try:
@@ -186,12 +186,18 @@ def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
         return _reject_infeasible(task, error, path, scenario)
     figures = quality_figures(Recording(recorded, lenient=True), scenario.config.person, twin.fell_at)
     row = with_verdict(
-        {**_row(task, ACCEPTED, [], scenario), "bytes": recorded.stat().st_size, "sha256": sha256(recorded), **figures},
+        {
+            **_start_row(task, ACCEPTED, [], scenario),
+            "bytes": recorded.stat().st_size,
+            "sha256": sha256(recorded),
+            **figures,
+        },
         task.quality,
     )
     for place in (RECORDINGS, REJECTED):
-        if task.folder / row["recording"] != (outdated := task.path(place, ".mcap")):
-            outdated.unlink(missing_ok=True)  # of another version
+        recording = task.path(place, ".mcap")
+        if recording != task.folder / row["recording"]:  # in the folder of the other verdict: by another version
+            recording.unlink(missing_ok=True)
     os.replace(recorded, task.folder / row["recording"])
     return row
 
@@ -199,7 +205,7 @@ def _simulate(task: WalkTask, unfinished: Path) -> WalkRow:
 def with_verdict(row: WalkRow, quality: Quality) -> WalkRow:
     """The row of a recorded walk with its verdict and the resulting path of its recording."""
     why = rejection_reasons(row, quality)
-    status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)
+    status, place = (REJECTS, REJECTED) if why else (ACCEPTED, RECORDINGS)  # and the folder of the recording
     return {**row, "status": status, "reasons": why, "recording": f"{place}/{row['walk']}.mcap"}
 
 
@@ -215,17 +221,18 @@ def _reject_infeasible(task: WalkTask, error: StrideTwinError, path: Path, scena
     for place in (RECORDINGS, REJECTED):
         task.path(place, ".mcap").unlink(missing_ok=True)  # of another version
     text = _one_line(task, str(error).replace(str(path), path.stem))
-    return _row(task, REJECTS, [f"refused: {text}"], scenario)
+    return _start_row(task, REJECTS, [f"refused: {text}"], scenario)
 
 
 def _one_line(task: WalkTask, text: str) -> str:
-    """The message on one line, without the campaign's path on this machine."""
+    """The message on one line, without the campaign's path on this machine, so that rows are the same everywhere."""
+    # scenario files name the user's files relative to their own folder (`../files/...`)
     for place in (f"{task.folder / SCENARIOS}/../", f"{task.folder}/"):
         text = text.replace(place, "")
     return " ".join(text.split())
 
 
-def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> WalkRow:
+def _start_row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None = None) -> WalkRow:
     """Entry of a walk in the manifest, without figures of its recording.
 
     Args:
@@ -247,7 +254,10 @@ def _row(task: WalkTask, status: str, why: list[str], scenario: Scenario | None 
 
 
 def _person_and_terrain(config: TwinConfig) -> _WalkerAndTerrain:
-    """Person, body, terrain and physics of a walk; equal bodies and equal routes have equal names."""
+    """Person, body, terrain and physics of a walk.
+
+    The names of person and terrain are digests of the body and of the route, so that equal ones have equal names.
+    """
     body = plain_person(config.person)
     return {
         "person": f"person_{_short_digest(json.dumps(body, sort_keys=True))}",
@@ -295,10 +305,11 @@ def rejection_reasons(figures: QualityFigures | WalkRow, quality: Quality) -> li
 
 def _root_help_pct(recording: Recording, person: Person) -> float:
     """Mean external force at the root besides the ground's, % of the body weight; 0 for a kinematic walk."""
+    # (N,) N, size of this force at each sample
     force = np.linalg.norm(recording.block(_RESIDUAL).columns["force_in_world"], axis=1)
     return _round(100.0 * float(force.mean()) / (person.mass_kg * NOMINAL_GRAVITY_MPS2))
 
 
 def _round(value: float) -> float:
-    """The number with three decimals; -0 becomes 0."""
+    """The number with three decimals; adding 0 turns -0 into 0."""
     return round(value, 3) + 0.0

@@ -76,16 +76,16 @@ def subtract_bias(
     geoms, pos, frame, _, address = contacts
     for c in range(len(address)):
         if address[c] < 0:
-            continue
+            continue  # a contact without constraint has no reference acceleration
         point = vec3(pos[c])
-        for end in range(2):
+        for end in range(2):  # the two geoms that touch
             b = body[geoms[c, end]]
             if b == 0:
-                continue
+                continue  # the world does not move
             v, w = velocity(state, b, point)
             arm = minus(point, vec3(state.centre))
             bias, _ = bias_acceleration(state.cdof_dot, chain[b], state.qvel, v, w, arm)
-            sign = 1.0 if end == 1 else -1.0
+            sign = 1.0 if end == 1 else -1.0  # the contact's motion is that of the second geom minus the first
             for row in range(3):
                 for axis in range(3):
                     aref[address[c] + row] -= sign * frame[c, 3 * row + axis] * bias[axis]
@@ -122,21 +122,22 @@ def sense_floor(
     geoms, pos, frame, dist, _ = contacts
     R_sole, p_sole, swinging = feet.R_sole, feet.p_sole, feet.swinging
     may_bear = np.zeros((2, PER_FOOT), dtype=np.bool_)
-    total, count = np.zeros(2), np.zeros(2)
+    total, count = np.zeros(2), np.zeros(2)  # by foot: sum of the floor's heights, and number of contacts in it
     for c in range(len(dist)):
-        n = max(point[geoms[c, 0]], point[geoms[c, 1]])
+        n = max(point[geoms[c, 0]], point[geoms[c, 1]])  # number of the sole point; the other geom has -1
         if n < 0:
             continue  # no sole takes part
         side = n // PER_FOOT
         early = swinging[side] and feet.until_landing[side] < _EARLY_S
         if swinging[side] and not early:
             continue  # a foot in the air that brushes against something
-        upright = 0.0
+        upright = 0.0  # cosine between the contact's normal and that of the footprint; its sign depends on the order
         for axis in range(3):
             upright += frame[c, axis] * R_sole[side, axis, 2]
         if abs(upright) < _UPRIGHT:
             continue  # the face of a riser, or an edge under overhanging toes
-        # a contact point lies midway between the two surfaces, so the floor is half their distance below it
+        # height of the floor above the plane of the footprint, measured vertically: a contact point lies midway between
+        # the two surfaces, so the floor is half their distance below it
         above = 0.0
         for axis in range(3):
             above += (pos[c, axis] - p_sole[side, axis]) * R_sole[side, axis, 2] / R_sole[side, 2, 2]
@@ -144,10 +145,10 @@ def sense_floor(
         if abs(above) > _FLOOR_M:
             continue  # an edge, not the floor
         i = n % PER_FOOT
-        near = _LIFTS_M if before[side, i] else _BEARS_M  # hysteresis
+        near = _LIFTS_M if before[side, i] else _BEARS_M  # hysteresis: a point bears force until it is farther off
         may_bear[side, i] = dist[c] < near and (early or feet.touching[side, i])
         total[side] += above
         count[side] += 1.0
-    for side in range(2):
+    for side in range(2):  # the sum becomes the mean
         total[side] = total[side] / count[side] if count[side] > 0.0 else np.nan
     return may_bear, total

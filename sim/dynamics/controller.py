@@ -31,14 +31,14 @@ class FootGains(NamedTuple):
     """Gains and weights for feet and contacts; rates in rad/s, critically damped.
 
     Attributes:
-        swing_rate: Of a foot in swing.
-        pivot_rate: Of the attitude of a foot on the ground.
+        swing_rate: Tracking rate of a foot in swing.
+        pivot_rate: Tracking rate of the attitude of a foot on the ground.
         contact_damping: Rate at which a contact point's velocity dies, 1/s.
         swing: Weight of a foot in swing.
         pivot: Weight of the attitude of a foot that rolls on its heel or ball.
         stance: Weight of the attitude of a foot that stands flat.
         contact: Weight of contact points at rest.
-        pivot_rad: Angle between sole and ground from which on a foot counts as rolling.
+        pivot_rad: Angle between sole and ground at which a foot counts wholly as rolling.
         force: Weight of contact force.
         force_change: Weight of its change from one control step to the next.
         friction: Friction coefficient that the controller counts on.
@@ -166,10 +166,10 @@ class Controller:
         # then each joint by the first part of its name, as in `hip_flexion_l`
         weights = np.full(model.nv, gains.joint)
         weights[:3], weights[3:6] = gains.root, gains.tilt
-        of = {"lumbar": gains.lumbar, "toe": gains.toe} | dict.fromkeys(("shoulder", "elbow"), gains.arm)
-        of |= dict.fromkeys(("hip", "knee", "ankle"), gains.leg)
+        by_joint = {"lumbar": gains.lumbar, "toe": gains.toe} | dict.fromkeys(("shoulder", "elbow"), gains.arm)
+        by_joint |= dict.fromkeys(("hip", "knee", "ankle"), gains.leg)
         for name, dof in zip(names, layout.dof):
-            weights[dof] = of.get(name.split("_")[0], gains.joint)
+            weights[dof] = by_joint.get(name.split("_")[0], gains.joint)
         self._rate = np.full(model.nv, gains.joint_rate)  # rad/s, tracking rate of each degree of freedom
         self._rate[:6] = gains.root_rate
         self._rate[:2] = gains.sway_rate
@@ -190,6 +190,7 @@ class Controller:
             # force (3) and torque (3); all 0 without assist
             assist=np.repeat([gains.assist_n, gains.assist_nm], 3) * float(assist),
         )
+        # (2,) degrees of freedom of the toe hinges
         self._toes = np.array([model.joint(f"toe_extension_{side}").dofadr[0] for side in SIDES])
         # overwritten at each control step: mass matrix, and plan minus state in the degrees of freedom
         self._M = np.empty((model.nv, model.nv))
@@ -219,9 +220,11 @@ class Controller:
             known: (nv,) generalised forces of couplings and motors, which the wearer knows.
         """
         model, gains = self._model, self._gains
+        # (nv, nv) mass matrix of the model; the controller multiplies it by the ratio of the masses that it assumes
         mujoco.mj_fullM(model, data, self._M)
-        # plan minus state; a rotation vector for the attitude of the root
+        # (nv,) plan minus state; a rotation vector for the attitude of the root
         mujoco.mj_differentiatePos(model, self._error, 1.0, data.qpos, plan.q[i])
+        # (nv,) bias minus passive and known forces, and (nv,) target accelerations
         h, target = _compute_targets(
             self._rate,
             self._error,
@@ -277,9 +280,9 @@ def _compute_targets(
     for j in range(len(a)):
         target[j] = a[j] + rate[j] * (rate[j] * error[j] + 2.0 * (v[j] - qvel[j]))
         h[j] = mass_ratio * forces.bias[j] - forces.passive[j] - forces.known[j]
-    for j in range(3):
+    for j in range(3):  # position of the root
         target[j] += rate[j] * (rate[j] * root[0, j] + 2.0 * root[1, j]) + root[2, j]
-    for toe in toes:
+    for toe in toes:  # undo the subtraction
         h[toe] += forces.passive[toe]
     return h, target
 
@@ -334,10 +337,11 @@ def _solve_step(
 ) -> Array:
     """Torques (n,) of the driven coordinates at one instant, from tasks and contacts.
 
-    The tasks are rows J q'' = target with weights. Contact points of a stance foot decelerate (−d v − J' q'). The
-    attitude of a foot follows its plan with α + k² θ + 2 k Δω; its weight is lower where the sole lies flat. The
-    position of a foot in the air follows its plan and its shift. The contact forces of this step are stored in
-    `body.force` for the next one.
+    The tasks are rows J q'' = target with weights. A contact point of a stance foot decelerates: its target is
+    −d v − J' q', with the damping d. The attitude of a foot follows its plan: its target is α + k² θ + 2 k Δω − J' q'
+    with the planned angular acceleration α, the rate k, the rotation θ to the planned attitude, and the difference Δω
+    of the angular velocities; its weight is lower where the sole lies flat. The position of a foot in the air follows
+    its plan and its shift likewise. The contact forces of this step are stored in `body.force` for the next one.
 
     Args:
         M: (nv, nv) mass matrix.
@@ -351,19 +355,22 @@ def _solve_step(
         gains: Gains and weights of the feet.
     """
     n, per_foot = len(body.driven), body.bodies.shape[1]
+    # (n, 6) motion axes of the driven coordinates and their rates, (n,) their velocities and target accelerations
     axes, axes_dot = state.cdof[body.driven], state.cdof_dot[body.driven]
     speed, target = state.qvel[body.driven], target[body.driven]
     # at most three rows per sole point, and six per foot for its attitude and position; m tasks and k contact points
     # are filled
+    # tasks: Jacobian rows, target accelerations and weights
     tasks, targets, weights = np.zeros((12 + 6 * per_foot, n)), np.zeros(12 + 6 * per_foot), np.zeros(12 + 6 * per_foot)
+    # contact points: Jacobian rows, edges of the friction cones, and weights of the forces
     contacts, edges, cost = np.zeros((6 * per_foot, n)), np.zeros((2 * per_foot, 4, 3)), np.zeros(2 * per_foot)
     last = np.empty((2 * per_foot, 4))  # N, forces of the step before
     m, k = 0, 0
     for side in range(2):
-        in_contact = False
+        in_contact = False  # whether any point of this foot may bear force
         for i in range(per_foot):
             if not touching[side, i]:
-                continue
+                continue  # a point off the ground has neither task nor force
             # a contact point decelerates: J q'' = -d v - J' q'; its force has a cone of four edges
             b = body.bodies[side, i]
             p = plus(vec3(state.xpos[b]), matvec(axes_of(state, b), vec3(body.local[i])))
@@ -384,6 +391,7 @@ def _solve_step(
             in_contact = True
         # attitude of the foot: dw + k² rotation + 2 k (w_plan - w)
         b = body.feet[side]
+        # `R` holds the axes of the foot in the world, one per row
         p, R, chain = vec3(state.xpos[b]), transposed(axes_of(state, b)), body.foot_chain[side]
         arm = minus(p, vec3(state.centre))
         v, w = velocity(state, b, p)
@@ -412,7 +420,7 @@ def _solve_step(
             jacobian(axes, chain, arm, tasks, m, -1)
             _set_target(minus(plus(planned, correction), bias), gains.swing, targets, weights, m)
             m += 3
-    # without the free coordinates; then store the forces for their change in the next step
+    # the free coordinates are eliminated; the forces are stored, because the next step limits their change
     A, bias_driven = eliminate(M, h, body.driven, body.free)
     _, torque, forces, _ = solve_control_step(
         A,
@@ -423,7 +431,7 @@ def _solve_step(
         ContactPoints(contacts[: 3 * k], edges[:k], cost[:k], gains.force_change, last[:k]),
         body.assist,
     )
-    k = 0
+    k = 0  # number of the contact point among those that bear force
     for side in range(2):
         for i in range(per_foot):
             for e in range(4):
@@ -434,7 +442,7 @@ def _solve_step(
 
 @numba.njit(**INNER_KERNEL)
 def _set_target(acceleration: Vec3, weight: float, targets: Array, weights: Array, m: int) -> None:
-    """Writes one acceleration (3,) and its weight into rows m to m + 2 of the tasks."""
+    """Writes one acceleration (x, y, z) into rows m to m + 2 of `targets`, and its weight into those of `weights`."""
     targets[m], targets[m + 1], targets[m + 2] = acceleration
     weights[m] = weights[m + 1] = weights[m + 2] = weight
 

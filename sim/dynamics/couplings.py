@@ -39,7 +39,8 @@ class CouplingSet(NamedTuple):
         """Couplings as arrays, with the ids of their bodies in a model; empty arrays without couplings."""
         bodies = np.array([[model.body(c.exo_body).id, model.body(c.body).id] for c in couplings], dtype=np.int64)
         chain = np.array([[chain_of(model, b) for b in pair] for pair in bodies], dtype=bool)
-        return cls(  # reshaped for none, without exoskeleton
+        # without couplings the arrays would have one axis only: `reshape` gives them the shapes of the class
+        return cls(
             bodies.reshape(-1, 2),
             np.reshape([[c.p_in_exo, c.p_in_body] for c in couplings], (-1, 2, 3)),
             np.reshape([c.law for c in couplings], (-1, 4, 3, 3)),
@@ -49,22 +50,23 @@ class CouplingSet(NamedTuple):
 
 @_entry_kernel
 def coupling_forces(couplings: CouplingSet, state: State) -> Array:
-    """Generalised force (nv,) of all couplings; compiled, with the law of `exo_couplings.wrench`.
+    """Generalised force (nv,) of all couplings between exoskeleton and wearer.
 
-    In the axes of the exoskeleton's body, the force is K d + D d' and the moment is Cᵀ (K_r r + D_r r'). Here d is the
-    displacement of the wearer's point, R the rotation of the wearer's body as seen from the exoskeleton's, r its vector
-    part, and C = ½ (tr(R) 1 − R). K, D, K_r and D_r are the four matrices of the law. Force and moment act on the
-    exoskeleton at the wearer's point, and with the opposite sign on the wearer. Degrees of freedom that move both
-    bodies get no force.
+    The law is that of `exo_couplings.wrench`. In the axes of the exoskeleton's body, the force is K d + D d' and the
+    moment is Cᵀ (K_r r + D_r r'). Here d is the displacement of the wearer's point, R the rotation of the wearer's body
+    as seen from the exoskeleton's, r its vector part, and C = ½ (tr(R) 1 − R). K, D, K_r and D_r are the four matrices
+    of the law. Force and moment act on the exoskeleton at the wearer's point, and with the opposite sign on the wearer.
+    Degrees of freedom that move both bodies get no force.
     """
     # columns of `bodies`, `points` and `chain`: the exoskeleton's body, then the wearer's; `law` is K, D, K_r, D_r
     bodies, points, law, chain = couplings
     cdof, cvel = state.cdof, state.cvel  # entries 0-2 are angular, 3-5 linear, about `state.centre`
     applied = np.zeros(len(cdof))
     for c in range(len(bodies)):
-        exo, limb = bodies[c, 0], bodies[c, 1]
+        exo, limb = bodies[c, 0], bodies[c, 1]  # ids of the exoskeleton's and the wearer's body
         R_exo = axes_of(state, exo)
         to_exo = transposed(R_exo)
+        # the wearer's point in the world, and its displacement from the exoskeleton's point, d
         point = plus(vec3(state.xpos[limb]), matvec(axes_of(state, limb), vec3(points[c, 1])))
         arm = minus(point, vec3(state.centre))
         displacement = minus(matvec(to_exo, minus(point, vec3(state.xpos[exo]))), vec3(points[c, 0]))
@@ -82,11 +84,12 @@ def coupling_forces(couplings: CouplingSet, state: State) -> Array:
             (-0.5 * R[2][0], -0.5 * R[2][1], 0.5 * (t - R[2][2])),
         )
         rotation_rate = matvec(change, matvec(to_exo, w))
-        # on the exoskeleton
+        # wrench on the exoskeleton in world axes: force, and `torque` about the centre
         force = matvec(R_exo, plus(matvec(mat3(law[c, 0]), displacement), matvec(mat3(law[c, 1]), rate)))
         moment = plus(matvec(mat3(law[c, 2]), rotation), matvec(mat3(law[c, 3]), rotation_rate))
         torque = plus(matvec(R_exo, matvec(transposed(change), moment)), cross(arm, force))
-        # generalised force: the power of the wrench per unit of the joint's velocity
+        # generalised force: the power of the wrench per unit of the joint's velocity; joints that move only the wearer
+        # get it with the opposite sign
         for j in range(len(cdof)):
             if chain[c, 0, j] != chain[c, 1, j]:
                 power = 0.0

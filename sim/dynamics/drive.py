@@ -23,10 +23,10 @@ from stridetwin.sim.config import SIDES, Exo
 from stridetwin.sim.wearer.exoskeleton import FRICTION_SPEED_RADPS, modules
 from stridetwin.streams.samples import Array
 
-PERIOD_S, DRIVER_S = 0.01, 0.001
-_ASSIST_NM = 8.0  # for legs one radian apart
+PERIOD_S, DRIVER_S = 0.01, 0.001  # between two calls of the control law, and of the motors' drivers
+_ASSIST_NM = 8.0  # torque per unit of sin q_r − sin q_l: for legs about one radian apart
 _QUARTER_STRIDE_S = 0.25
-_SMOOTHING_S = 0.05
+_SMOOTHING_S = 0.05  # time constant of the filter of that difference
 _ROTOR, _FRICTION = 0.8, 0.0  # compensated shares; at 1.4 times the rotors' inertia, frame and cuffs begin to oscillate
 _ROTOR_EXTERNAL, _FRICTION_EXTERNAL = 0.95, 0.95
 _ACCELERATION_S = 0.005  # smoothing time of the driver's encoder signal
@@ -40,8 +40,8 @@ ControlLaw = Callable[[Array], Array]
 class DelayedFeedback:
     """Assistance of both hips in proportion to the angle between the legs a quarter of a stride ago.
 
-    The torque on the left hip is 8 N m (sin q_r − sin q_l), smoothed and delayed by `_QUARTER_STRIDE_S`; the right hip
-    gets the opposite.
+    The torque on the left hip is 8 N m (sin q_r − sin q_l), smoothed and delayed by `_QUARTER_STRIDE_S`, where q_l and
+    q_r are the flexion angles of the hips; the right hip gets the opposite.
 
     Args:
         joints: The powered joints; both hips are among them.
@@ -49,7 +49,7 @@ class DelayedFeedback:
 
     def __init__(self, joints: Sequence[str]) -> None:
         """Starts with legs that have stood side by side for a quarter of a stride."""
-        self._hips = [joints.index(f"hip_{side}") for side in SIDES]
+        self._hips = [joints.index(f"hip_{side}") for side in SIDES]  # rows of left and right hip among the joints
         # smoothed sin q_r − sin q_l of the last quarter of a stride, the oldest first
         self._apart = deque([0.0] * round(_QUARTER_STRIDE_S / PERIOD_S), maxlen=round(_QUARTER_STRIDE_S / PERIOD_S))
 
@@ -57,10 +57,10 @@ class DelayedFeedback:
         """(n,) N m, torques of the motors for (n,) rad, angles of the powered joints; call it once per `PERIOD_S`."""
         left, right = angle[self._hips]
         last = self._apart[-1]  # first-order smoothing goes on from here
-        help_nm = -_ASSIST_NM * self._apart[0]
+        right_nm = -_ASSIST_NM * self._apart[0]  # the oldest entry is a quarter of a stride old
         self._apart.append(last + (math.sin(right) - math.sin(left) - last) * PERIOD_S / _SMOOTHING_S)
         torque = np.zeros(len(angle))
-        torque[self._hips] = -help_nm, help_nm
+        torque[self._hips] = -right_nm, right_nm
         return torque
 
 
@@ -78,8 +78,10 @@ class Drive:
 
     def __init__(self, model: mujoco.MjModel, exo: Exo | None, law: ControlLaw | None = None) -> None:
         """Reads the modules' joints and limits; without a drive, all arrays are empty and no torque is applied."""
+        # modules by powered joint, such as `hip_l`, whose hinge in the model is `exo_hip_flexion_l`
         mounted = {} if exo is None or (exo.drive == "idle" and law is None) else modules(exo)
         hinges = [model.joint("exo_{}_flexion_{}".format(*joint.split("_"))) for joint in mounted]
+        # addresses of the hinges in qpos and in qvel
         self._angle = np.array([hinge.qposadr[0] for hinge in hinges], dtype=int)
         self._dof = np.array([hinge.dofadr[0] for hinge in hinges], dtype=int)
         self._law = DelayedFeedback(list(mounted)) if mounted and law is None else law
@@ -115,8 +117,7 @@ class Drive:
             self._calls += 1
             friction = self._dry * np.tanh(speed / FRICTION_SPEED_RADPS) + self._viscous * speed
             torque = self._help + self._compensated * self._acceleration + friction
-            torque[(np.abs(speed) > self._max_speed) & (torque * speed > 0.0)] = (
-                0.0  # at this speed they can only brake
-            )
+            too_fast = (np.abs(speed) > self._max_speed) & (torque * speed > 0.0)
+            torque[too_fast] = 0.0  # beyond its highest speed a motor can only brake
             torques[self._dof] = np.clip(torque, -self._max_torque, self._max_torque)
         return torques

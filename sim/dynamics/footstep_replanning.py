@@ -39,19 +39,23 @@ class PlannedFeet(NamedTuple):
     """Plan of the feet at one instant, or with a leading axis at N of them; rows left, right.
 
     Attributes:
-        share: (2,) of the load.
+        share: (2,) of the load, 0-1.
         touching: (2, points) whether a sole point is planned to bear force.
         force_weight: (2, points) relative weight of force at a point: under a foot that stands on its toes alone, it is
             lower the closer the point is to the planned centre of pressure.
-        R_sole: (2, 3, 3) axes in the world of the ground's frame under each foot (of the flat foot); in the air, of the
-            next footprint.
-        p_sole: (2, 3) m, the footprint.
+        R_sole: (2, 3, 3) footprint of each foot: rotation of the flat foot, foot to world, whose third column is the
+            normal of the ground; in the air, that of the next footprint.
+        p_sole: (2, 3) m, origin of the flat foot on that footprint.
         swinging: (2,) whether a foot is in the air.
         until_landing: (2,) s; 0 in stance.
         R_way: (2, 2) columns forward and left of the way.
         near_edge: (2,) whether the next footprint lies just before or behind a riser.
-        p_foot: (2, 3) m; v_foot, a_foot its derivatives.
-        R_foot: (2, 3, 3); w_foot (2, 3) rad/s, world axes; dw_foot its derivative.
+        p_foot: (2, 3) m, origins of the feet in the world.
+        v_foot: (2, 3) m/s, derivative of `p_foot`.
+        a_foot: (2, 3) m/s², derivative of `v_foot`.
+        R_foot: (2, 3, 3) rotations, foot to world.
+        w_foot: (2, 3) rad/s, angular velocities, world axes.
+        dw_foot: (2, 3) rad/s², derivative of `w_foot`.
     """
 
     share: Array
@@ -102,10 +106,11 @@ def advance_shifts(
 ) -> None:
     """Advances the shifts of feet and pelvis by one control step.
 
-    Let ξ be the deviation of the divergent motion, T the time until landing, and b what the centre of pressure can
-    correct. The foothold of a foot in the air shifts by exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus
-    most of the shift of the other foot. This shift is limited along and across the way. The foot follows it critically
-    damped. The pelvis follows the feet that bear load at the rate ω.
+    Let c be the deviation of the centre of mass from its shifted plan, ξ = c + c' / ω that of the divergent motion, T
+    the time until landing, and b what the centre of pressure can correct. The foothold of a foot in the air shifts by
+    exp(ω T) |ξ| − (exp(ω T) − 1) b in the direction of ξ, plus most of the shift of the other foot. This shift is
+    limited along and across the way. The foot follows it critically damped. The pelvis follows the feet that bear load
+    at the rate ω.
 
     Args:
         shifts: Shifts at the step before, which are overwritten.
@@ -116,7 +121,7 @@ def advance_shifts(
         pressing: (2,) whether a foot presses on the floor.
         landing_offset: (2, 2) m, offset of each foot's landing from its foothold.
     """
-    foot, root, floor = shifts
+    foot, root, floor = shifts  # `foot` [k, 0], [k, 1], [k, 2] and `root` [0], [1], [2]: shift, its rate, acceleration
     swinging, until_landing, R_way = planned.swinging, planned.until_landing, planned.R_way
     # floor under each foot: as measured; for a foot in the air, as under the other one
     for k in range(2):
@@ -125,16 +130,17 @@ def advance_shifts(
         elif swinging[k]:
             floor[k] = floor[1 - k]
     for k in range(2):
+        # just before landing the foothold does not change any more; shift of the foothold along and across the way, m
         is_following, ahead, left = swinging[k] and until_landing[k] > _COMMITTED_S, 0.0, 0.0
         if is_following:
             # the present deviation grows until landing, minus what the centre of pressure corrects until then
             growth = math.exp(OMEGA * until_landing[k])
-            for axis in range(2):
+            for axis in range(2):  # x and y of the world
                 xi = com[0, axis] - root[0, axis] + (com[1, axis] - root[1, axis]) / OMEGA
-                off = math.copysign(max(growth * abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0), xi)
-                off += (1.0 - _BACK) * foot[1 - k, 0, axis]
-                ahead += R_way[axis, 0] * off
-                left += R_way[axis, 1] * off
+                foothold_shift = math.copysign(max(growth * abs(xi) - (growth - 1.0) * _PRESSURE_M, 0.0), xi)
+                foothold_shift += (1.0 - _BACK) * foot[1 - k, 0, axis]
+                ahead += R_way[axis, 0] * foothold_shift
+                left += R_way[axis, 1] * foothold_shift
             reach = _ON_EDGES_M if planned.near_edge[k] else _FORWARD_M
             # limits of the shift to the left: the left foot may go farther to the left, the right one to the right
             inner, outer = (-_INWARD_M, _OUTWARD_M) if k == 0 else (-_OUTWARD_M, _INWARD_M)
@@ -144,20 +150,21 @@ def advance_shifts(
         y = R_way[1, 0] * ahead + R_way[1, 1] * left + landing_offset[k, 1]
         normal = planned.R_sole[k, 0, 2], planned.R_sole[k, 1, 2], planned.R_sole[k, 2, 2]
         target = x, y, floor[k] - (normal[0] * x + normal[1] * y) / normal[2]
+        # the foot goes to the target critically damped at the rate `_FOLLOW`; otherwise its motion decays
         for axis in range(3):
             rate = foot[k, 1, axis]
             acceleration = _FOLLOW * _FOLLOW * (target[axis] - foot[k, 0, axis]) if is_following else 0.0
             acceleration -= 2.0 * _FOLLOW * rate
             rate += dt * acceleration
-            # a foot that should stand but does not press yet goes straight down
+            # a foot that should stand but does not press yet goes straight down, slower once it is over the floor
             if axis == 2 and not swinging[k] and not pressing[k]:
                 rate, acceleration = -(_SEARCH_MPS if np.isnan(measured[k]) else _SETTLE_MPS), 0.0
             foot[k, 2, axis], foot[k, 1, axis] = acceleration, rate
             foot[k, 0, axis] += dt * rate
     # pelvis: its rate is OMEGA times its distance from the shift of the feet, weighted by their loads
     for axis in range(3):
-        under = planned.share[0] * foot[0, 0, axis] + planned.share[1] * foot[1, 0, axis]
-        rate = OMEGA * (under - root[0, axis])
+        feet_shift = planned.share[0] * foot[0, 0, axis] + planned.share[1] * foot[1, 0, axis]
+        rate = OMEGA * (feet_shift - root[0, axis])
         root[2, axis] = (rate - root[1, axis]) / dt
         root[1, axis] = rate
         root[0, axis] += dt * rate

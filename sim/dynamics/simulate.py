@@ -30,7 +30,7 @@ from stridetwin.streams.samples import Array
 
 _entry_kernel = entry_kernel(Path(__file__).parent, llvm_level=1)
 
-STEP_S = DRIVER_S
+STEP_S = DRIVER_S  # time step of the physics
 _SETTLE_S = 0.2  # on its soles, before the walk begins
 MARGIN_S = 2.0 * STEP_S
 """Future steps can still change the splines this long before them."""
@@ -66,6 +66,7 @@ class Simulation:
     ) -> None:
         """Prepares model, controller, couplings and drive, and places the walker at the start of the plan."""
         self._plan = plan
+        # by instant of the plan: (N, 2) N on the pelvis, and (N, 2, 2) m, offset of each foot's landing
         self._push_forces, self._landing_offsets = push_forces(dynamics, plan), misstep_offsets(dynamics, plan)
         self._reference, self._noise, self._rng = reference, dynamics.torque_noise, rng
         self._model = model = _set_physics_options(apply_disturbances(model, dynamics))
@@ -82,9 +83,9 @@ class Simulation:
         self._coupled = CouplingSet.of(model, exo_couplings(reference.size))
         # number of steps of the walk, and of the next one; negative while the walker settles on their soles
         self._steps, self._step = round(reference.duration_s / STEP_S), -round(_SETTLE_S / STEP_S)
-        self._soles = sole_point_numbers(model)
+        self._soles = sole_point_numbers(model)  # (ngeom,) number of each geom as a sole point; -1 for others
         self._record = _Record(self._steps, model, self._soles)
-        # body of each geom, 0 for what is fixed to the world
+        # (ngeom,) body of each geom, 0 for what is fixed to the world
         self._welded, self._drive = model.body_weldid[model.geom_bodyid], Drive(model, exo, law)
         self._chains = np.array([chain_of(model, body) for body in range(model.nbody)])  # (nbody, nv)
         data.qpos, data.qvel = plan.q[0], plan.v[0]
@@ -115,10 +116,11 @@ class Simulation:
         model, data, plan, step = self._model, self._data, self._plan, self._step
         # positions, velocities and contacts of this instant; `mj_step2` then computes forces and the next state
         mujoco.mj_step1(model, data)
+        # (nv,) generalised forces of couplings and motors, which the wearer knows
         known = coupling_forces(self._coupled, self._state)
         motors = self._drive.torques(data)
         known += motors
-        i = min(max(step, 0) // _STEPS_PER_CONTROL, len(plan.t) - 1)  # row of the plan
+        i = min(max(step, 0) // _STEPS_PER_CONTROL, len(plan.t) - 1)  # row of the plan; the first while settling
         if step % _STEPS_PER_CONTROL == 0:
             self._control_step(i, known)
         data.qfrc_applied = self._torque + known
@@ -128,6 +130,7 @@ class Simulation:
         mujoco.mj_step2(model, data)
         if step >= 0:
             self._record.record_contacts(step, data)
+        # the root's height against its plan, which the replanned steps shift
         if data.qpos[2] < plan.q[i, 2] + self._shift.root[0, 2] - _FALLEN_M:
             self.fell_at = step * STEP_S
         self._step = step + 1
@@ -147,17 +150,17 @@ class Simulation:
         mujoco.mj_subtreeVel(model, data)
         # horizontal centre of mass and its velocity, minus the plan's
         com = np.array([data.subtree_com[1, :2], data.subtree_linvel[1, :2]]) - plan.com[i]
-        pressing = np.logical_or.reduce(self._touching, axis=1)
+        pressing = np.logical_or.reduce(self._touching, axis=1)  # (2,) whether any point of a foot may bear force
         advance_shifts(self._shift, CONTROL_S, feet, com, floor, pressing, self._landing_offsets[i])
         self._torque = self._control.torques(data, self._state, plan, i, self._shift, self._touching, known)
         if self._noise:
-            # proportional to the torque
+            # noise of the joints in proportion to their torque; the root's six entries have none
             self._torque[6:] *= 1.0 + self._noise * self._rng.standard_normal(model.nv - 6)
         self._pushed[:2] = self._push_forces[i]
 
     def recent(self, seconds: float) -> SimulatedWalk:
         """The last `seconds` of the walk so far; the splines of its last `MARGIN_S` may still change."""
-        first = max(self._step - round(seconds / STEP_S), 0)
+        first = max(self._step - round(seconds / STEP_S), 0)  # step 0 is the first that is recorded
         return SimulatedWalk.of_part(self._reference, *self._record.rows(first, self._step))
 
     def walk(self) -> SimulatedWalk:
@@ -170,7 +173,7 @@ def apply_disturbances(model: mujoco.MjModel, dynamics: Dynamics) -> mujoco.MjMo
     model = copy.copy(model)
     model.body_mass *= 1.0 + dynamics.mass_error
     model.body_inertia *= 1.0 + dynamics.mass_error
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # what the model derives from the masses
     for i in range(model.ngeom):
         name = model.geom(i).name
         if name == "ground" or name.startswith("terrain_"):
@@ -185,6 +188,7 @@ def push_forces(dynamics: Dynamics, plan: Plan) -> Array:
     force = np.zeros((len(plan.t), 2))
     for push in dynamics.pushes:
         during = (plan.t >= push.at_s) & (plan.t < push.at_s + push.duration_s)
+        # from forward and left of the way to the world's axes
         force[during] += plan.feet.R_way[during] @ [push.forward_n, push.left_n]
     return force
 
@@ -202,7 +206,7 @@ def misstep_offsets(dynamics: Dynamics, plan: Plan) -> Array:
         first = landing.min()
         if not np.isfinite(first):
             continue  # the last foot has already landed
-        foot = int(landing.min(axis=0).argmin())
+        foot = int(landing.min(axis=0).argmin())  # the foot that lands first: 0 left, 1 right
         during = np.isclose(landing[:, foot], first)  # the swing that ends with this landing
         offsets[during, foot] += plan.feet.R_way[during] @ [misstep.forward_m, misstep.left_m]
     return offsets
@@ -216,6 +220,7 @@ def _set_physics_options(model: mujoco.MjModel) -> mujoco.MjModel:
     model.opt.impratio = 50.0  # reduces the creep of stance feet
     for side in SIDES:
         model.dof_damping[model.joint(f"toe_extension_{side}").dofadr[0]] = TOE_DAMPING
+    # contacts on, MuJoCo's own sensors off
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     return model
@@ -255,7 +260,11 @@ class _Record:
         )
 
     def rows(self, first: int, end: int) -> tuple[Array, Array, Array, FootRecord]:
-        """Times, positions, torques and loads of the steps from `first` to before `end`."""
+        """Records of the K steps from `first` to before `end`.
+
+        Returns:
+            (K,) s; (K, nq) positions; (K, nv) generalised forces of the joints; loads of the feet with K rows.
+        """
         rows = slice(first, end)
         return STEP_S * np.arange(first, end, dtype=float), self._q[rows], self._torque[rows], self._loads.at(rows)
 
@@ -284,20 +293,22 @@ def _record_foot_loads(
         efc_force: (nefc,) constraint forces.
         loads: Output of one step, initially 0.
     """
-    geoms, pos, frame, _, address = contacts
+    geoms, pos, frame, _, address = contacts  # `address`: first row of a contact's force, -1 for none
     R_feet, p_feet, force, moment, cop = loads
     for s in range(2):
         store_vec3(vec3(xpos[feet[s]]), p_feet[s])
         for k in range(9):
             R_feet[s, k // 3, k % 3] = xmat[feet[s], k]
+    # first the sum of the contact points weighted by their normal forces; `lift` is the sum of these forces
     lift = np.zeros(2)
     for c in range(len(address)):
         if address[c] < 0:
-            continue
+            continue  # surfaces that are near but exert no force
         first = side[geoms[c, 0]] >= 0  # whether the sole is the first of the two geoms
         s = side[geoms[c, 0]] if first else side[geoms[c, 1]]
         if s < 0:
             continue  # not a contact of a sole
+        # three rows of force per contact: along the normal, then along the two other axes of the contact's frame
         contact_force, point, normal_force = (0.0, 0.0, 0.0), vec3(pos[c]), efc_force[address[c]]
         for axis in range(3):
             f = efc_force[address[c] + axis]

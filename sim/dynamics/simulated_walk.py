@@ -16,7 +16,7 @@ from stridetwin.sim.playback import FootLoad, Loads, Motion, Player
 from stridetwin.streams.algebra.arrays import from_euler
 from stridetwin.streams.samples import Array
 
-_LOADED_N = 20.0
+_LOADED_N = 20.0  # vertical force from which a foot counts as loaded
 _EARLY_OR_LATE_S = 0.12  # a touch-down is searched this close to the planned one
 
 
@@ -24,11 +24,11 @@ class FootRecord(NamedTuple):
     """Frames of both feet and the loads of the ground on them, at N physics steps or at one.
 
     Attributes:
-        R: (N, 2, 3, 3) the feet's frames.
-        p: (N, 2, 3) m, their origins.
-        force: (N, 2, 3) N, world.
-        moment: (N, 2, 3) N m about the frames' origins.
-        cop: (N, 2, 3) m, centre of pressure; undefined without load.
+        R: (N, 2, 3, 3) rotations of the feet, foot to world; left, then right.
+        p: (N, 2, 3) m, origins of the feet's frames in the world.
+        force: (N, 2, 3) N, ground force on each foot, world axes.
+        moment: (N, 2, 3) N m about the frames' origins, world axes.
+        cop: (N, 2, 3) m, centre of pressure in the world; (0, 0, 0) without load.
     """
 
     R: Array
@@ -79,6 +79,7 @@ class SimulatedWalk(WalkMotion):
             fell_at: Time at which the walker fell, s; None if they did not.
         """
         end = float(t[-1])
+        # footsteps by side, as simulated; those after the end of the simulation are left out. k: 0 left, 1 right
         steps = {
             side: [
                 _simulate_footstep(step, t, loads.force[:, k, 2], loads.p[:, k], loads.R[:, k])
@@ -87,7 +88,7 @@ class SimulatedWalk(WalkMotion):
             ]
             for k, side in enumerate(SIDES)
         }
-        pitch = np.column_stack([_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
+        pitch = np.column_stack([_foot_pitch(steps[side], t, loads.R[:, k]) for k, side in enumerate(SIDES)])
         return replace(cls.of_part(reference, t, q, torque, loads), steps=steps, fell_at=fell_at, _pitch=pitch)
 
     @classmethod
@@ -119,25 +120,26 @@ class SimulatedWalk(WalkMotion):
         return np.interp(t, self.t, self._pitch[:, SIDES.index(side)])
 
     def _nearest_steps(self, t: NDArray[np.floating]) -> NDArray[np.int64]:
-        """(N,) rows of the physics steps nearest to (N,) s."""
+        """(N,) rows of the physics steps nearest to (N,) s; the first or last row for times outside."""
         return np.clip(np.round((t - self.t[0]) / (self.t[1] - self.t[0])).astype(np.int64), 0, len(self.t) - 1)
 
     def feet(self, t: NDArray[np.floating]) -> dict[str, FootLoad]:
         """Ground reaction on each foot at (N,) s, that of the nearest physics step, by side."""
-        _, _, force, torque, cop = self.loads.at(self._nearest_steps(t))
+        _, _, force, moment, cop = self.loads.at(self._nearest_steps(t))
         return {
-            side: FootLoad(force=force[:, k], torque=torque[:, k], cop=cop[:, k], loaded=force[:, k, 2] > _LOADED_N)
+            side: FootLoad(force=force[:, k], torque=moment[:, k], cop=cop[:, k], loaded=force[:, k, 2] > _LOADED_N)
             for k, side in enumerate(SIDES)
         }
 
     def efforts(self, t: NDArray[np.floating]) -> tuple[Array, Array, Array]:
-        """Joint torques (N, J) in the order of `coordinates.names[6:]`, and the assistance at the root in the world.
+        """Torques of the joints, and the assistance at the root, at (N,) s; those of the nearest physics steps.
 
         Returns:
-            (N, J) N m; (N, 3) N; (N, 3) N m about the pelvis.
+            (N, J) N m, torques of the joints in the order of `coordinates.names[6:]`; (N, 3) N, force of the assistance
+            at the pelvis, and (N, 3) N m, its torque about the pelvis, both in world axes and 0 without assistance.
         """
         torque = self.torque[self._nearest_steps(t)]
-        R = from_euler(self.splines(t)[:, 3:6])
+        R = from_euler(self.splines(t)[:, 3:6])  # pelvis to world, from yaw, pitch and roll of the root
         return torque[:, self.coordinates.dof], torque[:, :3], np.einsum("nij,nj->ni", R, torque[:, 3:6])
 
 
@@ -148,6 +150,7 @@ def control_spline(t: Array, x: Array) -> BSpline:
     Its acceleration is continuous.
     """
     control = np.concatenate([x[:1], x[:1], x, x[-1:], x[-1:]])
+    # evenly spaced knots, such that the basis function of each row of `x` peaks at its time
     return BSpline(t[0] + (t[1] - t[0]) * (np.arange(len(control) + 4) - 4.0), control, 3)
 
 
@@ -164,13 +167,16 @@ def _simulate_footstep(step: Footstep, t: Array, lift: Array, p_foot: Array, R_f
         R_foot: (N, 3, 3) rotation of the foot.
     """
     loaded = lift > _LOADED_N
-    touch = _nearest_event_time(t, np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1, step.t_touch)
-    off = _nearest_event_time(t, np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1, step.t_off)
+    touch_downs = np.flatnonzero(loaded[1:] & ~loaded[:-1]) + 1  # rows at which the load begins
+    toe_offs = np.flatnonzero(~loaded[1:] & loaded[:-1]) + 1  # and at which it ends
+    touch = _nearest_event_time(t, touch_downs, step.t_touch)
+    off = _nearest_event_time(t, toe_offs, step.t_off)
     during = np.flatnonzero((t >= touch) & (t <= off))
     if not len(during):
         return step
-    # the foot is flat where the sole's normal agrees best with the ground's
-    flat = during[np.argmax(np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:]))]
+    # the foot is flat where the sole's normal agrees best with the ground's: largest cosine between the third columns
+    agreement = np.einsum("nij,ij->n", R_foot[during][:, :, 2:], step.R_world_sole[:, 2:])
+    flat = during[np.argmax(agreement)]
     R_world_sole = _project_on_ground(R_foot[flat], step.R_world_sole[:, 2])
     return replace(step, t_touch=touch, t_off=off, p_foot_in_world=p_foot[flat], R_world_sole=R_world_sole)
 
@@ -201,7 +207,7 @@ def _nearest_event_time(t: Array, events: NDArray[np.int64], planned: float) -> 
     return nearest if abs(nearest - planned) < _EARLY_OR_LATE_S else planned
 
 
-def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
+def _foot_pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
     """(N,) rad, pitch of one foot against the ground of its current or next footstep, toes down positive.
 
     Args:
@@ -209,9 +215,11 @@ def _pitch(steps: list[Footstep], t: Array, R_foot: Array) -> Array:
         t: (N,) s.
         R_foot: (N, 3, 3) rotation of the foot, foot to world.
     """
+    # (N,) number of the footstep: the first whose toe-off is still to come, or the last one
     i = np.clip(np.searchsorted([s.t_off for s in steps], t), 0, len(steps) - 1)
     # direction of the toes in the axes of the ground
-    toes = np.einsum("nji,nj->ni", np.array([s.R_world_sole for s in steps])[i], R_foot[:, :, 0])
+    R_ground = np.array([s.R_world_sole for s in steps])[i]
+    toes = np.einsum("nji,nj->ni", R_ground, R_foot[:, :, 0])
     return -np.arcsin(np.clip(toes[:, 2], -1.0, 1.0))
 
 
@@ -226,7 +234,7 @@ class Replay(Player[SimulatedWalk]):
         """
         t = t_ns * 1e-9
         torque, force, moment = self._walk.efforts(t)
-        names = self._walk.coordinates.names[6:]
+        names = self._walk.coordinates.names[6:]  # the joints, in the order of the columns of `torque`
         motors = {name: torque[:, k] for k, name in enumerate(names) if name.startswith("exo_")}
         return Loads(
             t_ns=t_ns,

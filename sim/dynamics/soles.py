@@ -22,7 +22,9 @@ HEEL_POINTS = 4  # of each foot's points, the first four
 NEAR_M = 0.004  # a sole point this close to the ground is in contact
 # about the plan, N m/rad and N m s/rad: forces alone do not control so light a body
 TOE_STIFFNESS, TOE_DAMPING = 40.0, 1.0
-_SOLREF = (0.0085, 1.0)
+_SOLREF = (0.0085, 1.0)  # MuJoCo's time constant, s, and damping ratio of a contact
+# MuJoCo's impedance of a contact: its values at no and at full penetration, the width of the transition, m, its
+# midpoint and its power
 _SOLIMP = (0.90, 0.97, 0.002, 0.5, 2.0)
 
 
@@ -32,6 +34,8 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
     They lie in the sole's plane, in pairs: back and front of the heel, then ball and tip of the toes.
     """
     shoe = size.shoe
+    # m along each body: back and front of the heel in the foot's frame, ball and tip in the toe's, whose origin is its
+    # hinge
     heel = (shoe.heel_back_x + RADIUS_M, shoe.heel_back_x + _HEEL_BLOCK_M)
     toe = (0.0, shoe.flat_tip_x - shoe.toe_hinge_x)
     return [
@@ -43,7 +47,10 @@ def sole_points(size: Wearer) -> list[tuple[str, Array]]:
 
 
 def add_soles(spec: mujoco.MjSpec, size: Wearer) -> None:
-    """Adds the contact spheres `sole_<side>_<i>`, invisible; they touch nothing but terrain."""
+    """Adds the contact spheres `sole_<side>_<i>` to a model's bodies; they touch nothing but terrain.
+
+    They are massless and in geom group 3, which images do not show. Their lowest points lie on `sole_points`.
+    """
     for side in SIDES:
         for i, (body, point) in enumerate(sole_points(size)):
             spec.body(f"{body}_{side}").add_geom(
@@ -75,6 +82,7 @@ def toe_weights(size: Wearer, x: Array) -> Array:
         size: Wearer.
         x: (N,) m, wanted centre of pressure along the foot, from the origin of the foot's frame.
     """
+    # (4,) m in front of the toe hinge: 0 for the two ball points, the same distance for the two tip points
     ahead = np.array([p[0] for body, p in sole_points(size) if body == "toe"])
-    share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]
-    return 0.5 / np.where(ahead > 0.0, share, 1.0 - share)
+    tip_share = np.clip((x - size.shoe.toe_hinge_x) / ahead.max(), _LEAST_SHARE, 1.0 - _LEAST_SHARE)[:, None]
+    return 0.5 / np.where(ahead > 0.0, tip_share, 1.0 - tip_share)  # each of a pair bears half of its share

@@ -15,16 +15,16 @@ from stridetwin.streams.samples import Array
 
 
 class State(NamedTuple):
-    """The engine's state, as views of its memory.
+    """The engine's state, as views of its memory; all vectors are in world axes.
 
     Attributes:
         cdof: (nv, 6) motion (angular, linear) of each degree of freedom about `centre`.
         cdof_dot: (nv, 6) its rate.
         cvel: (nbody, 6) angular and linear velocity of each body about `centre`.
         centre: (3,) m, the walker's centre of mass.
-        qvel: (nv,).
+        qvel: (nv,) generalised velocities.
         xpos: (nbody, 3) m, origins of the bodies.
-        xmat: (nbody, 9) their axes.
+        xmat: (nbody, 9) their rotations, body to world, row by row.
     """
 
     cdof: Array
@@ -38,13 +38,14 @@ class State(NamedTuple):
     @classmethod
     def of(cls, data: mujoco.MjData) -> State:
         """Views that follow the state as it changes."""
+        # body 1 is the root of the walker, whose subtree is the whole walker
         return cls(data.cdof, data.cdof_dot, data.cvel, data.subtree_com[1], data.qvel, data.xpos, data.xmat)
 
 
 def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
     """(nv,) whether each degree of freedom moves a body: those of its own joints and of all bodies that carry it."""
     chain = np.zeros(model.nv, dtype=bool)
-    while body > 0:
+    while body > 0:  # 0 is the world
         first, count = model.body_dofadr[body], model.body_dofnum[body]
         if count:
             chain[first : first + count] = True
@@ -54,7 +55,7 @@ def chain_of(model: mujoco.MjModel, body: int) -> NDArray[np.bool_]:
 
 @numba.njit(**INNER_KERNEL)
 def axes_of(state: State, body: int) -> Mat3:
-    """(3, 3) rotation of a body, body to world, as rows."""
+    """(3, 3) rotation of a body, body to world, as a tuple of its three rows."""
     R = state.xmat[body]
     return (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
 
@@ -65,22 +66,25 @@ def velocity(state: State, body: int, point: Vec3) -> tuple[Vec3, Vec3]:
 
     The point is given in the world, m.
     """
-    c = state.cvel[body]
-    w = c[0], c[1], c[2]
-    return plus((c[3], c[4], c[5]), cross(w, minus(point, vec3(state.centre)))), w
+    c = state.cvel[body]  # angular (3), then linear velocity (3) at the centre
+    w, v_centre = (c[0], c[1], c[2]), (c[3], c[4], c[5])
+    return plus(v_centre, cross(w, minus(point, vec3(state.centre)))), w
 
 
 @numba.njit(**INNER_KERNEL)
 def jacobian(cdof: Array, chain: NDArray[np.bool_], arm: Vec3, rows: Array, linear: int, angular: int) -> None:
-    """Writes the Jacobian (3, nv) of a point of a body and that of its rotation, world axes, into rows (m, nv).
+    """Writes the Jacobian (3, nv) of a point of a body and that of the body's rotation into rows of a matrix.
+
+    Column j is the velocity of the point, linear + angular × arm, or the angular velocity of the body, per unit of
+    qvel[j]. It is 0 for degrees of freedom that do not move the body. World axes.
 
     Args:
-        cdof: As in `State`.
+        cdof: (nv, 6) motion of each degree of freedom about the centre of `State`: angular (3), linear (3).
         chain: (nv,) the degrees of freedom that move the body.
         arm: The point minus the centre of `State`, m.
-        rows: Output.
-        linear: First row of the point's; -1 for none.
-        angular: First row of the rotation's; -1 for none.
+        rows: (m, nv) output.
+        linear: First of the three rows for the point; -1 for none.
+        angular: First of the three rows for the rotation; -1 for none.
     """
     x, y, z = arm
     for j in range(len(cdof)):
@@ -112,7 +116,7 @@ def bias_acceleration(
     angular, linear = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for j in range(len(qvel)):
         if chain[j]:
-            c = cdof_dot[j]
+            c = cdof_dot[j]  # angular (3), then linear rate (3) about the centre
             angular = plus(angular, times(qvel[j], (c[0], c[1], c[2])))
             linear = plus(linear, times(qvel[j], (c[3], c[4], c[5])))
     return plus(plus(linear, cross(angular, arm)), cross(w, v_point)), angular

@@ -27,8 +27,8 @@ from stridetwin.streams.algebra.matrices import (
 from stridetwin.streams.compiled import INNER_KERNEL
 from stridetwin.streams.samples import Array
 
-_NEWTON_STEPS = 25
-_TOLERANCE = 1e-9
+_NEWTON_STEPS = 25  # most steps of Newton's method in `contact_forces`
+_TOLERANCE = 1e-9  # it ends when no entry of the gradient is larger, relative to 1 + the largest |d|
 
 
 class Tasks(NamedTuple):
@@ -36,8 +36,8 @@ class Tasks(NamedTuple):
 
     Attributes:
         rows: (m, n) Jacobian rows.
-        target: (m,) accelerations minus J' q'.
-        weight: (m,).
+        target: (m,) wanted accelerations minus J' q', m/s² or rad/s².
+        weight: (m,) weights of the squared deviations.
     """
 
     rows: Array
@@ -49,7 +49,7 @@ class ContactPoints(NamedTuple):
     """The k contact points that may bear force, and the weights of their force.
 
     Attributes:
-        rows: (3 k, n) Jacobians.
+        rows: (3 k, n) Jacobians of the points, three rows (x, y, z of the world) each.
         edges: (k, 4, 3) edges of each point's friction cone, world axes.
         weight: (k,) of force at each point.
         change_weight: Of a change of force.
@@ -67,8 +67,9 @@ class ContactPoints(NamedTuple):
 def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array]:
     """Forces f >= 0 that minimise ||B f - d||² + Σ r (f - p)², and the residual y = d - B f.
 
-    f = max(0, p + Bᵀy / r), so that y solves y + B max(0, p + Bᵀy / r) = d: the gradient of a convex function of six
-    variables, brought to zero by Newton's method with halved steps.
+    At the minimum f = max(0, p + Bᵀy / r), so that y solves y + B max(0, p + Bᵀy / r) = d. The difference of the two
+    sides is the gradient of the convex function ½ |y|² − d·y + ½ Σ r f² of the six variables y. Newton's method brings
+    it to zero; a step is halved until the function does not grow.
 
     Args:
         B: (6, n) effect of each force on the root's six equations, scaled so that all six count alike.
@@ -80,7 +81,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
         (n,) forces f; (6,) residual y.
     """
     # `step` is the Newton step of y, `value` the convex function at y; the first trial, with step 0, is at y = d
-    y, trial, f, value, largest = d.copy(), np.empty(6), np.empty(len(r)), 1e300, 0.0
+    y, trial, f, value, largest = d.copy(), np.empty(6), np.empty(len(r)), 1e300, 0.0  # `largest`: max |d|
     step, H = np.zeros((6, 1)), np.empty((6, 6))
     for i in range(6):
         largest = max(largest, abs(d[i]))
@@ -96,7 +97,7 @@ def contact_forces(B: Array, d: Array, r: Array, p: Array) -> tuple[Array, Array
                 unclipped = r[j] * p[j]
                 for i in range(6):
                     unclipped += B[i, j] * trial[i]
-                f[j] = max(unclipped, 0.0) / r[j]
+                f[j] = max(unclipped, 0.0) / r[j]  # `unclipped` is r p + Bᵀy
                 new_value += 0.5 * r[j] * f[j] * f[j]
             if new_value <= value + 1e-12 * abs(value) or size < 1e-4:
                 break
@@ -136,7 +137,11 @@ def eliminate(M: Array, h: Array, driven: NDArray[np.int64], free: NDArray[np.in
         h: (nv,) bias minus all known forces.
         driven: (a,) coordinates that motors drive, and the root.
         free: (b,) coordinates without a motor.
+
+    Returns:
+        (a, a) mass matrix; (a,) bias.
     """
+    # E becomes its Cholesky factor L, and X becomes L⁻¹ X; a product of two such columns is what E takes from A or c
     a, b = len(driven), len(free)
     A, c = M[driven][:, driven], h[driven]
     E, X = M[free][:, free], np.empty((b, a + 1))  # the last column of X is the bias e
@@ -204,15 +209,16 @@ def solve_control_step(
             for j in range(6):
                 S[i, j] += M[i, m] * solution[m, j]
     factorise_in_place(S)
+    # forces along the edges, and the generalised force Jᵀ f of all of them
     force, joint_force = _solve_contact_forces(S, root_deficit, points), np.zeros(n)
-    for i in range(3 * k):
+    for i in range(3 * k):  # axis i % 3 of point i // 3
         along = 0.0
         for e in range(4):
             along += force[i // 3, e] * edges[i // 3, e, i % 3]
         for m in range(n):
             joint_force[m] += contacts[i, m] * along
 
-    # multiplier of the root's equations, accelerations, and the torques M q'' + h - Jᵀ f
+    # multiplier λ of the root's equations: S⁻¹ (F − deficit); then the accelerations, and the torques M q'' + h − Jᵀ f
     multiplier = np.empty((6, 1))
     for i in range(6):
         multiplier[i, 0] = joint_force[i] - root_deficit[i]
@@ -224,6 +230,7 @@ def solve_control_step(
     for i in range(n):
         for m in range(n):
             torque[i] += M[i, m] * qacc[m]
+    # what the root's equations still lack is the assist, −assist² λ; its torque entries become that assist
     for i in range(6):
         assisted = assist[i] * assist[i] * multiplier[i, 0]
         residual[i] = torque[i] + assisted

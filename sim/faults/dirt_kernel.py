@@ -32,8 +32,10 @@ def smear(
         width: Width of the blurred image.
     """
     for k in range(len(places)):
+        # the dirty pixel, the upper left blurred one, and the four weights
         at, first, share = places[k], corners[k], shares[k]
         for c in range(image.shape[1]):
+            # the conversion to whole numbers cuts off, so that the added half rounds
             mixed = clear[k] * np.float32(image[at, c]) + np.float32(0.5)
             mixed += share[0] * np.float32(blurred[first, c]) + share[1] * np.float32(blurred[first + 1, c])
             mixed += share[2] * np.float32(blurred[first + width, c])

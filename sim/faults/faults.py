@@ -38,12 +38,13 @@ from stridetwin.streams.samples import (
     Sample,
 )
 
+# sample types that hold numbers, and those that hold pixels
 NUMBERS = (Imu, Range, Insole, Ahrs, Encoder, Interaction, Actuator)
 IMAGES = (Image, Depth)
 POSES = "/poses"
 """Stream of an odometry's poses on their way to estimators of terrain and modes; `estimators.base.POSES`."""
 Calibration = ImuCalibration | CameraCalibration | OtherSensor
-_LONGEST_S = 36_000
+_LONGEST_S = 36_000  # largest time in a scenario file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,8 @@ class Event:
     """One occurrence of a fault of some kind on one stream.
 
     Attributes:
+        kind: Kind of the fault, as in scenario files.
+        topic: Topic of the stream.
         from_ns, until_ns: First instant, and first instant after the event.
         part: Part name of the sensor.
         entropy, key: Seed of the walk, and child stream of this event's own random choices.
@@ -123,15 +126,18 @@ def arrivals(
     # by topic of the ground truth: states of the faults that need it; its samples are collected in memory["truth"]
     truth_readers: dict[str, list[Memory]] = {}
     for fault, events in faults:
-        for topic, topic_events in events.items() if fault.on_samples else ():
+        if not fault.on_samples:
+            continue
+        for topic, topic_events in events.items():
             memory: Memory = {}
             lines.setdefault(topic, []).append((fault, topic_events, memory))
             # "" for a fault that needs no truth; no item has this topic
             truth_readers.setdefault(fault.truth_topic(topic_events[0]), []).append(memory)
     for item in items:
+        # keep the ground truth for the faults that need it; it passes on like any other item
         for memory in truth_readers.get(item.topic, ()):
             memory.setdefault("truth", []).extend(item if isinstance(item, Block) else [item])
-        if item.topic not in lines:
+        if item.topic not in lines:  # no fault concerns it
             yield SampleInTransit(item=item)
             continue
         # chained generators: each sample passes all faults of the topic
@@ -201,6 +207,7 @@ class Fault:
     name: Text = ""
 
     def __init_subclass__(cls) -> None:
+        # `LooseStrap` becomes `loose_strap`
         cls.kind = re.sub("(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     @property
@@ -268,7 +275,7 @@ class TimedFault(Fault):
 
 def active_event(events: EventsOfTopic, arrival: SampleInTransit) -> Event | None:
     """The event that is active at the measurement time of a sample, or None; `events` are in time order."""
-    i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1
+    i = bisect_right(events, arrival.taken_ns, key=attrgetter("from_ns")) - 1  # the last event that has begun
     return events[i] if i >= 0 and arrival.taken_ns < events[i].until_ns else None
 
 
@@ -291,6 +298,7 @@ class LooseStrap(TimedFault):
     shift_m: Annotated[Number, Field(ge=0, le=100, alias="shift_mm"), MILLIMETRES] = 0.01
 
 
+# sample type by the kind of a sensor in `Rig.others`
 _OTHERS: dict[str, type[Sample]] = {
     "range": Range,
     "insole": Insole,
@@ -304,7 +312,15 @@ _FAULTS = zlib.crc32(b"faults")  # separates their child streams from the sensor
 
 @dataclass(frozen=True, kw_only=True)
 class SensorStream:
-    """A stream of a rig, the part that sends it, and the body that carries it; streams of one case share `housing`."""
+    """A stream of a rig on which a fault can act.
+
+    Attributes:
+        topic: Topic of its samples.
+        kind: Type of its samples.
+        part: Part name of the sensor that sends it; "" for estimated poses.
+        body: Body that carries the sensor.
+        housing: Topic that names the case of the sensor; streams of sensors in one case share it.
+    """
 
     topic: str
     kind: type[Sample]
@@ -319,11 +335,11 @@ def _streams_of_rig(rig: Rig) -> Iterator[SensorStream]:
     An RGB-D camera, its depth and its IMU share a housing, and so do an AHRS and the IMU inside it. An RGB-D camera
     also stands for the stream of estimated poses, `POSES`.
     """
-    # housing of the IMUs that share one, by their topic; other IMUs are their own housing
-    case = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
-    case |= {t.replace("/ahrs", "/imu"): t for t, sensor in rig.others.items() if sensor.kind == "ahrs"}
-    for t, c in rig.imus.items():
-        yield SensorStream(topic=t, kind=Imu, part=c.part, body=c.mount.body, housing=case.get(t, t))
+    # by topic of an IMU inside a camera or an AHRS: the housing, which has that sensor's topic; others are their own
+    shared_housing = {c.imu_topic: c.topic for c in rig.cameras.values() if c.depth_topic}
+    shared_housing |= {t.replace("/ahrs", "/imu"): t for t, sensor in rig.others.items() if sensor.kind == "ahrs"}
+    for t, imu in rig.imus.items():
+        yield SensorStream(topic=t, kind=Imu, part=imu.part, body=imu.mount.body, housing=shared_housing.get(t, t))
     for t, camera in rig.cameras.items():
         yield SensorStream(topic=t, kind=Image, part=camera.part, body=camera.mount.body, housing=t)
         if camera.depth_topic:
@@ -332,7 +348,8 @@ def _streams_of_rig(rig: Rig) -> Iterator[SensorStream]:
             )
     for t, sensor in rig.others.items():
         yield SensorStream(topic=t, kind=_OTHERS[sensor.kind], part=sensor.part, body=sensor.mount.body, housing=t)
-    for camera in [c for c in rig.cameras.values() if c.depth_topic][:1]:  # the first one alone estimates poses
+    rgbd_cameras = [c for c in rig.cameras.values() if c.depth_topic]
+    for camera in rgbd_cameras[:1]:  # the first one alone estimates poses; there may be none
         yield SensorStream(topic=POSES, kind=Odometry, part="", body=camera.mount.body, housing=POSES)
 
 
@@ -355,6 +372,7 @@ def check_faults(source: object, faults: Sequence[Fault], rig: Rig) -> None:
     names: list[str] = []
     for i, fault in enumerate(faults):
         if not _find_streams(fault, rig):
+            # topics of all streams on which a fault of this kind can act
             valid = ", ".join(sorted(s.topic for s in _streams_of_rig(rig) if fault.applies_to(s)))
             raise ConfigError(source, f"faults[{i}].topic", fault.topic, f"{valid or 'none here'} ({fault.kind}), or *")
         if fault.full_name in names:
@@ -393,6 +411,7 @@ def plan_faults(faults: Sequence[Fault], rig: Rig, seed: int, duration_s: float)
         for stream in _find_streams(fault, rig):
             # topic, housing or body: streams that have it in common get the same random numbers
             shared_by = getattr(stream, fault.common_to)
+            # child stream of the walk's random numbers
             key = (_FAULTS, zlib.crc32(fault.full_name.encode()), zlib.crc32(shared_by.encode()))
             stream_events = tuple(_generate_events(fault, stream, seed, key, round(duration_s * 1e9), rig))
             if stream_events:
@@ -426,11 +445,11 @@ class FaultPlan:
         planned = plan_faults(faults, rig, seed, duration_s)
         # each fault adds its error to the calibration of the sensors on which it has events
         for fault, events in planned:
-            sensors: dict[str, Any] = {
-                group: {t: fault.calibrate(c) if t in events else c for t, c in getattr(rig, group).items()}
-                for group in ("imus", "cameras", "others")
-            }
-            rig = replace(rig, **sensors)
+            changed_groups: dict[str, Any] = {}
+            for group in ("imus", "cameras", "others"):  # fields of the rig: calibrations by topic
+                calibrations = getattr(rig, group)
+                changed_groups[group] = {t: fault.calibrate(c) if t in events else c for t, c in calibrations.items()}
+            rig = replace(rig, **changed_groups)
         return cls(rig=rig, planned=planned)
 
     def arrivals(self, items: Iterable[Block[Sample] | Sample]) -> Iterator[SampleInTransit]:
@@ -495,7 +514,8 @@ def _draw_spans(fault: Fault, seed: int, key: tuple[int, ...]) -> Iterator[tuple
         return
     assert fault.rate_per_min is not None
     assert fault.duration_s is not None
-    rng, t = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key)), 0.0
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    t = 0.0  # s, end of the event before
     while True:
         t += rng.exponential(60.0 / fault.rate_per_min)
         yield t, t + fault.duration_s

@@ -52,7 +52,7 @@ class _ImageFault(TimedFault):
                 yield arrival
                 continue
             name, image = image_field(arrival)
-            if image.flags.writeable:  # an image of its own
+            if image.flags.writeable:  # no other sample shares this array
                 yield arrival.with_values(**{name: self.degrade(image, event)})
                 continue
             if memory.get("event") is not event or memory["clean"] is not image:
@@ -80,9 +80,11 @@ class Occlusion(_ImageFault):
         """The image with one side covered; covered depth has no reading."""
         side = int(event.rng().integers(4))  # 0 left, 1 top, 2 right, 3 bottom
         covered = image.copy()
+        # a view whose first axis goes from side to side: rows for top and bottom, columns for left and right
         across = covered if side % 2 else covered.swapaxes(0, 1)
         width = math.ceil(self.share * across.shape[0])
-        across[slice(width) if side < 2 else slice(-width, None)] = 0 if is_depth(image) else _CLOTH
+        strip = slice(width) if side < 2 else slice(-width, None)  # at the begin of that axis, or at its end
+        across[strip] = 0 if is_depth(image) else _CLOTH
         return covered
 
 
@@ -102,14 +104,14 @@ class LensDirt(_ImageFault):
         """The image through the dirty lens: dimmed and blurred at the spots; depth is missing in their middle."""
         height, width = image.shape[:2]
         dirt, corrupted = _draw_dirt(event, self.spots, self.size, height, width), image.copy()
-        if is_depth(image):
+        if is_depth(image):  # 0 is no reading
             corrupted.reshape(-1)[dirt.places[dirt.clear < 1 - _HOLE]] = 0
         else:
             blurred = _blur_coarse(np.asarray(image, np.uint8), _blur_scale(self.size, height), self.size * height / 2)
-            each = math.prod(image.shape[2:])  # channels: 1 of a grey image
+            channels = math.prod(image.shape[2:])  # 1 of a grey image
             from stridetwin.sim.faults.dirt_kernel import smear  # compiled, so imported when it is needed
 
-            smear(corrupted.reshape(-1, each).view(np.uint8), blurred.reshape(-1, each), *dirt)
+            smear(corrupted.reshape(-1, channels).view(np.uint8), blurred.reshape(-1, channels), *dirt)
         return corrupted
 
 
@@ -175,6 +177,7 @@ def _blur_coarse(image: NDArray[np.uint8], coarse: int, sd_px: float) -> NDArray
         sd_px: Standard deviation of the blur, pixels of the image.
     """
     height, width = image.shape[:2]
+    # columns and rows of the coarser grid, rounded up
     small = cv2.resize(image, (-(-width // coarse), -(-height // coarse)), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), sd_px / coarse)
     return np.asarray(cv2.copyMakeBorder(blurred, 1, 1, 1, 1, cv2.BORDER_REPLICATE), np.uint8)
@@ -200,11 +203,12 @@ def _draw_dirt(event: Event, spots: int, size: float, height: int, width: int) -
         away = np.hypot((u - column * width) * (0.7 + 0.6 * stretch), v - row * height) / (size * height)
         clear *= 1 - np.clip(1.5 - away, 0, 1)  # a dense middle, and an edge that fades
     places = np.flatnonzero(clear < 1)
-    clear = clear.reshape(-1)[places]
+    clear = clear.reshape(-1)[places]  # of the dirty pixels alone
     # place of each dirty pixel on the blurred, coarser grid, whose border adds one pixel; weights for its interpolation
-    rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))
+    rows, columns = (-(-n // _blur_scale(size, height)) for n in (height, width))  # of that grid, rounded up
+    # pixel n has its middle at n + 0.5; on the grid, half a pixel is subtracted again, and the border adds 1
     y, x = (places // width + 0.5) * (rows / height) + 0.5, (places % width + 0.5) * (columns / width) + 0.5
-    down, across = y % 1, x % 1
+    down, across = y % 1, x % 1  # from the upper left one of the four pixels around that place
     shares = np.stack([(1 - down) * (1 - across), (1 - down) * across, down * (1 - across), down * across], axis=1)
     return _Dirt(
         places=places.astype(np.int32),
@@ -257,8 +261,9 @@ class HighView(TimedFault):
         """The depth image without its lower rows."""
         depth = depth_field(arrival).copy()
         # number of pixels within range from the top down to each row
-        ground = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
-        depth[int(np.searchsorted(ground, self.share * ground[-1])) :] = 0.0
+        in_range = ((depth > 0.0) & (depth < self.range_m)).sum(axis=1).cumsum()
+        first_hidden = int(np.searchsorted(in_range, self.share * in_range[-1]))  # row from which on depth is missing
+        depth[first_hidden:] = 0.0
         return (arrival.with_values(depth=depth),)
 
 
@@ -286,10 +291,11 @@ class PasserBy(TimedFault):
         aside = round(_WAY * width * math.sin(2e-9 * math.pi * self.motion_hz * arrival.taken_ns))
         tall = math.sqrt(self.share * height * width / (math.pi * _SLIM))
         v, u = np.mgrid[:height, :width].astype(np.float32)
-        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2  # 1 on the outline
-        clothes = np.roll(_draw_clothes(event, image.shape), aside, axis=1)
+        # (H, W) squared distance from the middle of the person: 0 there, 1 on the outline
+        out = ((u - width / 2 - aside) / (_SLIM * tall)) ** 2 + ((v - height / 2) / tall) ** 2
+        clothes = np.roll(_draw_clothes(event, image.shape), aside, axis=1)  # they move with the person
         person = (self.distance_m + _ROUND_M * out).astype(np.float32) if is_depth(image) else clothes
-        cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))
+        cover = (out < 1.0).reshape(height, width, *(1 for _ in channels))  # pixels of the person, all channels alike
         return (arrival.with_values(**{name: np.where(cover, person, image)}),)
 
 
@@ -297,10 +303,11 @@ class PasserBy(TimedFault):
 def _draw_clothes(event: Event, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """(height, width, ...) image of clothes: random coloured patches on larger coloured fields."""
     height, width, *channels = shape
-    cells = ((8, 8), (height // 6 + 1, width // 6 + 1))
-    coarse, fine = (event.rng().integers(30, 120, (*grid, *channels), np.uint8) for grid in cells)
+    # large fields on a grid of 8 by 8 cells, and patches on cells of about 6 pixels; each has random colours
+    grids = ((8, 8), (height // 6 + 1, width // 6 + 1))
+    coarse, fine = (event.rng().integers(30, 120, (*grid, *channels), np.uint8) for grid in grids)
     fields, patches = (cv2.resize(x, (width, height), interpolation=cv2.INTER_NEAREST) for x in (coarse, fine))
-    return np.asarray(fields + patches, np.uint8)
+    return np.asarray(fields + patches, np.uint8)  # below 240, so that the sum does not overflow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,6 +347,7 @@ class MirrorFloor(TimedFault):
                 yield arrival
                 continue
             del truth[:-_MEMORY]
+            # the true pose nearest in time to the image
             pose = min(truth, key=lambda s: abs(s.t_ns - arrival.taken_ns))
             yield arrival.with_values(depth=self._mirror(depth_field(arrival), pose, event))
 
@@ -356,19 +364,23 @@ class MirrorFloor(TimedFault):
             event: The event, which draws the ranks.
         """
         camera = _camera(event)
+        # (4, 4) camera to IMU, from the two mounts on their common body
         T_imu_camera = np.linalg.inv(event.rig.imu(camera.imu_topic).mount.T_body_sensor) @ camera.mount.T_body_sensor
         from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
-        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()
+        R = Rotation.from_quat(pose.q_world_frame, scalar_first=True).as_matrix()  # IMU to world
+        # position of the camera, m, and (H, W, 3) rays of depth 1, both in the world
         eye, rays = pose.p_frame_in_world + R @ T_imu_camera[:3, 3], _rays(camera) @ (R @ T_imu_camera[:3, :3]).T
         # depth at which each ray meets the plane z = 0; inf for rays that do not go down
         floor = np.where(rays[..., 2] < -_FLAT, eye[2] / -np.minimum(rays[..., 2], -_FLAT), np.inf)
+        # (H, W, 2) m, where the rays meet the floor; there, the cells, whose pattern repeats
         xy = eye[:2] + np.where(np.isfinite(floor), floor, 0.0)[..., None] * rays[..., :2]
         ranks = _draw_shine_ranks(event)
         cells = np.floor(xy / (0.5 * self.blotch_m)).astype(int) % len(ranks)
         rank, on_floor = ranks[cells[..., 0], cells[..., 1]], np.abs(depth - floor) < _FLAT * floor
         mirrored = depth * (eye[2] + self.ceiling_m) / eye[2]
-        depth = np.select([on_floor & (rank > 1 - self.holes), on_floor & (rank < self.mirrored)], [0, mirrored], depth)
+        is_hole, is_mirror = on_floor & (rank > 1 - self.holes), on_floor & (rank < self.mirrored)
+        depth = np.select([is_hole, is_mirror], [0, mirrored], depth)
         return np.where(depth > _LONGEST_M, 0.0, depth).astype(np.float32)
 
 
@@ -379,7 +391,7 @@ def _camera(event: Event) -> CameraCalibration:
 
 @lru_cache(maxsize=4)
 def _rays(camera: CameraCalibration) -> Array:
-    """(H, W, 3) ray of each pixel in the optical frame, of depth 1."""
+    """(H, W, 3) ray of each pixel in the optical frame, of depth 1: K⁻¹ (u, v, 1)."""
     v, u = np.mgrid[: camera.height, : camera.width]
     return np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
 
@@ -388,4 +400,5 @@ def _rays(camera: CameraCalibration) -> Array:
 def _draw_shine_ranks(event: Event) -> Array:
     """(256, 256) rank, 0-1, of each cell of the floor among all; neighbours are alike."""
     shine = cv2.GaussianBlur(event.rng().standard_normal((256, 256)), (0, 0), 1.0)
-    return (shine.ravel().argsort().argsort() / shine.size).reshape(shine.shape)
+    ranks = shine.ravel().argsort().argsort()  # sorting the order of the values gives the rank of each
+    return (ranks / shine.size).reshape(shine.shape)

@@ -35,7 +35,7 @@ _Length = Annotated[Number, Field(ge=-1000, le=1000)]
 _Angle = Annotated[Number, Field(ge=-180, le=180), DEGREES]
 _Shift = Annotated[Number, Field(ge=-1000, le=1000), MILLIMETRES]
 _ForceRange = Annotated[Number | None, Field(ge=0.1, le=10_000)]
-CELLS = ("heel", "lateral_ball", "medial_ball", "toe")
+CELLS = ("heel", "lateral_ball", "medial_ball", "toe")  # of an insole, in the order of `Insole.force`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,8 @@ class Freeze(TimedFault):
                 memory["last"] = arrival.item
                 yield arrival
             else:
-                yield replace(arrival, item=replace(memory.setdefault("last", arrival.item), t_ns=arrival.item.t_ns))
+                last = memory.setdefault("last", arrival.item)
+                yield replace(arrival, item=replace(last, t_ns=arrival.item.t_ns))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +111,7 @@ class Nan(TimedFault):
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with NaN for every value."""
         values = {f.name: getattr(arrival.item, f.name) for f in fields(arrival.item)[2:]}  # after topic and time
+        # arrays of NaN; the index () makes a plain number of an array without axes
         return (arrival.with_values(**{k: np.full_like(v, np.nan, float)[()] for k, v in values.items()}),)
 
 
@@ -131,7 +133,7 @@ class Late(TimedFault):
         `memory["free"]` is the arrival time of the last one, before which none may arrive.
         """
         for arrival in stream:
-            late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)
+            late = 0 if active_event(events, arrival) is None else round(self.delay_s * 1e9)  # ns
             memory["free"] = log_ns = max(arrival.log_ns + late, memory.get("free", 0))
             yield arrival if log_ns == arrival.log_ns else replace(arrival, log_ns=log_ns)
 
@@ -149,10 +151,10 @@ class OutOfOrder(TimedFault):
         """
         for arrival in stream:
             overtaken = memory.pop("held", None)
-            if overtaken is not None:
+            if overtaken is not None:  # this one is the second of two
                 yield arrival
                 yield replace(overtaken, log_ns=arrival.log_ns)
-            elif active_event(events, arrival) is not None:
+            elif active_event(events, arrival) is not None:  # the first of two: it waits
                 memory["held"] = arrival
             else:
                 yield arrival
@@ -198,11 +200,13 @@ class Saturation(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with clipped values: those of the levels that are set, or all at `fraction` of the full scale."""
-        scales = full_scales(event.part)  # by field of the sample
+        # by field of the sample: full scale of the part, levels that may be set, and the limits that apply
+        scales = full_scales(event.part)
         levels = {"angular_rate": self.gyroscope_rad_s, "specific_force": self.accelerometer_mps2}
-        limits = {n: level for n, level in levels.items() if n in scales and level is not None}
-        limits = limits or {n: self.fraction * scale for n, scale in scales.items()}
-        return (arrival.with_values(**{n: np.clip(getattr(arrival.item, n), -m, m) for n, m in limits.items()}),)
+        limits = {name: level for name, level in levels.items() if name in scales and level is not None}
+        limits = limits or {name: self.fraction * scale for name, scale in scales.items()}
+        clipped = {name: np.clip(getattr(arrival.item, name), -limit, limit) for name, limit in limits.items()}
+        return (arrival.with_values(**clipped),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,6 +237,7 @@ class Offset(TimedFault):
 
     def corrupt(self, arrival: SampleInTransit, event: Event) -> Iterable[SampleInTransit]:
         """The sample with the offset."""
+        # s, time of drift so far
         item, since_s = arrival.item, min(1e-9 * (arrival.taken_ns - event.from_ns), self.drift_s)
         if isinstance(item, Insole):
             return (arrival.with_values(force=item.force + self.offset_n + self.drift_n_per_s * since_s),)
@@ -240,6 +245,7 @@ class Offset(TimedFault):
         if isinstance(item, Ahrs):
             from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
+            # rotate the attitude about the vertical of the world
             q = Rotation.from_rotvec([0.0, 0.0, angle]) * Rotation.from_quat(item.q_world_sensor, scalar_first=True)
             return (arrival.with_values(q_world_sensor=q.as_quat(scalar_first=True)),)
         return (arrival.with_values(angle=item.angle + angle),) if isinstance(item, Encoder) else (arrival,)
@@ -282,7 +288,7 @@ class DeadCell(TimedFault):
 
         `memory` holds that value by event.
         """
-        cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]
+        cells = [*range(len(CELLS))] if self.cell == "all" else [CELLS.index(self.cell)]  # entries of `force`
         for arrival in stream:
             event = active_event(events, arrival)
             if event is not None and isinstance(arrival.item, Insole):
@@ -319,18 +325,19 @@ class Miscalibration(Fault):
 
     def applies_to(self, stream: SensorStream) -> bool:
         """Whether the sensor has every quantity with an error: a clock offset, ranges or links."""
-        is_off = {  # errors by the kind of stream that alone has them
+        error_by_kind = {  # errors by the kind of stream that alone has them; 0 or None for no error
             Image: self.clock_offset_s,
             Imu: self.gyroscope_rad_s or self.accelerometer_mps2,
             Encoder: self.thigh_m or self.shank_m,
         }
-        return stream.kind in self.sample_types and all(stream.kind is kind for kind, error in is_off.items() if error)
+        kinds_with_error = [kind for kind, error in error_by_kind.items() if error]
+        return stream.kind in self.sample_types and all(stream.kind is kind for kind in kinds_with_error)
 
     def calibrate(self, sensor: Calibration) -> Calibration:
         """The nominal calibration with the errors of mount, clock and ranges, as far as the sensor has them."""
         from scipy.spatial.transform import Rotation  # slow to import, seldom used
 
-        T = np.eye(4)
+        T = np.eye(4)  # from the true to the nominal mount, in the sensor's frame
         T[:3, :3], T[:3, 3] = Rotation.from_rotvec(self.rotation_rad).as_matrix(), self.translation_m
         nominal = replace(sensor, mount=replace(sensor.mount, T_body_sensor=sensor.mount.T_body_sensor @ T))
         if isinstance(nominal, CameraCalibration):

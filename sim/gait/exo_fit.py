@@ -27,8 +27,8 @@ from stridetwin.streams.samples import Array
 
 STOP_STIFFNESS = 1500.0  # N m/rad, rubber on the mechanical stops
 STOP_WIDTH_RAD = np.radians(0.5)  # over which a stop engages
-_ITERATIONS = 12
-_STOP_ITERATIONS = 12
+_ITERATIONS = 12  # most Gauss-Newton iterations per instant, for weightless legs
+_STOP_ITERATIONS = 12  # most Newton iterations per step in time, for legs with weight
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +85,7 @@ class ExoLeg:
         """Collects joints, stops and couplings of the leg `side` (`l` or `r`) as arrays for the compiled loops."""
         self.frame = frame = leg_frame(size, side)
         self.is_standard = isinstance(size.exo, ExoLinks)
-        cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]
+        cuffs = [c for c in exo_couplings(size) if c.name.endswith(f"_{side}")]  # the C couplings of this leg
         self._coupled_bodies = [c.body[:-2] for c in cuffs]  # of the wearer, without the side: thigh, shank, foot
         self.kernel = exo_fit_kernel.CoupledLeg(
             offsets=frame.offsets,
@@ -117,7 +117,8 @@ class ExoLeg:
 
     def attachment_poses(self, wearer: LegPose) -> tuple[Array, Array]:
         """Origins (N, C, 3) m and rotations (N, C, 3, 3) of the wearer's body at each coupling, pelvis' frame."""
-        p, R = ([poses[body] for body in self._coupled_bodies] for poses in (wearer.p, wearer.R))
+        p = [wearer.p[body] for body in self._coupled_bodies]
+        R = [wearer.R[body] for body in self._coupled_bodies]
         return np.stack(p, 1), np.stack(R, 1)
 
 
@@ -136,9 +137,10 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    up = np.eye(3)[None]
+    upright = np.eye(3)[None]  # (1, 3, 3) rotation of every body of a standing wearer
     for side in SIDES:
         leg = ExoLeg(size, side)
+        # (1, 3) m, origin of the foot's frame in the pelvis' frame
         foot = np.array(
             [
                 [
@@ -148,13 +150,13 @@ def check_legs(model: mujoco.MjModel, size: Wearer) -> None:
                 ]
             ]
         )
-        value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), leg_pose(size, side, up, up, foot, up))
+        wearer = leg_pose(size, side, upright, upright, foot, upright)
+        value, jacobian = leg.strains(np.zeros((1, len(leg.frame.joints))), wearer)
         dofs = np.array([model.joint(name).dofadr[0] for name in leg.frame.joints])
-        stiffness, damping = (
-            exo_fit_kernel.project_on_joints(leg.kernel, law, jacobian, value)[1][0]
-            for law in (leg.kernel.stiffness, leg.kernel.damping)
-        )
-        check_cuff_stiffness(size.exo, side, mass[np.ix_(dofs, dofs)], stiffness, damping)
+        # (J, J) stiffness and damping of the couplings as seen by the joints of the leg
+        _, stiffness = exo_fit_kernel.project_on_joints(leg.kernel, leg.kernel.stiffness, jacobian, value)
+        _, damping = exo_fit_kernel.project_on_joints(leg.kernel, leg.kernel.damping, jacobian, value)
+        check_cuff_stiffness(size.exo, side, mass[np.ix_(dofs, dofs)], stiffness[0], damping[0])
 
 
 def fit_leg(leg: ExoLeg, wearer: LegPose) -> Array:
@@ -177,9 +179,11 @@ def _initial_angles(wearer: LegPose) -> Array:
 
     Hip flexion, knee flexion and ankle dorsiflexion follow from the wearer's segments; the other three angles are 0.
     """
-    R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]
-    R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]
+    R_thigh, R_shank = wearer.R["thigh"], wearer.R["shank"]  # in the pelvis' frame
+    R_ankle = np.swapaxes(R_shank, 1, 2) @ wearer.R["foot"]  # foot to shank
     q = np.zeros((len(R_thigh), 6))
+    # rotations about y follow from the x and z entries of the z axis; the knee angle is that between the z axes of
+    # thigh and shank
     q[:, 2] = np.arctan2(-R_thigh[:, 0, 2], R_thigh[:, 2, 2])
     q[:, 3] = np.arccos(np.clip(np.einsum("ni,ni->n", R_thigh[:, :, 2], R_shank[:, :, 2]), -1, 1))
     q[:, 4] = np.arctan2(-R_ankle[:, 0, 2], R_ankle[:, 2, 2])
@@ -217,15 +221,16 @@ def solve_leg_dynamics(
         (N, J) rad by side.
     """
     dt = float(t[1] - t[0])
-    # the part of the model that carries both legs of the exoskeleton; their bodies in it and their joints in the model,
-    # (2, J) each
+    # `tree` is the part of the model that carries both legs of the exoskeleton, `chains` (2, J) are the legs' bodies in
+    # it, and `hinges` (2, J) their joints in the model
     full_tree = Tree.of(model)
     names = [legs[side].frame.bodies for side in SIDES]
     tree = full_tree.subtree([full_tree.index_of(model.body(name).id) for bodies in names for name in bodies])
     chains = np.array([[tree.index_of(model.body(name).id) for name in bodies] for bodies in names])
     hinges = np.array([[model.joint(name).id for name in legs[side].frame.joints] for side in SIDES])
-    diagonal = np.arange(hinges.shape[1])
+    diagonal = np.arange(hinges.shape[1])  # indices of the diagonal of a (J, J) matrix
     qpos, dofs = model.jnt_qposadr[hinges], model.jnt_dofadr[hinges]
+    # (2, J) viscous friction, N m s/rad, and the slope of the smooth dry friction at rest, likewise
     viscous, friction = model.dof_damping[dofs], model.dof_frictionloss[dofs] / FRICTION_SPEED_RADPS
     q, v, a = layout.evaluate(splines, t)
     attachments = {side: legs[side].attachment_poses(wearers[side]) for side in SIDES}

@@ -32,7 +32,7 @@ from stridetwin.streams.samples import Array
 
 _entry_kernel = entry_kernel(__file__, llvm_level=1)
 
-_FAR = 40.0  # widths from a stop, where its torque is below rounding
+_FAR = 40.0  # this many widths before a stop its torque is below rounding
 # Steps below which nothing is gained: the fit converges linearly, the march quadratically in the step relative to the
 # width of a stop.
 _FIT_TOLERANCE_RAD, _STEP_TOLERANCE_RAD = 1e-4, 1e-6
@@ -77,7 +77,8 @@ def strains(leg: CoupledLeg, q: Array, p: Array, R: Array) -> tuple[Array, Array
     Returns:
         (N, 6 C) displacement, m, and rotation (sine of the angle) of each coupling; (N, 6 C, J) their Jacobian.
     """
-    n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)
+    n, count, dofs = len(q), 6 * len(leg.last), len(leg.axes)  # N, 6 C and J
+    # strains and Jacobian, then buffers of one instant for the origins, rotations and joint axes of the leg's bodies
     value, jacobian = np.empty((n, count)), np.zeros((n, count, dofs))
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
     for i in range(n):
@@ -101,8 +102,10 @@ def fit_angles(leg: CoupledLeg, q: Array, p: Array, R: Array, iterations: int) -
         iterations: Most iterations per instant.
     """
     dofs = len(leg.axes)
+    # strains and Jacobian of one instant, then buffers for origins, rotations and joint axes of the leg's bodies
     value, jacobian = np.empty(6 * len(leg.last)), np.zeros((6 * len(leg.last), dofs))
     pivots, rotations, axes = np.empty((dofs, 3)), np.empty((dofs, 3, 3)), np.empty((dofs, 3))
+    # `step` is first the gradient of the energy, then the step Δ; `last_step` is the whole change at the instant before
     step, hessian, last_step, guess = np.empty(dofs), np.empty((dofs, dofs)), np.zeros(dofs), np.empty(dofs)
     for i in range(len(q)):
         guess[:] = q[i]
@@ -163,11 +166,12 @@ def integrate_motion(
         iterations: Most Newton iterations per step.
     """
     n, dofs = force.shape
-    # x, v and a belong to the row before, `new` is the position of the present row
+    # position x, velocity v and acceleration a belong to the row before, `new` is the position of the present row
     path, x, v, a = np.empty((n, dofs)), np.zeros(dofs), np.zeros(dofs), np.zeros(dofs)
     matrix, right, new = np.empty((dofs, dofs)), np.empty(dofs), np.zeros(dofs)
     residual, jacobian = np.empty(dofs), np.empty((dofs, dofs))
-    per, per2 = 2.0 / dt, 4.0 / dt**2
+    per, per2 = 2.0 / dt, 4.0 / dt**2  # 2/Δt and 4/Δt² of Newmark's equation
+    # static balance in the first row
     _solve_with_stops(leg, stiff[0], force[0], angles[0], x, residual, jacobian, iterations)
     path[0] = x
     for i in range(1, n):
@@ -205,6 +209,7 @@ def stop_torque(leg: CoupledLeg, j: int, angle: float) -> tuple[float, float]:
     stiffness, width = leg.stop
     over, under = (angle - leg.stops[j, 1]) / width, (leg.stops[j, 0] - angle) / width
     torque, slope = 0.0, 0.0
+    # both stops: ln(1 + exp(x)) = max(x, 0) + ln(1 + exp(-|x|)), which does not overflow, and its slope
     for x, sign in ((over, 1.0), (under, -1.0)):
         if x > -_FAR:
             fading = math.exp(-abs(x))
@@ -245,7 +250,7 @@ def _solve_with_stops(
                 jacobian[j, k] = matrix[j, k]
                 residual[j] -= matrix[j, k] * x[k]
             jacobian[j, j] += slope
-        _solve(jacobian, residual)
+        _solve(jacobian, residual)  # the residual becomes the Newton step
         x += residual
         if _max_abs(residual) < _STEP_TOLERANCE_RAD:
             break
@@ -288,7 +293,7 @@ def _compute_strain(
         rotations: (J, 3, 3) buffer for their rotations.
         axes: (J, 3) buffer for the joint axes in the pelvis' frame.
     """
-    # frames and joint axes of the leg's bodies, from the pelvis outwards
+    # frames and joint axes of the leg's bodies, from the pelvis outwards: origin `at` and rotation M of the present one
     at, M = (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for j in range(len(leg.axes)):
         at = plus(at, matvec(M, vec3(leg.offsets[j])))
@@ -303,7 +308,7 @@ def _compute_strain(
         # strain: the wearer's point and rotation as the exoskeleton's body sees them
         point = plus(vec3(p[c]), matvec(M, vec3(leg.p_in_body[c])))
         displacement = minus(matvec(to_body, minus(point, vec3(pivots[last]))), vec3(leg.p_in_exo[c]))
-        x, y, z = matmul(to_body, M)
+        x, y, z = matmul(to_body, M)  # rows of R: rotation of the wearer's body as seen from the exoskeleton's
         store_vec3_at(displacement, value, 6 * c)
         store_vec3_at(times(0.5, (z[1] - y[2], x[2] - z[0], y[0] - x[1])), value, 6 * c + 3)
         trace = x[0] + y[1] + z[2]
@@ -336,7 +341,7 @@ def _project_instant(
     """
     torque[:], matrix[:] = 0.0, 0.0
     for c in range(len(last)):
-        for part in range(2):
+        for part in range(2):  # displacement, then rotation: three rows each of strains and Jacobian
             gains, first = mat3(law[c, part]), 6 * c + 3 * part
             strain = vec3_at(value, first)
             for j in range(last[c] + 1):
@@ -344,14 +349,14 @@ def _project_instant(
                 torque[j] += dot(weighted, strain)
                 for k in range(j + 1):
                     matrix[j, k] += dot(weighted, _column(jacobian, first, k))
-    for j in range(len(torque)):
+    for j in range(len(torque)):  # only the lower triangle is filled so far
         for k in range(j):
             matrix[k, j] = matrix[j, k]
 
 
 @numba.njit(**INNER_KERNEL)
 def _column(jacobian: Array, first: int, j: int) -> Vec3:
-    """Three rows of one column of a Jacobian, from row `first` on."""
+    """The three entries of column j of a Jacobian (rows, J) in the rows `first` to `first` + 2."""
     return jacobian[first, j], jacobian[first + 1, j], jacobian[first + 2, j]
 
 
@@ -363,6 +368,7 @@ def _solve(A: Array, b: Array) -> None:
     loop of this file, with other last digits.
     """
     dofs = len(b)
+    # factor L with the reciprocals of its diagonal, in the lower triangle of A; b becomes L⁻¹ b
     for j in range(dofs):
         for k in range(j):
             A[j, j] -= A[j, k] * A[j, k]
@@ -374,6 +380,7 @@ def _solve(A: Array, b: Array) -> None:
         for k in range(j):
             b[j] -= A[j, k] * b[k]
         b[j] *= A[j, j]
+    # b becomes L⁻ᵀ L⁻¹ b
     for j in range(dofs - 1, -1, -1):
         for k in range(j + 1, dofs):
             b[j] -= A[k, j] * b[k]

@@ -28,7 +28,8 @@ from stridetwin.streams.algebra.arrays import rot_y, slerp
 from stridetwin.streams.samples import Array
 
 _REST = 3  # samples at each end that are at rest: position, velocity and acceleration are given there
-_AT_REST: Any = [(1, 0.0), (2, 0.0)]  # SciPy's stubs do not allow pairs
+# (order, value) of the derivatives at an end of a spline: the first and the second are 0; SciPy's stubs forbid pairs
+_AT_REST: Any = [(1, 0.0), (2, 0.0)]
 
 
 def min_jerk_height(rise: float, lower_bound: Array) -> tuple[BSpline, float]:
@@ -46,25 +47,29 @@ def min_jerk_height(rise: float, lower_bound: Array) -> tuple[BSpline, float]:
     """
     n = len(lower_bound)
     inner = slice(_REST, n - _REST)  # samples that are not at rest
-    third, Q, free = _min_jerk_system(n)  # D, Q and R⁻¹
+    third, Q, R_inverse = _min_jerk_system(n)  # `third` is the third difference D
+    # without limit: the inner samples that minimise |D z|², for given ends at rest
     z = np.zeros(n)
     z[-_REST:] = rise
-    z[inner] = free @ (Q.T @ (-third @ z))
+    z[inner] = R_inverse @ (Q.T @ (-third @ z))
     has_limit = np.isfinite(lower_bound[inner])
     shortfall = (lower_bound - z)[inner][has_limit]
     if (shortfall > 0.0).any():
-        # the least change of the residual that lifts the height by its shortfall (Lawson & Hanson 1974, ch. 23)
-        goal = np.append(np.zeros(free.shape[1]), 1.0)
-        system = np.vstack([free[has_limit].T, shortfall])
+        # the change of the third differences with the least sum of squares that lifts the height by its shortfall. Its
+        # direction is the residual of a non-negative least-squares problem, whose last entry is the scale (Lawson &
+        # Hanson 1974, ch. 23)
+        goal = np.append(np.zeros(R_inverse.shape[1]), 1.0)
+        system = np.vstack([R_inverse[has_limit].T, shortfall])
         residual = system @ nnls(system, goal)[0] - goal
-        z[inner] -= free @ (residual[:-1] / residual[-1])
+        z[inner] -= R_inverse @ (residual[:-1] / residual[-1])
     spline = make_interp_spline(np.linspace(0.0, 1.0, n), z, k=5, bc_type=(_AT_REST, _AT_REST))
+    # a third difference over the cube of the step 1 / (n − 1) is the third derivative
     return spline, float(np.mean((third @ z) ** 2)) * (n - 1) ** 6
 
 
 @cache
 def _min_jerk_system(n: int) -> tuple[Array, Array, Array]:
-    """Linear system of the smoothest path of n samples.
+    """Linear system of the path of n samples with the least squares of third differences.
 
     Returns:
         (n − 3, n) third difference D; Q and R⁻¹ of the QR factorisation of its inner columns, which are those of the
@@ -97,9 +102,9 @@ class FootPath:
     """Poses of one foot on a time grid.
 
     Attributes:
-        p_foot_in_world: (N, 3) m.
-        R_world_foot: (N, 3, 3).
-        toe_extension: (N,) rad.
+        p_foot_in_world: (N, 3) m, origin of the foot's frame.
+        R_world_foot: (N, 3, 3) rotation, foot to world.
+        toe_extension: (N,) rad, angle of the toe hinge; 0 for straight toes.
         pitch: (N,) rad, foot relative to the ground under it, toes down positive.
         s: (N,) m along the way.
         heading: (N,) rad, direction of the way, unwrapped.
@@ -114,7 +119,8 @@ class FootPath:
 
 
 # Shares of swing in which the foot moves forward; over a riser, the one with the least total jerk.
-_DIRECT = (0.0, 1.0)
+_DIRECT = (0.0, 1.0)  # all of swing
+# windows to choose from, by the departure of the foot; any of them where a foot pushes off
 _FORWARD = {"climb": ((0.05, 1.0), (0.12, 1.0), (0.20, 1.0)), "lower": ((0.0, 0.84), (0.0, 0.92))}
 _OVER = (*_FORWARD["climb"], *_FORWARD["lower"])
 _FINE = np.linspace(0.0, 1.0, 61)  # shares of swing at which a swing is planned
@@ -130,7 +136,7 @@ def foot_path(steps: Sequence[Footstep], size: Wearer, t: Array, height: Callabl
         t: (N,) increasing s.
         height: Height of the ground, m, at (..., 2) points of the world.
     """
-    pitch = plan_pitch(steps, t[-1])
+    pitch = plan_pitch(steps, t[-1])  # a function of time, because swings are planned at other times than `t`
     theta = pitch(t)
     n = len(t)
     p, R = np.empty((n, 3)), np.empty((n, 3, 3))
@@ -168,8 +174,9 @@ def with_heel_rise(path: FootPath, steps: Sequence[Footstep], shoe: Shoe, t: Arr
     toe, theta = path.toe_extension.copy(), path.pitch.copy()
     for step, after in pairwise(steps):
         on = (t >= step.t_touch) & (t <= step.t_off)
+        # time after toe-off in units of the fade; negative in stance. The additional pitch begins before toe-off and is
+        # over by toe-off: then the foot is back on its path, so that the swing does not change
         late = (t[on] - step.t_off) / _RISE_FADE_S
-        # at toe-off the foot is back on its path, so that the swing does not change; `late` is time after it, in fades
         fade = ease(late + _RISE_BEFORE * step_time(step, after) / _RISE_FADE_S + 1.0) * ease(-late)
         limit = _MAX_DORSIFLEXION_RAD + _DORSIFLEXION_BY_SLOPE * max(step.slope, 0.0)
         limit += _DORSIFLEXION_ON_STAIRS_RAD if step.arrival != "heel" else 0.0
@@ -195,13 +202,14 @@ def _stance_poses(step: Footstep, shoe: Shoe, theta: Array) -> tuple[Array, Arra
         (N, 3) m, positions; (N, 3, 3) rotations, foot to world; (N,) rad, toe extension.
     """
     base, tilt = step.R_world_sole, rot_y(theta)
-    pivot = np.where(theta[:, None] < 0.0, *_pivots(shoe))
-    local = pivot - np.einsum("nij,nj->ni", tilt, pivot)
-    return step.p_foot_in_world + local @ base.T, base @ tilt, np.maximum(theta, 0.0)
+    heel_edge, toe_hinge = _pivots(shoe)
+    pivot = np.where(theta[:, None] < 0.0, heel_edge, toe_hinge)  # (N, 3) m, c in the foot's frame
+    shift = pivot - np.einsum("nij,nj->ni", tilt, pivot)  # (N, 3) m, c − R_y(θ) c, in the axes of the footprint
+    return step.p_foot_in_world + shift @ base.T, base @ tilt, np.maximum(theta, 0.0)
 
 
 def _pivots(shoe: Shoe) -> tuple[Array, Array]:
-    """(3,) m in the foot's frame, the heel's edge, and the toe hinge."""
+    """Points about which a foot on the ground rotates: the heel's edge and the toe hinge, (3,) m each, foot's frame."""
     return np.array([shoe.heel_back_x, 0.0, 0.0]), np.array([shoe.toe_hinge_x, 0.0, shoe.toe_hinge_z])
 
 
@@ -233,10 +241,12 @@ def _swing_poses(
     if len(t) == 0:
         return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
     s = (t - a.t_off) / (b.t_touch - a.t_off)  # (N,) shares of swing
-    toes = _toe_ends(a, b, pitch)
+    toes = _toe_ends(a, b, pitch)  # values and slopes of the toe extension at both ends
     R, toe = _swing_attitude(a, b, s, theta), quintic(s, *toes)
+    # attitude of the foot and points of its sole at the shares `_FINE` of swing
     fine_R = _swing_attitude(a, b, _FINE, pitch(a.t_off + _FINE * (b.t_touch - a.t_off)))
     sole = _sole_points(size.shoe, fine_R, quintic(_FINE, *toes))
+    # (2,) m, margin before and behind a riser, along the way
     near = (_NEAR_EDGE_DOWN_M if a.departure == "lower" else _NEAR_EDGE_M) * np.array(
         [np.cos(b.heading), np.sin(b.heading)]
     )
@@ -247,6 +257,7 @@ def _swing_poses(
             _swing_positions(a, b, size, _FINE, fine_R, forward), sole, height, near, b.clearance_m
         )
 
+    # `forward` is the window of forward motion, `lift` (N,) m the height above the smooth path
     forward, lift_m = _DIRECT, _bump_amplitude(shortfall(_DIRECT)) if a.departure == "push" else np.inf
     if lift_m <= _MAX_BUMP_M:
         lift = bump(s) * lift_m
@@ -255,6 +266,7 @@ def _swing_poses(
         distance_m = float(np.linalg.norm(b.p_foot_in_world[:2] - a.p_foot_in_world[:2]))
         best = np.inf
         for window in _FORWARD.get(a.departure, _OVER):
+            # the shortfall counts from the smooth path, the bound of the height from the start of the swing
             height_spline, jerk = min_jerk_height(rise, shortfall(window) + rise * _FINE_EASE)
             jerk += _mean_square_jerk(distance_m, window)
             if jerk < best:
@@ -275,10 +287,11 @@ def _toe_ends(a: Footstep, b: Footstep, pitch: Callable[[Array], Array]) -> tupl
         b: Footstep that it reaches.
         pitch: Pitch of the foot, rad, at (N,) s.
     """
-    h = 1e-4  # s, for one-sided differences: after toe-off and before touch-down
+    h = 1e-4  # s, for central differences
     ends = np.array([a.t_off, b.t_touch])
+    # pitch at both ends, shortly after them and shortly before them; columns: toe-off, touch-down
     (toe_a, toe_b), after, before = pitch(np.concatenate([ends, ends + h, ends - h])).reshape(3, 2)
-    rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)
+    rate_a, rate_b = (after - before) / (2 * h) * (b.t_touch - a.t_off)  # per second, then per share of swing
     return float(toe_a), float(rate_a), max(float(toe_b), 0.0), float(rate_b) if b.arrival != "heel" else 0.0
 
 
@@ -341,6 +354,7 @@ def _sole_points(shoe: Shoe, R: Array, toe: Array) -> tuple[Array, Array]:
         (N, points, 3) m from the foot's origin to the part (foot or toes) that holds the point, and (N, points, 3) m
         from there to the point. Three points are on the rear foot, three on the toes.
     """
+    # points on the rear foot in the foot's frame, and on the toes (hinge, middle, tip) relative to the hinge
     rear = [np.array([x, 0.0, 0.0]) for x in (shoe.heel_back_x, 0.0, 0.5 * shoe.toe_hinge_x)]
     _, hinge = _pivots(shoe)
     tip = [np.array([x * (shoe.toe_tip_x - shoe.toe_hinge_x), 0.0, -shoe.toe_hinge_z]) for x in (0.0, 0.5, 1.0)]
@@ -364,19 +378,28 @@ def _clearance_shortfall(
         near: (2,) m, ground this far before and behind a point counts, too.
         clearance: Clearance in mid-swing, m.
     """
-    points = p[:, None] + sole[0] + sole[1]  # (N, points, 3)
-    # highest ground before, under and behind each point; the wanted clearance fades to 0 at both ends of the swing
-    ground = np.max(height(points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]), axis=0)
+    to_part, to_point = sole
+    points = p[:, None] + to_part + to_point  # (N, points, 3) m in the world
+    # highest ground behind, under and before each point; the wanted clearance fades to 0 at both ends of the swing
+    probes = points[..., :2] + np.multiply.outer((-1.0, 0.0, 1.0), near)[:, None, None]  # (3, N, points, 2)
+    ground = np.max(height(probes), axis=0)
     clearances = clearance * np.minimum(4.0 * _FINE_BUMP, 1.0)[:, None]
     return np.where(_FINE_BUMP > 0.03, (ground + clearances - points[..., 2]).max(1), -np.inf)
 
 
 def _bump_amplitude(shortfall: Array) -> float:
-    """Amplitude of the bump that lifts the foot by the missing height at `_FINE`, m; `shortfall` is (61,) m."""
+    """Smallest amplitude, m, of a bump over swing that lifts the foot by the missing height at every share `_FINE`.
+
+    `shortfall` is that height, (61,) m; -inf where there is no limit.
+    """
     has_limit = np.isfinite(shortfall)
     return float(max(0.0, np.max(shortfall[has_limit] / _FINE_BUMP[has_limit])))
 
 
 def _mean_square_jerk(distance_m: float, window: tuple[float, float]) -> float:
-    """Mean square third derivative, by the share of swing, of a smooth path over `distance_m` in a window of it."""
+    """Mean square over swing of the third derivative, by the share of swing, of a smooth path over `distance_m`.
+
+    The path counts as a minimum-jerk step within the shares `window` of swing. 720 is the value of a unit step in all
+    of swing.
+    """
     return 720.0 * distance_m**2 / (window[1] - window[0]) ** 5

@@ -18,8 +18,8 @@ from stridetwin.sim.gait.style import RISE_KNOTS, SWING_KNOTS, Style
 from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.streams.samples import Array
 
-_PITCH_GRID_S = 0.004
-_LANDING_KNOTS = 3  # of the swing's, from which the pitch prepares the landing
+_PITCH_GRID_S = 0.004  # between the instants at which the pitch is smoothed
+_LANDING_KNOTS = 3  # of the style's swing knots: the last ones belong to the landing, the others to the toe-off
 
 
 # How the pitch depends on risers and slopes; chosen by hand for the ankle angles listed in `docs/design.md`.
@@ -51,10 +51,10 @@ class Landing:
     """Landing of a foot; pitch in rad, toes down positive.
 
     Attributes:
-        before: (share of swing, pitch) before touch-down.
+        before: Knots (share of swing, pitch) before touch-down.
         touch: Pitch at touch-down.
         flat_after: Time until the foot is flat, as a share of the step's duration.
-        lowering: (share of that time, share of the pitch at touch-down) on the ground.
+        lowering: Knots (share of that time, share of the pitch at touch-down) on the ground.
     """
 
     before: tuple[tuple[float, float], ...]
@@ -65,13 +65,13 @@ class Landing:
 
 @dataclass(frozen=True, kw_only=True)
 class ToeOff:
-    """Toe-off of a foot.
+    """Toe-off of a foot; pitch in rad, toes down positive.
 
     Attributes:
         heel_off_before: Time from heel-off to toe-off, as a share of the step's duration.
-        rise: (share of that time, share of the pitch at toe-off).
+        rise: Knots (share of that time, share of the pitch at toe-off).
         off: Pitch at toe-off.
-        swing: (share of swing, pitch) after toe-off.
+        swing: Knots (share of swing, pitch) after toe-off.
     """
 
     heel_off_before: float
@@ -118,18 +118,18 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
     flat = -10.0  # s, since when the foot is flat on its present footprint
     knots: list[tuple[float, float]] = [(flat, 0.0)]  # (s, pitch)
     flats: list[tuple[float, float]] = []  # (first, last instant) with a flat foot, for each footprint
-    for a, b in pairwise(steps):
+    for a, b in pairwise(steps):  # from one footprint of this foot to its next one
         swing, duration = b.t_touch - a.t_off, step_time(a, b)
         toe_off, landing = _toe_off(a, b.style), _landing(b)
-        heel_off = toe_off.heel_off_before * duration
+        heel_off = toe_off.heel_off_before * duration  # s, from heel-off to toe-off
         lowers = a.departure == "lower"
         # beyond the usual riser, fall and slope, the heel rises for longer before toe-off
         usual_fall, by_fall = (_USUAL_RISER_M, _HEEL_OFF_BY_RISER) if lowers else (_USUAL_FALL_M, _HEEL_OFF_BY_FALL)
         fall, rise = max(a.fall - usual_fall, 0.0), max(b.rise - _USUAL_RISER_M, 0.0)
-        climb = max(-a.fall - _USUAL_RISER_M, 0.0)
+        climb = max(-a.fall - _USUAL_RISER_M, 0.0)  # the other foot's next footprint is this much higher than usual
         steep = max(a.slope - _USUAL_SLOPE_RAD, -b.slope - _USUAL_SLOPE_RAD, 0.0)
         heel_off = min(heel_off * (1.0 + by_fall * fall + _HEEL_OFF_BY_SLOPE * steep), 0.9 * (a.t_off - flat))
-        # additional pitch at the landing on a high riser or a steep slope
+        # additional pitch at the landing on a high riser or a steep slope, rad
         high = b.rise > _HIGH_RISE_M
         tiptoe = _HIGH_TIPTOE_RAD if high else _TIPTOE_BY_RISE * rise
         if b.arrival == "flat":
@@ -139,6 +139,7 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         push, early = _PUSH_BY_SLOPE * uphill, 1.0 / (1.0 + _EARLY_BY_SLOPE * uphill)
         off = toe_off.off + _PUSH_BY_RISE * climb + push
         flats.append((flat, a.t_off - heel_off))
+        # knots from heel-off (u = 0) to toe-off (u = 1); the exponent below 1 lets the heel rise earlier
         knots += [(a.t_off + (u - 1.0) * heel_off, share**early * off) for u, share in toe_off.rise]
         # uphill the sole comes down nearly parallel to the slope, because the ankle cannot raise the toes farther
         slope_pitch = min(max(b.slope, 0.0), -landing.touch - _MIN_HEEL_FIRST_RAD) if landing.touch < 0.0 else 0.0
@@ -149,20 +150,23 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
         knots += [(a.t_off + u * swing, angle + slope_pitch + tiptoe) for u, angle in landing_knots]
         # the sole comes down from the pitch of the landing until it lies flat
         flat = b.t_touch + min((landing.flat_after + tiptoe) * duration, _FLAT_BY * (b.t_off - b.t_touch))
-        touch, lasts = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
+        touch, lowering_time = landing.touch + slope_pitch + tiptoe, flat - b.t_touch
         lowering = (_HIGH_LOWERING,) if high else landing.lowering
-        knots += [(b.t_touch, touch), *((b.t_touch + u * lasts, k * touch) for u, k in lowering), (flat, 0.0)]
+        knots.append((b.t_touch, touch))
+        knots += [(b.t_touch + u * lowering_time, k * touch) for u, k in lowering]
+        knots.append((flat, 0.0))
     knots.append((t_end + 10.0, 0.0))
     flats.append((flat, t_end + 10.0))
-    at = np.array(knots)
+    knot_times, knot_pitches = np.array(knots).T
     grid = np.arange(-1.0, t_end + 1.0, _PITCH_GRID_S)
-    raw = PchipInterpolator(at[:, 0], at[:, 1])(grid)
-    spline = make_interp_spline(grid, gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0), k=5)
-    first, last = np.array(flats).T
+    raw = PchipInterpolator(knot_times, knot_pitches)(grid)
+    smoothed = gaussian_filter1d(raw, _PITCH_SMOOTHING_S / _PITCH_GRID_S, truncate=5.0)
+    spline = make_interp_spline(grid, smoothed, k=5)
+    first, last = np.array(flats).T  # (K,) s, first and last instant with a flat foot
 
     def pitch(t: Array) -> Array:
         """(N,) rad at (N,) s: the smoothed pitch, faded out while the sole is flat."""
-        i = np.searchsorted(first, t, side="right") - 1  # the stance in which it may lie flat
+        i = np.searchsorted(first, t, side="right") - 1  # the last stance whose flat part has begun
         lying = ease((t - first[i]) / _SETTLING_S) * ease((last[i] - t) / _SETTLING_S)
         return spline(t) * (1.0 - lying)  # fades out the pitch that smoothing leaves on a flat foot
 
@@ -170,24 +174,30 @@ def plan_pitch(steps: Sequence[Footstep], t_end: float) -> Callable[[Array], Arr
 
 
 def step_time(a: Footstep, b: Footstep) -> float:
-    """Duration of the step from one footprint of a foot to its next, both feet on the ground included, s."""
+    """Duration of the step from one footprint of a foot to its next, both feet on the ground included, s.
+
+    It follows from the time of swing, which is the share 1 − `double_support` of the step.
+    """
     return (b.t_touch - a.t_off) / (1.0 - float(b.style.double_support))
 
 
 def _landing(step: Footstep) -> Landing:
-    """Landing of the foot: on the heel in the step's own style, otherwise by the terrain."""
+    """Landing of the foot on the footprint `step`: on the heel in the step's own style, otherwise by the terrain."""
     if step.arrival != "heel":
         return _LANDINGS[step.arrival]
     style = step.style
-    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
+    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))  # (share of swing, pitch); the last one is touch-down
     return Landing(before=tuple(knots[-_LANDING_KNOTS:-1]), touch=knots[-1][1], flat_after=float(style.flat_after))
 
 
 def _toe_off(step: Footstep, style: Style) -> ToeOff:
-    """Toe-off of the foot: with a push in the style of the step that it begins, otherwise by the terrain."""
+    """Toe-off of the foot from the footprint `step`.
+
+    With a push it has the `style` of the step that it begins; otherwise it depends on the terrain alone.
+    """
     if step.departure != "push":
         return _TOE_OFFS[step.departure]
-    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))
+    knots = list(zip(SWING_KNOTS, style.pitch.tolist()))  # (share of swing, pitch); the first one is toe-off
     return ToeOff(
         heel_off_before=float(style.heel_off_before),
         rise=tuple(zip(RISE_KNOTS, [0.0, *style.rise.tolist(), 1.0])),

@@ -21,8 +21,8 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Strip
 from stridetwin.streams.way import Way
 
-_PLANNING_M = 0.005
-_GRID_M = 0.1
+_PLANNING_M = 0.005  # distance between the arc lengths at which steps are counted
+_GRID_M = 0.1  # distance between those at which the speed is planned
 
 
 # Speed and step length; chosen by hand where no source is named.
@@ -43,7 +43,7 @@ _STROLL_SPEED_M = 2.0  # distance over which it changes
 
 def speed_share(way: Way, s: Array) -> Array:
     """(...) speed in a curve relative to a straight way: (r / 3 m)^(1/3), from 0.4 to 1 (Hicheur et al. 2005)."""
-    radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)
+    radius = 1.0 / np.maximum(np.abs(way.curvature(s)), 1e-6)  # m; very large on a straight way
     return np.clip(np.cbrt(radius / _STRAIGHT_RADIUS_M), _MIN_SPEED_SHARE, 1.0)
 
 
@@ -53,7 +53,10 @@ def turn_share(way: Way, s0: float, s1: float) -> float:
 
 
 def widening(way: Way, s0: float, s1: float) -> float:
-    """Additional lateral distance of a foot, m, for a turn between two arc lengths."""
+    """Additional lateral distance of a foot from the way, m, for a turn between the arc lengths `s0` and `s1`, m.
+
+    It is in proportion to the turn, up to `_WIDER_M` for the largest turn of one step.
+    """
     return _WIDER_M * min(turn_share(way, s0, s1), 1.0)
 
 
@@ -74,7 +77,7 @@ def count_steps(way: Way, start: float, stop: float, step: Callable[[Array], Arr
     """
     s = np.linspace(start, stop, 2 + int((stop - start) / _PLANNING_M))
     middle = (s[1:] + s[:-1]) / 2
-    steps_to_turn = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD
+    steps_to_turn = np.abs(way.curvature(middle)) / _MAX_TURN_PER_STEP_RAD  # fewest steps per metre for the turn
     density = np.maximum(1.0 / (step(middle) * np.sqrt(speed_share(way, middle))), steps_to_turn)
     return s, np.concatenate([[0.0], np.cumsum(density * np.diff(s))])
 
@@ -111,6 +114,7 @@ class Tempo:
         """
         profile = layout.profile
         end = profile[-1].s1 - RUN_OUT_M
+        # arc lengths on stairs and ramps, and those of the risers, where one strip ends lower or higher than the next
         uneven = [np.arange(strip.s0, strip.s1 + _GRID_M, _GRID_M) for strip in profile if strip.terrain != "level"]
         risers = [a.s1 for a, b in pairwise(profile) if a.z1 != b.z0]
         grid = np.arange(0.0, end + _GRID_M, _GRID_M)
@@ -150,7 +154,10 @@ class Tempo:
 
 
 def level_step_length(speed_mps: Array | float, size: Wearer) -> Array:
-    """Preferred step length on level ground, m, at (...) m/s; sources in `style.walk_growth`."""
+    """(...) m, preferred step length on level ground at (...) m/s.
+
+    It grows with the root of speed, and faster below a dimensionless speed of 0.2 (sources in `style.walk_growth`).
+    """
     return _STEP_AT_PACE_1 * walk_growth(np.asarray(speed_mps) * pace(1.0, size)) * leg_length(size)
 
 
@@ -174,15 +181,16 @@ _MIN_EXTRA_STEP = 0.35  # share of a step from which another one is made
 _MAX_LENGTH_ERROR = 0.06  # share of a step length, limit of its variability
 _SHORT_STOP_MPS = 1.2  # faster walkers stop with a shorter last step
 _STROLL_STEPS = 9  # on average between two pauses
-_PAUSE_RANGE_S = (0.6, 2.5)  # shortest and longest
+_PAUSE_RANGE_S = (0.6, 2.5)  # shortest and longest pause
 _STEP_INTO_PAUSE = 0.35  # of a step: the feet end nearly side by side
 
 
 @dataclass(frozen=True, kw_only=True)
 class Foothold:
-    """A foothold of the foot `l` or `r`.
+    """A foothold: a place along the way for one foot.
 
     Attributes:
+        foot: `l` or `r`.
         s: Arc length along the way, m.
         strip: Strip of ground there.
         pause_s: Time that the walker stands still on both feet after this step, s.
@@ -215,17 +223,17 @@ def plan_footholds(layout: Layout, size: Wearer, gait: Gait, tempo: Tempo, rng: 
         ConfigError: A strip too short for a foot.
     """
     holds: list[Foothold] = []
-    skipped = (
-        _find_skipped_strips(layout.profile, size) if gait.stairs == "two_at_a_time" else [False] * len(layout.profile)
-    )
+    skipped = [False] * len(layout.profile)  # whether no foot is placed on a strip
+    if gait.stairs == "two_at_a_time":
+        skipped = _find_skipped_strips(layout.profile, size)
     for k in range(len(layout.profile)):
         if skipped[k]:
             continue
         new = _plan_on_strip(layout, k, size, gait, tempo, rng, len(holds))
         if k and skipped[k - 1]:
-            new[0] = replace(new[0], treads=2)
+            new[0] = replace(new[0], treads=2)  # the step to here goes over the skipped tread
         holds += new
-    last = holds[-1]
+    last = holds[-1]  # the other foot ends beside it
     return [*holds, Foothold(foot=_foot_of_step(len(holds)), s=last.s, strip=last.strip)]
 
 
@@ -264,12 +272,14 @@ def _plan_on_strip(
     end = strip.s1 - RUN_OUT_M if last_strip else strip.s1
     if strip.s1 <= 0.0:
         return []  # behind the start
-    both = gait.stairs == "step_by_step"
+    both = gait.stairs == "step_by_step"  # both feet are placed on each tread
+    # a tread too short for a second footprint behind the first one
     if strip.terrain == "stair" and strip.s1 - strip.s0 < max(
         _MAX_ONE_PACE_TREAD * float(tempo.step_length(strip.s0)), heel + toe + _MIN_SECOND_FOOTPRINT_M
     ):
         rising, bend = strip.z0 > profile[k - 1].z1, float(layout.way.curvature(0.5 * (strip.s0 + strip.s1)))
         feet = [_foot_of_step(first + i) for i in range(2 if both else 1)]
+        # where the stair winds, the foot with the narrower tread decides
         s = _position_on_tread(strip, rising, heel, toe, min(_inner_depth_share(f, bend) for f in feet))
         return [Foothold(foot=f, s=s, strip=strip) for f in feet]
 
@@ -278,9 +288,11 @@ def _plan_on_strip(
         share = _RAMP_STEP - _STEEP_LENGTH_BY_SLOPE * max(abs(strip.slope) - STEEP_RAD, 0)
         return tempo.step_length(s) * (share if strip.terrain == "ramp" else 1.0)
 
-    def across(s: float) -> float:  # half of the distance that a full step leaves at a bend
+    def across(s: float) -> float:
+        """Distance from a change of slope at `s` to the sole, m: half of what a full step is longer than a sole."""
         return max((float(tempo.step_length(s)) - heel - toe) / 2, _EDGE_M)
 
+    # whether the strip begins and ends at a riser; then the first and the last possible place of a foot
     riser_before = not first_strip and abs(profile[k - 1].z1 - strip.z0) > 1e-9
     riser_after = not last_strip and abs(profile[k + 1].z0 - strip.z1) > 1e-9
     start = 0.0 if first_strip else strip.s0 + heel + (_HEEL_FROM_RISER_M if riser_before else across(strip.s0))
@@ -292,7 +304,7 @@ def _plan_on_strip(
         stop = end - toe - across(strip.s1)
     beside = [start] if both and riser_before else []  # the other foot is placed beside the leading one
     leading_foot = gait.leading_foot if both and riser_after else None
-    if stop < start - 1e-9:
+    if stop < start - 1e-9:  # room for the sole alone, without the usual distances from both ends
         middle = (strip.s0 + end - toe + heel) / 2
         if end - strip.s0 < heel + toe + 2 * _EDGE_M:
             raise ConfigError(
@@ -302,30 +314,32 @@ def _plan_on_strip(
                 f"at least {heel + toe + 2 * _EDGE_M:.2f} m, the length of a shoe",
             )
         count = len(beside) + 1
+        # one more step in place, if the next strip would otherwise not begin with the leading foot
         if leading_foot is not None and _foot_of_step(first + count) != leading_foot:
             count += 1
         return [Foothold(foot=_foot_of_step(first + i), s=middle, strip=strip) for i in range(count)]
     # number of steps, and their relative lengths; the first foothold is at `start`, but where the walker already stands
     # there, it is a shorter step away
-    lead = _FIRST_STEP if first_strip else 0.0
+    first_length = _FIRST_STEP if first_strip else 0.0
+    # arc lengths, and (fractional) number of steps from `start` to each
     along, paces = count_steps(layout.way, start, stop, step)
     if first_strip:
-        count = max(1, round(paces[-1] + 1 - lead))
+        count = max(1, round(paces[-1] + 1 - first_length))
     else:
         count = max(1, round(paces[-1])) + 1 if paces[-1] > _MIN_EXTRA_STEP else 1
     if leading_foot is not None and _foot_of_step(first + len(beside) + count) != leading_foot:
-        count += 1
+        count += 1  # so that the next strip begins with the leading foot
     feet = [_foot_of_step(first + len(beside) + i) for i in range(count)]
     pauses = _draw_pauses(count, strip, gait, rng)
     weights = np.array([limp_factor(gait, foot) for foot in feet]) * np.where(pauses > 0, _STEP_INTO_PAUSE, 1.0)
-    weights[0] *= lead
+    weights[0] *= first_length
     if last_strip:
         weights[-1] *= min(_SHORT_STOP_MPS / gait.speed_mps, 1.0)
     # places on the strip: shares of the number of steps, which is not proportional to the distance
     shares = np.cumsum(weights) / weights.sum() if weights.sum() > 0 else np.array([0.5])
     s = np.interp(shares * paces[-1], paces, along)
-    if len(s) > 2:
-        lengths = np.gradient(s)[1:-1]
+    if len(s) > 2:  # random errors of all places but the first and the last
+        lengths = np.gradient(s)[1:-1]  # m, length of the steps around each place
         max_error = _MAX_LENGTH_ERROR
         s[1:-1] += np.clip(rng.normal(0.0, gait.step_sd, len(s) - 2), -max_error, max_error) * lengths
     before = [Foothold(foot=_foot_of_step(first), s=x, strip=strip) for x in beside]
@@ -352,7 +366,7 @@ def _position_on_tread(strip: Strip, rising: bool, heel: float, toe: float, narr
         toe: From the foot's origin forward to the toe tip, m.
         narrower: Depth of the tread at the foot, relative to the middle of the way.
     """
-    heel, toe = heel / narrower, toe / narrower
+    heel, toe = heel / narrower, toe / narrower  # measured along the middle of the way
     free = _TREAD_SHARE * (strip.s1 - strip.s0 - heel - toe)
     if rising:
         return strip.s1 - max(free, _MIN_TOE_TO_RISER_UP_M) - toe
@@ -368,6 +382,7 @@ def _find_skipped_strips(profile: Sequence[Strip], size: Wearer) -> list[bool]:
     leg, skipped = leg_length(size), [False] * len(profile)
     for k in range(1, len(profile) - 1):
         before, strip, beyond = profile[k - 1 : k + 2]
+        # heights z0 and z1 are those at the beginning and the end of a strip
         up = before.z1 < strip.z0 and strip.z1 < beyond.z0
         low = beyond.z0 <= before.z1 + _MAX_TWO_TREADS_RISE * leg
         short = 2.0 * (strip.s1 - strip.s0) <= _MAX_TWO_TREADS_DEPTH * leg
@@ -380,7 +395,7 @@ def _draw_pauses(count: int, strip: Strip, gait: Gait, rng: np.random.Generator)
     pauses = np.zeros(count)
     if gait.pattern == "wander" and strip.terrain == "level" and count > 3:
         stands = rng.uniform(size=count) < 1.0 / _STROLL_STEPS
-        stands[[0, 1, -2, -1]] = False
-        stands[1:] &= ~stands[:-1]
+        stands[[0, 1, -2, -1]] = False  # not near the ends of the strip
+        stands[1:] &= ~stands[:-1]  # not at two footholds in a row
         pauses[stands] = rng.uniform(*_PAUSE_RANGE_S, size=int(stands.sum()))
     return pauses

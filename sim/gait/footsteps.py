@@ -82,6 +82,7 @@ def check_gait(gait: Gait) -> None:
     slow, fast = SPEED_RANGE_MPS
     up, down = GAZE_PITCH_RANGE_RAD
     gaze, aside = gait.gaze, MAX_GAZE_YAW_RAD
+    # amplitudes of the gaze's sway, limits of its frequency, and its highest angular rate, rad/s
     sways = {"yaw": gaze.sway_yaw_rad, "pitch": gaze.sway_pitch_rad}
     seldom, often = SWAY_RANGE_HZ
     fastest = 2 * math.pi * gaze.sway_hz * max(sways.values())
@@ -129,21 +130,25 @@ def plan_timing(
         (N,) s from the previous touch-down to each touch-down, pauses included, and the N styles.
     """
     rises = _riser_heights(holds)
-    even = _step_durations(way, holds, rises, gait, tempo, rng)
-    styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, even, size)]
-    durations = even * [limp_factor(gait, hold.foot) for hold in holds]
+    without_limp = _step_durations(way, holds, rises, gait, tempo, rng)
+    styles = [apply_shuffle(style, gait.shuffle) for style in _step_styles(holds, rises, without_limp, size)]
+    durations = without_limp * [limp_factor(gait, hold.foot) for hold in holds]
+    # a pause at a foothold delays the next step, and both feet stay on the ground for longer
     pauses = np.array([0.0, *(hold.pause_s for hold in holds[:-1])])
     styles = [prolong(style, 1.0 + pause / t) for style, pause, t in zip(styles, pauses.tolist(), durations.tolist())]
     return durations + pauses, styles
 
 
 def _riser_heights(holds: Sequence[Foothold]) -> list[float]:
-    """Height of the riser of each step, m, including steps that bring one foot beside the other; 0 for none."""
-    rises = [0.0]
+    """Height of the riser of each step, m, up positive; 0 for a step without riser.
+
+    A step that brings one foot beside the other has the riser of the step before: both feet climb the same riser.
+    """
+    rises = [0.0]  # of the first step
     for i in range(1, len(holds)):
         hold, before = holds[i], holds[i - 1]
         if before.s == hold.s and before.strip is hold.strip and i > 1:
-            before = holds[i - 2]  # a foot that is placed beside the other one makes the same riser
+            before = holds[i - 2]  # the place that this foot leaves
         rise = 0.0 if hold.s - before.s >= 1.0 else _riser_height(before.strip, hold.strip)
         rises.append(rise if abs(rise) > _RISER_M else 0.0)
     return rises
@@ -154,7 +159,8 @@ def _step_durations(
 ) -> Array:
     """(N,) s, durations of the steps without limp and pauses.
 
-    A step on stairs takes `_STAIR_STEP_S` √(1.2 m/s / v), longer over high risers. Elsewhere the level step time grows
+    A step over a riser takes `_STAIR_STEP_S` √(1.2 m/s / v) times a factor for up or down, and longer if the riser is
+    high. `rises` (N) are the heights of the risers, m, 0 for none. Elsewhere the level step time grows
     with the ratio of the step's length to the usual one, and it is longer in curves and on ramps. A random error of up
     to `_MAX_TIME_ERROR` is added, and neighbouring steps are averaged: people do not change cadence abruptly.
     """
@@ -179,12 +185,12 @@ def _step_durations(
             steep = max(abs(hold.strip.slope) - STEEP_RAD, 0.0) if ramp else 0.0
             time_factor = (_RAMP_TIME if ramp else 1.0) * (1.0 + _STEEP_TIME_BY_SLOPE * steep) / slower
             duration = level_step * time_factor * (1.0 - _TIME_BY_LENGTH + _TIME_BY_LENGTH * ratio)
-        if i == 0 or i == len(holds) - 1:
+        if i == 0 or i == len(holds) - 1:  # from standing, and to standing
             duration = max(duration, _MIN_FIRST_AND_LAST_TIME * level_step)
         error = np.clip(rng.normal(0.0, gait.step_sd), -_MAX_TIME_ERROR, _MAX_TIME_ERROR)
         durations.append(duration * (1.0 + error))
         previous = s
-    # people do not change cadence abruptly
+    # mean of each step and its neighbours, weighted by `_SHARED_TIME`
     return np.convolve(np.pad(durations, 1, mode="edge"), _SHARED_TIME, mode="valid")
 
 
@@ -200,15 +206,17 @@ def _step_styles(holds: Sequence[Foothold], rises: Sequence[float], durations: A
     speeds = np.diff([0.0, *(hold.s for hold in holds)]) / durations
     speeds = np.convolve(np.pad(speeds, 1, mode="edge"), _SHARED_SPEED, mode="valid")
     styles = []
-    for speed, rise, before, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):  # `before`: last rise
+    for speed, rise, previous_rise, duration in zip(speeds, rises, [0.0, *rises], durations.tolist()):
         style = style_at(pace(speed, size))
         if rise:
             transfer = _STAIR_TRANSFER if rise > 0.0 else _DOWNSTAIRS_TRANSFER
             style = replace(level_style(pace(speed, size)), double_support=_STAIR_DOUBLE_SUPPORT, transfer=transfer)
-        if before < 0.0:
+        if previous_rise < 0.0:  # after a step down
             style = replace(style, double_support=max(style.double_support, _DOWNSTAIRS_DOUBLE_SUPPORT))
-        swing = duration * (1.0 - float(style.double_support))
-        styles.append(prolong(style, max(swing / _MAX_STAIR_SWING_S, 1.0)) if rise else style)
+        if rise:  # a swing longer than the limit is shortened to it, and both feet stay on the ground for longer
+            swing = duration * (1.0 - float(style.double_support))
+            style = prolong(style, max(swing / _MAX_STAIR_SWING_S, 1.0))
+        styles.append(style)
     return styles
 
 
@@ -273,13 +281,15 @@ def plan_footsteps(layout: Layout, size: Wearer, gait: Gait, rng: np.random.Gene
     holds = plan_footholds(layout, size, gait, tempo, rng)
     durations, styles = plan_timing(layout.way, holds, size, gait, tempo, rng)
     touch = gait.stand_s + _LEAD_S + np.cumsum(durations)
+    # toe-off of the foot that makes each step: its swing is the share 1 − double_support before the touch-down
     off = touch - durations * [1.0 - float(style.double_support) for style in styles]
     # all footprints in order: first the two on which the walker stands
     rows = [_Row(foot, 0.0, layout.profile[0], -np.inf, level_style(0.0)) for foot in ("l", "r")]
     rows += [_Row(p.foot, p.s, p.strip, t, style) for p, t, style in zip(holds, touch, styles)]
     steps = []
     for i, row in enumerate(rows):
-        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)  # of the same foot
+        # number of the next footprint of the same foot; the toe-off before it stands two rows earlier in `off`
+        following = next((j for j in range(i + 1, len(rows)) if rows[j].foot == row.foot), None)
         t_off = np.inf if following is None else off[following - 2]
         before, before_of_foot = (rows[i - 1], rows[i - 2]) if i >= 2 else (row, row)
         after = rows[following] if following is not None else row
@@ -337,14 +347,16 @@ def _footstep(
         gait: Gait of the person.
     """
     slope, heading = row.strip.slope, float(way.heading(row.s))
+    # risers, m up, on the step to here and on the foot's next step
     rise_before, rise_after = _riser_height(before.strip, row.strip), _riser_height(row.strip, after.strip)
-    # riser since the footprint before of this foot, if the foot is placed beside the other one
+    # riser since this foot's previous footprint, if the foot is placed beside the other one; otherwise 0
     rise_of_foot = (
         _riser_height(before_of_foot.strip, row.strip) if before.strip is row.strip and before.s == row.s else 0.0
     )
     mode = "SA" if rise_before >= _STAIR_MODE_M else "SD" if rise_before <= -_STAIR_MODE_M else "LG"
     if row.strip.terrain == "ramp":
         mode = "RA" if slope > 0 else "RD"
+    # the whole sole lands up a riser, beside the other foot behind a riser, up a steep ramp, and of a shuffling foot
     flat = rise_before > _RISER_M or rise_of_foot != 0.0 or slope > STEEP_RAD + 0.05
     flat |= gait.shuffle > _FLAT_SHUFFLE and rise_before >= -_RISER_M
     side = 1.0 if row.foot == "l" else -1.0
@@ -372,7 +384,10 @@ def _footstep(
 
 
 def _riser_height(a: Strip, b: Strip) -> float:
-    """Height of the risers between two footprints on these strips, m; 0 without one."""
+    """Height of the risers between a footprint on strip `a` and the next one on strip `b`, m, up positive.
+
+    It is 0 within one strip.
+    """
     return 0.0 if a is b else b.z0 - a.z1
 
 
@@ -394,6 +409,7 @@ class Rhythm:
     def of(cls, steps: Mapping[str, Sequence[Footstep]]) -> Rhythm:
         """Rhythm of the footsteps of both feet."""
         all_steps = [s for steps_of_foot in steps.values() for s in steps_of_foot]
+        # without the two footprints on which the walker stands at the start
         order = sorted((s for s in all_steps if np.isfinite(s.t_touch)), key=lambda s: s.t_touch)
         end = np.array([s.t_touch for s in order])
         first_off = min(s.t_off for s in all_steps)
@@ -412,10 +428,9 @@ class Rhythm:
         # one more step at each end, so that the slope is that of the steps there
         lead = self.end[0] - self.begin[0], self.end[-1] - self.begin[-1]
         knots = np.concatenate([[knots[0] - lead[0]], knots, [knots[-1] + lead[1]]])
-        count = np.arange(-1.0, len(knots) - 1.0)
-        return smooth_gaussian(
-            PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1])), _SMOOTHING_S, t[1] - t[0]
-        )
+        count = np.arange(-1.0, len(knots) - 1.0)  # number of steps at each knot
+        phase = PchipInterpolator(knots, count)(np.clip(t, knots[0], knots[-1]))
+        return smooth_gaussian(phase, _SMOOTHING_S, t[1] - t[0])
 
     def blend(self, t: Array, values: Array, before: float, after: float) -> Array:
         """One value per step as a smooth function of time.
@@ -430,8 +445,10 @@ class Rhythm:
             (N,) linear interpolation of these values, smoothed.
         """
         middle = (self.begin + self.end) / 2
-        at = np.concatenate([[self.begin[0] - WEIGHT_SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
-        return smooth_gaussian(np.interp(t, at, np.concatenate([[before], values, [after]])), _SMOOTHING_S, t[1] - t[0])
+        # `before` holds until half a weight shift before the first step, `after` from half the settling after the last
+        knots = np.concatenate([[self.begin[0] - WEIGHT_SHIFT_S / 2], middle, [self.end[-1] + SETTLE_S / 2]])
+        linear = np.interp(t, knots, np.concatenate([[before], values, [after]]))
+        return smooth_gaussian(linear, _SMOOTHING_S, t[1] - t[0])
 
     def blend_style(self, t: Array, name: str, standing_value: float, index: int | None = None) -> Array:
         """One field of the steps' styles as a smooth function of time (`blend`).
@@ -445,7 +462,6 @@ class Rhythm:
         Returns:
             (N,) values in the field's unit.
         """
-        values = [getattr(step.style, name) for step in self.steps]
-        return self.blend(
-            t, np.array([v if index is None else v[index] for v in values]), standing_value, standing_value
-        )
+        fields_of_steps = [getattr(step.style, name) for step in self.steps]
+        values = np.array([field if index is None else field[index] for field in fields_of_steps])
+        return self.blend(t, values, standing_value, standing_value)

@@ -37,7 +37,7 @@ class ShoeParameters:
         mode_hz: (K,) frequency of each mode that a strike excites.
         mode_decay_s: (K,) decay time of each mode to 1/e.
         mode_force: (K, 3) m/s², amplitude of the acceleration, at the reference speed of impact.
-        mode_rate: (K, 3) rad/s, amplitude of the angular rate, likewise.
+        mode_rate: (K, 3) rad/s, amplitude of the angular rate, at that speed.
         impact_mps: Reference speed of impact: speed of the foot `BEFORE_S` before touch-down.
         strike_sd: Standard deviation of the logarithm of a strike's strength.
         slap: Strength of the ball's slap relative to that of the heel strike.
@@ -108,7 +108,7 @@ RISE_PERIODS = 0.4
 """A mode builds up within this share of its period."""
 SUPPORT = 10.0
 """A mode is over after this many decay times."""
-_UP = 2  # index in displacement (forward, left, up) and rotation
+_UP = 2  # index of the displacement up among the six: displacement, then rotation, along and about forward, left, up
 
 
 @_entry_kernel
@@ -129,7 +129,7 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
     """
     value, rate, omega = np.empty(len(tau)), np.empty(len(tau)), 2 * np.pi * hz
     for i in range(len(tau)):
-        size, changing = _envelope(tau[i], hz, decay_s)
+        size, changing = _envelope(tau[i], hz, decay_s)  # envelope, and its rate
         sine, cosine = np.sin(omega * tau[i] + phase), np.cos(omega * tau[i] + phase)
         value[i], rate[i] = size * sine, changing * sine + size * omega * cosine
     return value, rate
@@ -139,7 +139,7 @@ def vibration(tau: Array, hz: float, decay_s: float, phase: float) -> tuple[Arra
 def _envelope(tau: float, hz: float, decay_s: float) -> tuple[float, float]:
     """Envelope s(τ) exp(-τ/T) of a vibration at τ s after its strike, and its time derivative, 1/s.
 
-    It has the rise s of `vibration`, for a mode of `hz` with the decay time T = `decay_s`.
+    s is the minimum-jerk step from 0 to 1 within `RISE_PERIODS` periods of the mode, and T = `decay_s` its decay time.
     """
     length = RISE_PERIODS / hz
     rise, rising, decay = ease(tau / length), ease_rate(tau / length) / length, math.exp(-tau / decay_s)
@@ -217,13 +217,14 @@ class UpperMotion:
             parameters: Modes and amplitudes.
         """
         landings = [step for step in steps if np.isfinite(step.t_touch)]
-        speeds = speed(np.array([step.t_touch for step in landings]) - BEFORE_S)
-        # phases of the modes, common to all strikes of this foot, and amplitudes of displacement and rotation: those of
-        # acceleration over ω², those of angular rate over ω
+        speeds = speed(np.array([step.t_touch for step in landings]) - BEFORE_S)  # (S,) m/s, speeds of impact
+        # `shape` (K, 6): phases of the modes, common to all strikes of this foot; `unit` (K, 6): amplitudes of
+        # displacement and rotation, which are those of acceleration over ω², and those of angular rate over ω
         shape = rng.uniform(0.0, 2 * np.pi, (len(parameters.mode_hz), 6))
         shape[:, _UP] = 1.5 * np.pi - 2 * np.pi * parameters.mode_hz * parameters.blow_s  # the ground first pushes up
         omega = 2 * np.pi * parameters.mode_hz[:, None]
         unit = np.concatenate([parameters.mode_force / omega**2, parameters.mode_rate / omega], axis=1)
+        # (time, amplitudes, phases) of each strike and slap, with (K, 6) arrays; (M, 3) phases of rocking per stance
         strikes, rocks = [], []
         for step, impact in zip(landings, speeds):
             strength = np.clip(impact / parameters.impact_mps, *parameters.strength) * np.exp(
@@ -233,6 +234,7 @@ class UpperMotion:
                 phase = shape + parameters.jitter_rad * rng.standard_normal(shape.shape)
                 strikes.append((t, strength * share * unit, phase))
             rocks.append(rng.uniform(0.0, 2 * np.pi, parameters.rock_rate.shape))
+        # one row for every mode after every strike
         begin = np.repeat([t for t, _, _ in strikes], len(parameters.mode_hz))
         hz, decay_s = (np.tile(x, len(strikes)) for x in (parameters.mode_hz, parameters.mode_decay_s))
         return cls(
@@ -261,10 +263,12 @@ class UpperMotion:
         """
         value, rate = np.zeros((len(t), 6)), np.zeros((len(t), 6))  # displacement, then rotation
         shoe = self._parameters
+        # (2, S) first row of each stance and one past its last; below, (2, E) of each vibration
         rows = np.searchsorted(t, [self._rocks.begin, self._rocks.end])
         _add_rocks(t, rows, self._rocks, shoe.rock_hz, shoe.rock_rate, shoe.fade_s, value, rate)
-        # rocking rotates about the ground, so the pivot moves as well
-        value[:, :3], rate[:, :3] = (cross(x[:, 3:], self.pivot - self._parameters.ground_m) for x in (value, rate))
+        # rocking rotates about a point of the ground, so the pivot moves as well: rotation × arm
+        arm = self.pivot - self._parameters.ground_m
+        value[:, :3], rate[:, :3] = cross(value[:, 3:], arm), cross(rate[:, 3:], arm)
         rows = np.searchsorted(t, [self._vibrations.begin, self._vibrations.end])
         _add_vibrations(t, rows, self._vibrations, value, rate)
         return value[:, :3], value[:, 3:], rate[:, :3], rate[:, 3:]
@@ -291,7 +295,7 @@ def _add_vibrations(t: Array, rows: NDArray[np.int64], vibrations: _Vibrations, 
         omega = 2 * np.pi * vibrations.hz[e]
         for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - vibrations.begin[e]
-            size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])
+            size, changing = _envelope(tau, vibrations.hz[e], vibrations.decay_s[e])  # envelope, and its rate
             for k in range(6):
                 sine, cosine = (
                     math.sin(omega * tau + vibrations.phase[e, k]),
@@ -327,7 +331,7 @@ def _add_rocks(
     for e in range(len(rocks.begin)):
         for i in range(rows[0, e], rows[1, e]):
             tau = t[i] - rocks.begin[e]
-            # window of the fades, and its rate `changing`
+            # window of the fades, and its rate `changing`, from the times since the begin and until the end, in fades
             begun, left = tau / fade_s, (rocks.end[e] - t[i]) / fade_s
             window = ease(begun) * ease(left)
             changing = (ease_rate(begun) * ease(left) - ease(begun) * ease_rate(left)) / fade_s

@@ -18,7 +18,9 @@ from stridetwin.streams.samples import Array
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegAngles:
-    """Angles of one leg, rad (N,): flexion, adduction, internal rotation, dorsiflexion and inversion positive.
+    """Angles of one leg at N instants, (N,) rad each.
+
+    Flexion, adduction, internal rotation, dorsiflexion and inversion are positive.
 
     Attributes:
         stretch: (N,) m, excess of the hip-ankle distance over what the knee limit allows (0 = reached).
@@ -34,7 +36,7 @@ class LegAngles:
 
 
 def ankle_in_world(size: Wearer, p_foot_in_world: Array, R_world_foot: Array) -> Array:
-    """(N, 3) m, ankle centres in the world, of feet at (N, 3) m with rotations (N, 3, 3)."""
+    """(N, 3) m, ankle centres in the world, of feet whose frames have the origins (N, 3) m and rotations (N, 3, 3)."""
     return p_foot_in_world + R_world_foot @ np.array([size.ankle_x, 0.0, size.body.ankle_height_m])
 
 
@@ -72,14 +74,16 @@ def solve_leg(
     r = np.einsum("nji,nj->ni", R_world_foot, in_world)  # ankle to hip, in the foot's frame
     inversion = np.arctan2(r[:, 1], r[:, 2])
     a, b = size.body.thigh_m, size.body.shank_m
-    distance = np.linalg.norm(r, axis=1)
+    distance = np.linalg.norm(r, axis=1)  # from ankle to hip; `within` is as much of it as the leg reaches
     within = np.minimum(distance, reach(size, min_knee))
+    # law of cosines in the triangle of hip, knee and ankle
     knee = np.arccos(np.clip((within**2 - a * a - b * b) / (2 * a * b), -1.0, 1.0))
     # angle at the ankle between the shank and the line to the hip
     lean_of_leg = np.arctan2(-a * np.sin(knee), b + a * np.cos(knee))
     dorsiflexion = np.arctan2(r[:, 0], np.hypot(r[:, 1], r[:, 2])) - lean_of_leg
     R_world_shank = R_world_foot @ rot_x(-inversion) @ rot_y(dorsiflexion)
-    R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)  # = Ry(-flexion) Rx(roll) Rz(yaw)
+    # thigh in the pelvis' frame; it equals R_y(−flexion) R_x(roll) R_z(yaw), from which the hip's angles follow
+    R = np.swapaxes(R_world_pelvis, 1, 2) @ R_world_shank @ rot_y(-knee)
     roll = -np.arcsin(np.clip(R[:, 1, 2], -1.0, 1.0))
     return LegAngles(
         hip_flexion=-np.arctan2(R[:, 0, 2], R[:, 2, 2]),

@@ -13,7 +13,7 @@ from stridetwin.sim.kinematics.smooth import ease
 from stridetwin.sim.wearer.dimensions import Shoe
 from stridetwin.streams.samples import Array
 
-_FLAT_RAD = 5e-4
+_FLAT_RAD = 5e-4  # pitch up to which a foot counts as flat
 _Knots = tuple[tuple[float, float], ...]
 
 
@@ -44,7 +44,7 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
 
     A foot alone on the ground bears all. In double support the load moves by a cubic of the time (`_load_share`).
     """
-    raw = {foot: np.zeros_like(t) for foot in steps}
+    raw = {foot: np.zeros_like(t) for foot in steps}  # not yet scaled to a sum of 1
     for foot, foot_steps in steps.items():
         other_steps = [s for f in steps if f != foot for s in steps[f]]
         for step in foot_steps:
@@ -52,6 +52,7 @@ def load_shares(steps: Mapping[str, Sequence[Footstep]], t: Array) -> dict[str, 
             # foot's touch-down before this toe-off
             other_off = min((s.t_off for s in other_steps if s.t_off > step.t_touch), default=np.inf)
             following = max((s for s in other_steps if s.t_touch < step.t_off), key=lambda s: s.t_touch)
+            # the load comes up after touch-down and goes down before toe-off; never for feet that stand at an end
             up, down = np.ones_like(t), np.ones_like(t)
             if np.isfinite(step.t_touch):
                 up = _load_share(step, (t - step.t_touch) / max(other_off - step.t_touch, 1e-6))
@@ -70,8 +71,9 @@ def add_quiet_stance(shares: dict[str, Array], steps: Mapping[str, Sequence[Foot
         steps: Footsteps by foot.
         t: (N,) s.
     """
-    first = min(s.t_off for foot_steps in steps.values() for s in foot_steps)
-    last = max(s.t_touch for foot_steps in steps.values() for s in foot_steps)
+    first = min(s.t_off for foot_steps in steps.values() for s in foot_steps)  # s, first toe-off
+    last = max(s.t_touch for foot_steps in steps.values() for s in foot_steps)  # s, last touch-down
+    # (N,) 1 in quiet stance, 0 while walking
     stand = np.maximum(ease((first - t) / WEIGHT_SHIFT_S), ease((t - last) / SETTLE_S))
     return {foot: (1 - stand) * s + stand * 0.5 for foot, s in shares.items()}
 
@@ -83,6 +85,7 @@ def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
     """
     x = np.empty(len(t))
     for step, on in _rows_of_steps(steps, t):
+        # (K, 2) share of stance, x as a share of the toe hinge's x
         knots = np.array(_FOREFOOT_KNOTS if step.arrival == "forefoot" else _FLAT_KNOTS)
         if step.arrival == "heel":
             knots = np.column_stack([TRAVEL_KNOTS, step.style.travel])
@@ -93,7 +96,7 @@ def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
             x[on] = _STANDING_X + (knots[-1, 1] - _STANDING_X) * ease(
                 (t[on] - step.t_off + WEIGHT_SHIFT_S) / WEIGHT_SHIFT_S
             )
-        else:
+        else:  # a foot that stands at the end: from the begin of a stance to quiet stance
             x[on] = knots[0, 1] + (_STANDING_X - knots[0, 1]) * ease((t[on] - step.t_touch) / SETTLE_S)
     return x
 
@@ -101,13 +104,13 @@ def cop_travel(steps: Sequence[Footstep], t: Array) -> Array:
 def pressure_centres(
     steps: Sequence[Footstep], shoe: Shoe, t: Array, travels: Array, pitch: Array, height: Callable[[Array], Array]
 ) -> Array:
-    """(N, 3) planned centre of pressure of one foot in the world; in swing, that at the start of the next stance.
+    """(N, 3) m, planned centre of pressure of one foot in the world; in swing, that at the end of the last stance.
 
     Args:
         steps: The footsteps of this foot, in order.
         shoe: Sole of this foot.
         t: (N,) s.
-        travels: (N,) by time alone (`cop_travel`).
+        travels: (N,) centre of pressure along the foot by time alone, as a share of the toe hinge's x (`cop_travel`).
         pitch: (N,) rad, of the foot relative to its ground, toes down positive: only the parts of the sole on the
             ground can press.
         height: Height of the ground, m, at (2,) m: toes whose tip overhangs an edge press at their hinge alone.
@@ -116,7 +119,7 @@ def pressure_centres(
     for step, on in _rows_of_steps(steps, t):
         x = _limit_to_contact(travels[on], t[on], step, pitch[on], shoe)
         if _tip_overhangs(step, shoe, height):
-            x = np.minimum(x, 1.0)
+            x = np.minimum(x, 1.0)  # not in front of the toe hinge
         p[on] = step.p_foot_in_world + (x * shoe.toe_hinge_x)[:, None] * step.R_world_sole[:, 0]
     return p
 
@@ -124,7 +127,7 @@ def pressure_centres(
 def _rows_of_steps(steps: Sequence[Footstep], t: Array) -> Iterator[tuple[Footstep, slice]]:
     """Each footstep with the rows of (N,) increasing times from its touch-down to the next touch-down of this foot."""
     begin = np.searchsorted(t, [step.t_touch for step in steps])
-    begin[0] = 0
+    begin[0] = 0  # the first footstep takes all rows before its touch-down, too
     for step, a, b in zip(steps, begin, [*begin[1:], len(t)]):
         yield step, slice(int(a), int(b))
 
@@ -152,14 +155,15 @@ def _limit_to_contact(x: Array, t: Array, step: Footstep, pitch: Array, shoe: Sh
     if not len(stance):
         return x  # these rows have no stance
     tilt = np.abs(pitch)
+    # rows with a flat sole; where it never lies flat, those with the least tilt
     flat = stance[tilt[stance] <= max(_FLAT_RAD, tilt[stance].min())]
-    if flat[0] > stance[0]:
+    if flat[0] > stance[0]:  # the foot lands tilted
         flat_from = _flat_time(t, tilt, flat[0] - 1, flat[0])
         first = np.maximum(x, 1.0 + _BALL_MARGIN)
         if step.arrival == "heel":
             first = np.full_like(x, (shoe.heel_back_x + _HEEL_MARGIN_M) / shoe.toe_hinge_x)
         x = first + (x - first) * ease((t - flat_from) / _PASSING_S)
-    if flat[-1] < stance[-1]:
+    if flat[-1] < stance[-1]:  # the heel rises before toe-off
         flat_until = _flat_time(t, tilt, flat[-1] + 1, flat[-1])
         x = x + (np.maximum(x, 1.0 + _BALL_MARGIN) - x) * ease((t - flat_until) / _PASSING_S + 1.0)
     return x

@@ -15,7 +15,7 @@ from stridetwin.sim.gait.leg_ik import ankle_in_world, reach
 from stridetwin.sim.wearer.dimensions import Wearer
 from stridetwin.streams.samples import Array
 
-_SETTLED_M = 1e-5
+_SETTLED_M = 1e-5  # change of the height at which the iteration of `fit_pelvis_height` ends
 
 
 # Least flexion of the knees, and the height of the pelvis; chosen by hand, within what the legs reach.
@@ -49,10 +49,10 @@ def solve_cart_table(zmp: Array, kappa: Array, dt: float) -> Array:
     """
     n = len(zmp)
     k = kappa / dt**2
-    bands = np.zeros((3, n))
+    bands = np.zeros((3, n))  # upper, main and lower diagonal of the system, as for `solve_banded`
     bands[1] = 1 + 2 * k
     bands[0, 1:], bands[2, :-1] = -k[:-1], -k[1:]
-    bands[1, 0], bands[0, 1], bands[1, -1], bands[2, -2] = 1.0, 0.0, 1.0, 0.0
+    bands[1, 0], bands[0, 1], bands[1, -1], bands[2, -2] = 1.0, 0.0, 1.0, 0.0  # c = p in the first and the last row
     return solve_banded((1, 1), bands, zmp)
 
 
@@ -73,8 +73,10 @@ def max_pelvis_height(
         sign = 1.0 if side == "l" else -1.0
         hip = R_world_pelvis @ np.array([0.0, sign * size.body.hip_half_width_m, 0.0])
         ankle = ankle_in_world(size, paths[side].p_foot_in_world, paths[side].R_world_foot)
-        away = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)  # m², horizontal distance from hip to ankle
-        limits.append(ankle[:, 2] - hip[:, 2] + np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away, 0.04)))
+        away_squared = ((p_pelvis_in_world + hip - ankle)[:, :2] ** 2).sum(1)  # m², horizontally from hip to ankle
+        # height of the hip above the ankle; at least 0.2 m, so that the root exists for a foot out of reach
+        hip_over_ankle = np.sqrt(np.maximum(reach(size, min_knee) ** 2 - away_squared, 0.04))
+        limits.append(ankle[:, 2] - hip[:, 2] + hip_over_ankle)
     return np.minimum(*limits)
 
 
@@ -85,7 +87,8 @@ def min_knee_flexion(rhythm: Rhythm, t: Array) -> Array:
     """
     uphill = np.array([step.slope if step.mode == "RA" else 0.0 for step in rhythm.steps])  # rad, by step
     of_mode = {"SD": _KNEE_DOWNSTAIRS_RAD, "SA": _KNEE_UPSTAIRS_RAD}
-    bent = np.array([of_mode.get(step.mode, _MIN_KNEE_RAD) for step in rhythm.steps])
+    bent = np.array([of_mode.get(step.mode, _MIN_KNEE_RAD) for step in rhythm.steps])  # rad, by step
+    # uphill, more by the slope, but not beyond the limit for that
     bent = np.minimum(bent + _KNEE_BY_SLOPE * uphill, np.maximum(bent, _MAX_KNEE_BY_SLOPE_RAD))
     climbing = np.where([step.mode in ("SA", "RA") for step in rhythm.steps], bent, 0.0)
     for late in (1, 2):  # the rear foot leaves the ground during the next step or the one after
@@ -109,12 +112,13 @@ def level_height(rhythm: Rhythm, t: Array, leg_m: float) -> tuple[Array, Array, 
     # 1 for a step on level ground whose neighbours are on level ground, too
     level = np.array([float(step.terrain == "level" and step.mode == "LG") for step in rhythm.steps])
     level = np.minimum(level, np.append(level[1:], 1.0)) * np.minimum(1.0, np.append(1.0, level[:-1]))
-    footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])
+    footprints = np.array([step.p_foot_in_world[2] for step in rhythm.steps])  # m, heights
+    # mean height of the pelvis above the ground, leg lengths: the first entry of the style's `height`
     above_ground = rhythm.blend_style(t, "height", _STANDING_HEIGHT, 0)
     mean = rhythm.blend(t, footprints, 0.0, footprints[-1]) + leg_m * above_ground
     psi = 2 * np.pi * rhythm.phase(t)
     wave = np.zeros_like(t)
-    for k in (1, 2, 3):
+    for k in (1, 2, 3):  # entries 2 k − 1 and 2 k of the style's `height` are a_k and b_k
         for index, swing in ((2 * k - 1, np.cos(k * psi)), (2 * k, np.sin(k * psi))):
             amplitudes = np.array([step.style.height[index] for step in rhythm.steps])
             wave += leg_m * rhythm.blend(t, level * amplitudes, 0.0, 0.0) * swing
@@ -133,6 +137,7 @@ def fit_pelvis_height(goal: Array, limit: Array, dt: float) -> Array:
         dt: Time between rows, s.
     """
     n = len(limit)
+    # third difference over Δt³, (N − 3, N), and the penalty DᵀD on the third derivative
     D = sp.diags_array([-1.0, 3.0, -3.0, 1.0], offsets=[0, 1, 2, 3], shape=(n - 3, n)) / dt**3
     penalty = sp.dia_array(D.T @ D)
     bands = np.zeros((4, n))  # upper diagonals of the symmetric system, the main one last, as for `solveh_banded`

@@ -86,13 +86,13 @@ def plan_gaze(
         pitch = usual + away
     if gaze == Gaze():  # along the path: the chest does not follow, and the neck is far from its limit
         return GazeMotion(head_pitch=pitch, head_yaw=yaw, chest_pitch=np.zeros_like(t), chest_yaw=np.zeros_like(t))
+    # sway of the head: its phase, and the share of its amplitude, which rises from 0 to 1
     phase, share = 2 * np.pi * gaze.sway_hz * (t - t[0]), ease((t - t[0]) / _SWAY_ONSET_S - 1.0)
     pitch = pitch - gaze.sway_pitch_rad * share * np.cos(phase)
     yaw = yaw + gaze.sway_yaw_rad * share * np.sin(phase)
-    pitch, yaw = (
-        _MAX_NECK_RAD * np.tanh((x + more) / _MAX_NECK_RAD)
-        for x, more in ((pitch, gaze.pitch_rad), (yaw, gaze.yaw_rad))
-    )
+    # with the constant direction of the gaze, softly limited to what the neck can turn
+    pitch = _MAX_NECK_RAD * np.tanh((pitch + gaze.pitch_rad) / _MAX_NECK_RAD)
+    yaw = _MAX_NECK_RAD * np.tanh((yaw + gaze.yaw_rad) / _MAX_NECK_RAD)
     return GazeMotion(
         head_pitch=pitch,
         head_yaw=yaw,
@@ -110,6 +110,7 @@ def _ground_gaze_pitch(s: Array, dt: float, profile: Sequence[Strip], leg_m: flo
         profile: Ground along the way.
         leg_m: Hip centre to sole, m.
     """
+    # distance of that place along the way, and its depth below the eyes, m
     ahead = np.maximum(_advance_in_time(s, _LOOK_AHEAD_S, dt) - s, _MIN_LOOK_AHEAD_M)
     below = _EYE_HEIGHT_LEGS * leg_m + profile_height(profile, s) - profile_height(profile, s + ahead)
     return _HEAD_SHARE * np.arctan2(np.maximum(below, 0.0), ahead)
@@ -120,13 +121,14 @@ def _draw_gaze_shifts(t: Array, rng: np.random.Generator) -> tuple[Array, Array]
 
     The time for which a direction is held is log-normal; the directions are normal, within limits.
     """
-    angles = [np.zeros_like(t), np.zeros_like(t)]
-    now, last = t[0], np.zeros(2)
+    angles = [np.zeros_like(t), np.zeros_like(t)]  # pitch, yaw
+    now, last = t[0], np.zeros(2)  # end of the last movement, s, and the direction (pitch, yaw) that it reached
     while now < t[-1]:
         now += float(np.clip(_HOLD_S * np.exp(_HOLD_LOG_SD * rng.standard_normal()), *_HOLD_RANGE_S))
         pitch = np.clip(rng.normal(0.0, _PITCH_SD_RAD), _MIN_PITCH_RAD, _MAX_PITCH_RAD)
         yaw = np.clip(rng.normal(0.0, _YAW_SD_RAD), -_MAX_YAW_RAD, _MAX_YAW_RAD)
         goal = np.array([pitch, yaw])
+        # s, duration of the movement, which adds a smooth step to each angle
         move = _MOVE_S + _MOVE_S_PER_RAD * float(np.hypot(*(goal - last)))
         for angle, step in zip(angles, goal - last):
             angle += step * ease((t - now) / move)
@@ -211,9 +213,10 @@ def plan_posture(
     pitch += _TILT_BACK_BY_DESCENT * np.minimum(climb, 0.0)
     eyes = plan_gaze(gaze, t, s, climb, profile, leg_m, rng)
     torso_pitch = _TORSO_LEAN_RAD + _LEAN_BY_EFFORT * effort + eyes.chest_pitch
+    # rad, by which trunk and head turn ahead of the pelvis' heading
     trunk = _advance_in_time(heading, _TRUNK_LEADS_S, dt) - heading
     head = _advance_in_time(heading, _HEAD_LEADS_S, dt) - heading
-    # from the heading's own frame, so that several full turns do not matter
+    # rotations from the heading's own frame, so that several full turns do not matter; angles: yaw, pitch, roll
     R_pelvis = from_euler(np.stack([yaw, pitch, roll], -1))
     against_yaw, against_roll = _TORSO_AGAINST_PELVIS
     R_torso = from_euler(np.stack([trunk - against_yaw * yaw + eyes.chest_yaw, torso_pitch, -against_roll * roll], -1))

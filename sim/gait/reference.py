@@ -83,6 +83,7 @@ def stack_coordinates(
     columns = dict(zip(layout.ROOT, np.column_stack([p_pelvis, pose.pelvis]).T))  # (N,) values by name
     columns |= pose.joints
     for side in SIDES:
+        # `LegAngles` has a field for each of these joints
         for joint in LEG_JOINTS[:-1]:  # the last one is the toes' hinge, which follows from the foot's path
             columns[f"{joint}_{side}"] = getattr(legs_[side], joint)
         columns[f"toe_extension_{side}"] = paths[side].toe_extension
@@ -115,18 +116,18 @@ def zero_moment_point(
     return np.stack([x, y], -1), mass * (com_z - z) / force[:, 2]
 
 
-GRID_S = 0.005
-_ZMP_ROUNDS = 6
+GRID_S = 0.005  # step of the time grid of a planned walk
+_ZMP_ROUNDS = 6  # rounds of the correction by the zero-moment point
 # When the frame's weight is added to its couplings: later rounds correct its effect. As the couplings are stiff, the
 # frame follows the last shift of the pelvis in the last round.
 _WEIGHED_ROUND = 3
-_SETTLING_ROUNDS = 2
+_SETTLING_ROUNDS = 2  # linearisations of the weighed frame in its first fit
 _HEEL_ROUNDS = (0, 1, 2)  # after which the heels may rise, because the pelvis determines how far the ankles bend
 _ZMP_GAIN = 0.85  # the height follows the legs' reach, which reacts to the correction: full steps overshoot
 _STRIDE = 2  # half the grid's rate is enough for the correction and the frame's angles
 _ROUGH_STRIDE = 4  # and a quarter for the frame's first fit, which affects the correction alone
-_COM_ABOVE_PELVIS_M = 0.03
-_REACH_TOLERANCE_M = 5e-4
+_COM_ABOVE_PELVIS_M = 0.03  # height of the centre of mass over the pelvis, for the first path of the pelvis
+_REACH_TOLERANCE_M = 5e-4  # a foot farther out of reach is an error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,6 +204,8 @@ def plan_reference(
     # the grid of all quantities; it extends beyond the walk, so that boundary effects of the splines stay outside
     t = np.arange(-0.5, duration + 0.5 + GRID_S, GRID_S)
     t = t[: len(t) - (len(t) - 1) % _ROUGH_STRIDE]  # the coarse grids end with the fine one
+    # by side: paths of the feet, shares of the load, centres of pressure along the foot, centres of pressure (N, 3);
+    # `planned_zmp` (N, 3) is the centre of pressure of both feet together
     paths = {side: foot_path(steps[side], size, t, terrain.height) for side in SIDES}
     shares = add_quiet_stance(load_shares(steps, t), steps, t)
     travels = {side: cop_travel(steps[side], t) for side in SIDES}
@@ -210,9 +213,12 @@ def plan_reference(
     rhythm, leg_m = Rhythm.of(steps), leg_length(size)
     pose = plan_posture(rhythm, paths, leg_m, t, terrain.profile, config.gait.gaze, rng)
     R_pelvis = from_euler(pose.pelvis)
+    # height of the pelvis on the level (mean and oscillation), and the share of level ground
     mean, wave, level = level_height(rhythm, t, leg_m)
     min_knee = min_knee_flexion(rhythm, t)
 
+    # first path of the pelvis over the ground (N, 2): that of a pendulum of constant height; κ is its height divided by
+    # gravity
     kappa = np.full(len(t), (leg_m + _COM_ABOVE_PELVIS_M) / -model.opt.gravity[2])
     over_ground = solve_cart_table(planned_zmp[:, :2], kappa, GRID_S)
     layout, tree = Coordinates.of(model), Tree.of(model)
@@ -220,6 +226,7 @@ def plan_reference(
     for round_ in range(_ZMP_ROUNDS):
         # height of the pelvis below the reach of the legs, which depends on its horizontal path
         p_pelvis = np.column_stack([over_ground, np.zeros(len(t))])
+        # the mean height is fitted, and the oscillation is added to it; off the level the goal is the limit itself
         limit = max_pelvis_height(size, p_pelvis, R_pelvis, paths, min_knee) - wave
         p_pelvis[:, 2] = wave + fit_pelvis_height(level * mean + (1.0 - level) * limit, limit, GRID_S)
         legs_ = solve_legs(size, p_pelvis, R_pelvis, paths)
@@ -324,11 +331,13 @@ def _fit_exoskeleton(
     """
     if size.exo is None:
         return {}
-    k = slice(None, None, stride)
+    k = slice(None, None, stride)  # rows of the instants that are computed
     to_pelvis = np.swapaxes(R_pelvis[k], 1, 2)  # world to pelvis
+    # by side: statics of the exoskeleton's leg, pose of the wearer's leg, and (K, J) start values of the angles
     frames, wearers, coarse = {}, {}, {}
     for side in SIDES:
         sign, leg, path = (1.0 if side == "l" else -1.0), legs[side], paths[side]
+        # thigh in the pelvis' frame, from the three angles of the hip
         R_thigh = rot_y(-leg.hip_flexion[k]) @ rot_x(-sign * leg.hip_adduction[k]) @ rot_z(-sign * leg.hip_rotation[k])
         p_foot = np.einsum("nij,nj->ni", to_pelvis, path.p_foot_in_world[k] - p_pelvis[k])
         wearers[side] = leg_pose(
@@ -336,10 +345,12 @@ def _fit_exoskeleton(
         )
         frames[side] = ExoLeg(size, side)
         coarse[side] = fit_leg(frames[side], wearers[side]) if start is None else start[side][k]
+    # (N, J) by side, at all instants; they are the result without weight, and the motion about which weight acts
     fine = {side: make_interp_spline(t[k], coarse[side], k=5)(t) for side in SIDES}
     if weighing is None:
         return fine
     model, layout, pose = weighing
+    # splines of all coordinates, with the legs of the exoskeleton
     splines = make_interp_spline(t, stack_coordinates(size, layout, p_pelvis, pose, legs, fine, paths), k=5)
     angles = solve_leg_dynamics(
         frames, coarse, wearers, model, layout, splines, t[k], _SETTLING_ROUNDS if start is None else 1

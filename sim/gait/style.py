@@ -39,7 +39,7 @@ class Style:
         travel: (8,) centre of pressure at `TRAVEL_KNOTS`, as a share of the toe hinge's x.
         height: (7,) pelvis height in leg lengths: mean, then cosine and sine of the first three harmonics of the step.
         forward: (5,) polynomial of the swing foot's forward offset from its smooth path, in leg lengths.
-        lift: (5,) likewise of its height.
+        lift: (5,) polynomial of its height above that path, in leg lengths.
         tilt: Anterior pelvis tilt, rad.
         turn: Pelvis rotation per leg length of distance between the feet, rad.
         list_: Amplitude of the pelvis obliquity, rad.
@@ -62,7 +62,7 @@ class Style:
     @classmethod
     def from_vector(cls, x: Array) -> Style:
         """Style from the vector of `to_vector`, (`len(LABELS)`,), the fields in the order above."""
-        parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])
+        parts = np.split(np.asarray(x, dtype=float), np.cumsum(list(SIZES.values()))[:-1])  # one array per field
         values: dict[str, Any] = {name: part if SIZES[name] > 1 else float(part[0]) for name, part in zip(SIZES, parts)}
         return cls(**values)
 
@@ -86,6 +86,7 @@ SIZES = {
     "turn": 1,
     "list_": 1,
 }
+"""Number of entries of each field of `Style`, in the order of the fields."""
 LABELS = tuple(f"{name}_{i}" if n > 1 else name for name, n in SIZES.items() for i in range(n))
 
 
@@ -101,7 +102,7 @@ def pace(speed_mps: float, size: Wearer) -> float:
 
 def level_style(pace_: float) -> Style:
     """Style at a dimensionless speed; constant beyond the table's ends."""
-    paces, rows = _read_table()
+    paces, rows = _read_table()  # dimensionless speeds, and a row of values at them for each parameter
     return Style.from_vector(np.array([np.interp(pace_, paces, row) for row in rows]))
 
 
@@ -110,6 +111,7 @@ def _read_table() -> tuple[Array, Array]:
     """The table `level_style.csv`: (K,) dimensionless speeds, and (len(LABELS), K) style parameters at each."""
     text = resources.files("stridetwin.sim.gait").joinpath("level_style.csv").read_text(encoding="utf-8")
     lines = [row for row in csv.reader(text.splitlines()) if row and not row[0].startswith("#")]
+    # a line is a label and its values; that of `pace` are the speeds
     values = {row[0]: [float(v) for v in row[1:]] for row in lines}
     return np.array(values["pace"]), np.array([values[label] for label in LABELS])
 
@@ -153,7 +155,7 @@ def style_at(pace: float) -> Style:
     if pace > fastest:
         beyond = pace - fastest
         height = style.height.copy()
-        height[0] -= _LOWER_FASTER * beyond
+        height[0] -= _LOWER_FASTER * beyond  # mean height of the pelvis
         support = style.double_support - _SHORTER_SUPPORT_FASTER * beyond
         return replace(
             style,
@@ -165,7 +167,7 @@ def style_at(pace: float) -> Style:
         return style
     # below the table: ratios of step length and of step time to the slowest style of the table
     shorter = float(walk_growth(pace) / walk_growth(slowest))
-    longer = shorter * slowest / max(pace, 1e-6)
+    longer = shorter * slowest / max(pace, 1e-6)  # time is length over speed
     style = _scale_amplitudes(style, max(shorter, _MIN_AMPLITUDE_SHARE))
     height = style.height.copy()
     height[0] += (1.0 - shorter) * (_HEIGHT_SLOW - height[0])
@@ -179,10 +181,10 @@ def apply_shuffle(style: Style, shuffle: float) -> Style:
     """
     if shuffle == 0.0:
         return style
-    k = 1.0 - _SHUFFLE_LOWERS * shuffle
+    swing_factor = 1.0 - _SHUFFLE_LOWERS * shuffle  # of the swing foot's offsets forward and up
     flat = _scale_amplitudes(style, 1.0 - _SHUFFLE_FLATTENS * shuffle)
-    flat = replace(flat, forward=style.forward * k, lift=style.lift * k)
-    return prolong(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)
+    flat = replace(flat, forward=style.forward * swing_factor, lift=style.lift * swing_factor)
+    return prolong(flat, 1.0, 1.0 - _SHUFFLE_STAYS * shuffle)  # a shorter swing in a step of the same duration
 
 
 def shuffle_step_share(shuffle: float) -> float:
@@ -200,6 +202,7 @@ def prolong(style: Style, longer: float, swing_longer: float = 1.0) -> Style:
         longer: Duration relative to that step.
         swing_longer: Duration of the swing relative to its swing.
     """
+    # factor on the swing, and on the times before and after it, as shares of the step; what is left is double support
     share = swing_longer / longer
     return replace(
         style,

@@ -55,9 +55,10 @@ class Coordinates:
 
     def from_mujoco(self, q: Array) -> Array:
         """Coordinates (N, names) of consecutive qpos (N, nq) in MuJoCo's layout; the yaw is unwrapped over the rows."""
-        R = from_quaternion(q[:, 3:7])
+        R = from_quaternion(q[:, 3:7])  # (N, 3, 3), root to world: R_z(yaw) R_y(pitch) R_x(roll)
         x = np.empty((len(q), len(self.names)))
         x[:, :3] = q[:, :3]
+        # yaw, pitch and roll of the root; rounding may carry the sine of the pitch just beyond ±1
         x[:, 3] = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
         x[:, 4] = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0))
         x[:, 5] = np.arctan2(R[:, 2, 1], R[:, 2, 2])
@@ -84,6 +85,7 @@ class Coordinates:
             ddx: (N, names) their accelerations.
         """
         n = len(x)
+        # the root's acceleration in MuJoCo: linear in world axes (3), then angular in its own axes (3)
         q, v, a = np.empty((n, self.nq)), np.empty((n, self.nv)), np.empty((n, self.nv))
         _fill_position_velocity(x, dx, self.qpos, self.dof, q, v)
         a[:, :3], a[:, self.dof] = ddx[:, :3], ddx[:, 6:]
@@ -108,15 +110,23 @@ def _fill_position_velocity(
         v: Output.
     """
     for i in range(len(x)):
-        y, p, r = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]  # half angles of yaw, pitch and roll
-        pose = multiply((math.cos(y), 0.0, 0.0, math.sin(y)), (math.cos(p), 0.0, math.sin(p), 0.0))
-        pose = multiply(pose, (math.cos(r), math.sin(r), 0.0, 0.0))
-        w, qx, qy, qz = pose
-        sign = 1.0 if w >= 0.0 else -1.0
-        q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * w, sign * qx, sign * qy, sign * qz
-        sp, cp, sr, cr = math.sin(x[i, 4]), math.cos(x[i, 4]), math.sin(x[i, 5]), math.cos(x[i, 5])
-        dy, dp, dr = dx[i, 3], dx[i, 4], dx[i, 5]
-        v[i, 3], v[i, 4], v[i, 5] = dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy
+        # attitude of the root: product of the quaternions (w, x, y, z) about z, y and x, with w >= 0
+        half_yaw, half_pitch, half_roll = 0.5 * x[i, 3], 0.5 * x[i, 4], 0.5 * x[i, 5]
+        attitude = multiply(
+            (math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw)), (math.cos(half_pitch), 0.0, math.sin(half_pitch), 0.0)
+        )
+        attitude = multiply(attitude, (math.cos(half_roll), math.sin(half_roll), 0.0, 0.0))
+        qw, qx, qy, qz = attitude
+        sign = 1.0 if qw >= 0.0 else -1.0
+        q[i, 3], q[i, 4], q[i, 5], q[i, 6] = sign * qw, sign * qx, sign * qy, sign * qz
+        # angular velocity in the root's own axes, from the rates of yaw, pitch and roll
+        sin_pitch, cos_pitch = math.sin(x[i, 4]), math.cos(x[i, 4])
+        sin_roll, cos_roll = math.sin(x[i, 5]), math.cos(x[i, 5])
+        d_yaw, d_pitch, d_roll = dx[i, 3], dx[i, 4], dx[i, 5]
+        v[i, 3] = d_roll - sin_pitch * d_yaw
+        v[i, 4] = cos_roll * d_pitch + cos_pitch * sin_roll * d_yaw
+        v[i, 5] = -sin_roll * d_pitch + cos_pitch * cos_roll * d_yaw
+        # position and linear velocity of the root are copied, and so are the hinges, to their addresses
         for k in range(3):
             q[i, k], v[i, k] = x[i, k], dx[i, k]
         for k in range(len(qpos)):

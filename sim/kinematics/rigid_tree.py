@@ -48,7 +48,7 @@ class Tree(NamedTuple):
         ids: (B,) the bodies in the model.
         parent: (B,) index in the tree, -1 of the root.
         offset: (B, 3) m, origin in the parent's frame.
-        rotation: (B, 4) rotation in the parent's frame with the hinges at zero.
+        rotation: (B, 4) unit quaternion (w, x, y, z), body to parent, with the hinges at zero.
         mass: (B,) kg.
         com: (B, 3) m, in the body's frame.
         inertia: (B, 3, 3) kg m² about the centre of mass, body axes.
@@ -78,10 +78,12 @@ class Tree(NamedTuple):
         root = int(model.jnt_bodyid[0])
         ids = np.flatnonzero((model.body_rootid == root) & (model.body_subtreemass > 0.0))
         index = {int(body): i for i, body in enumerate(ids)}
+        # joints of the model by body, without the root and its free joint; then all of them in one array
         joints = [list(range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])) for b in ids[1:]]
-        ends = np.cumsum([0, 0, *map(len, joints)])  # number of hinges before each body; the root has none
+        # (B + 1,) number of hinges before each body, and of all hinges; the root has none
+        ends = np.cumsum([0, 0, *map(len, joints)])
         flat = np.array([j for body_joints in joints for j in body_joints], dtype=np.int64)
-        R = np.empty((len(ids), 9))
+        R = np.empty((len(ids), 9))  # rows: rotation matrix of the principal axes of inertia
         for row, quat in zip(R, model.body_iquat[ids]):
             mujoco.mju_quat2Mat(row, quat)
         axes = R.reshape(-1, 3, 3)  # principal axes of inertia, in the body's frame
@@ -101,7 +103,7 @@ class Tree(NamedTuple):
         )
 
     def index_of(self, body: int) -> int:
-        """Index in the tree of a body of the model."""
+        """Index in the tree of a body, which is given by its id in the model; the body must be in the tree."""
         return int(np.searchsorted(self.ids, body))
 
     def subtree(self, bodies: Sequence[int]) -> Tree:
@@ -116,13 +118,13 @@ class Tree(NamedTuple):
         for body, up in enumerate(self.parent):  # parents come first, so one pass finds all that they carry
             if up in kept:
                 kept.add(body)
-        for body in sorted(kept, reverse=True):
+        for body in sorted(kept, reverse=True):  # and all bodies from there up to the root, whose parent is -1
             while body >= 0:
                 kept.add(body)
                 body = int(self.parent[body])
-        rows = np.array(sorted(kept))
-        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)
-        ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])
+        rows = np.array(sorted(kept))  # indices in this tree; `searchsorted` gives those in the new one
+        hinges = np.concatenate([np.arange(*self.hinges[b]) for b in rows]).astype(np.int64)  # those of all kept bodies
+        ends = np.cumsum([0, *np.diff(self.hinges[rows])[:, 0]])  # number of kept hinges before each kept body
         return Tree(
             ids=self.ids[rows],
             parent=np.where(self.parent[rows] < 0, -1, np.searchsorted(rows, self.parent[rows])),
@@ -168,14 +170,14 @@ def _allocate_bodies(tree: Tree) -> _Bodies:
     """Uninitialised arrays for the motion of all bodies at one instant: p, quat, R, speed, w, dv, dw and axes."""
     n = len(tree.parent)
     return _Bodies(
-        np.empty((n, 3)),
-        np.empty((n, 4)),
-        np.empty((n, 3, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((len(tree.axis), 3)),
+        np.empty((n, 3)),  # p
+        np.empty((n, 4)),  # quat
+        np.empty((n, 3, 3)),  # R
+        np.empty((n, 3)),  # speed
+        np.empty((n, 3)),  # w
+        np.empty((n, 3)),  # dv
+        np.empty((n, 3)),  # dw
+        np.empty((len(tree.axis), 3)),  # axes
     )
 
 
@@ -192,16 +194,18 @@ def body_motion(tree: Tree, q: Array, v: Array) -> tuple[Array, Array, Array, Ar
         (N, B, 3) m, origins in the world; (N, B, 4) unit quaternions (w, x, y, z), body to world; (N, B, 3) m/s of the
         origins, world axes; (N, B, 3) rad/s, the bodies' own axes.
     """
-    n, count, bodies, stationary = len(q), len(tree.parent), _allocate_bodies(tree), np.zeros(v.shape[1])
+    # `bodies` holds the motion at one instant; the accelerations do not matter here and are set to 0
+    n, count, bodies, no_acceleration = len(q), len(tree.parent), _allocate_bodies(tree), np.zeros(v.shape[1])
     p, quat = np.empty((n, count, 3)), np.empty((n, count, 4))
     speed, w = np.empty((n, count, 3)), np.empty((n, count, 3))
     for i in range(n):
-        _forward_kinematics(tree, q[i], v[i], stationary, bodies)
+        _forward_kinematics(tree, q[i], v[i], no_acceleration, bodies)
         for b in range(count):
             store_vec3(vec3(bodies.p[b]), p[i, b])
             store_vec3(vec3(bodies.speed[b]), speed[i, b])
             for k in range(4):
                 quat[i, b, k] = bodies.quat[b, k]
+            # angular velocity from the world's axes to the body's
             store_vec3(matvec(transposed(mat3(bodies.R[b])), vec3(bodies.w[b])), w[i, b])
     return p, quat, speed, w
 
@@ -226,17 +230,17 @@ def root_wrench(tree: Tree, q: Array, v: Array, a: Array, gravity: Array) -> tup
     p, force, moment, com = bodies.p, np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
         _forward_kinematics(tree, q[i], v[i], a[i], bodies)
-        # `first`: first moment of mass, about the world's origin
-        sum_force, sum_moment, first = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        # sums over all bodies; the first moment of mass, Σ m r, is about the world's origin
+        sum_force, sum_moment, first_moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for b in range(len(p)):
             body_force, body_moment, arm = _inertial_wrench(tree, b, bodies, g)
-            away = minus(vec3(p[b]), vec3(p[0]))
+            away = minus(vec3(p[b]), vec3(p[0]))  # from the root's origin to the body's
             sum_force = plus(sum_force, body_force)
             sum_moment = plus(sum_moment, plus(body_moment, cross(away, body_force)))
-            first = plus(first, times(tree.mass[b], plus(vec3(p[b]), arm)))
+            first_moment = plus(first_moment, times(tree.mass[b], plus(vec3(p[b]), arm)))
         store_vec3(sum_force, force[i])
         store_vec3(sum_moment, moment[i])
-        store_vec3(times(1.0 / total_mass, first), com[i])
+        store_vec3(times(1.0 / total_mass, first_moment), com[i])
     return force, moment, com
 
 
@@ -260,6 +264,7 @@ def hinge_torques(
     """
     n, count, motions, g = len(q), len(tree.parent), _allocate_bodies(tree), vec3(gravity)
     p, R, axes, torque = motions.p, motions.R, motions.axes, np.empty((n, len(tree.axis)))
+    # wrench that each body needs from its carrier: force, and moment about the body's origin, world axes
     force, moment = np.empty((count, 3)), np.empty((count, 3))
     for i in range(n):
         _forward_kinematics(tree, q[i], v[i], a[i], motions)
@@ -267,7 +272,7 @@ def hinge_torques(
             body_force, body_moment, _ = _inertial_wrench(tree, b, motions, g)
             store_vec3(body_force, force[b])
             store_vec3(body_moment, moment[b])
-        # what each body needs from its carrier: less by the external wrench on it
+        # an external wrench on a body reduces what its carrier has to provide
         for k, b in enumerate(bodies):
             store_vec3(minus(vec3(force[b]), vec3(forces[k, i])), force[b])
             store_vec3(minus(vec3(moment[b]), vec3(moments[k, i])), moment[b])
@@ -305,17 +310,17 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
     count, length = chains.shape  # C, L
     p, axes = motions.p, motions.axes
     mass, load = np.empty((n, count, length, length)), np.empty((n, count, length))
-    # of each body with all that it carries: force, moment, mass, first moment and inertia, about its origin
-    force, moment, first = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
-    heavy, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
+    # of each body with all that it carries: force, moment, first moment of mass, mass and inertia, about its origin
+    force, moment, first_moment = np.empty((bodies, 3)), np.empty((bodies, 3)), np.empty((bodies, 3))
+    carried_mass, inertia, g = np.empty(bodies), np.empty((bodies, 3, 3)), vec3(gravity)
     for i in range(n):
         _forward_kinematics(tree, q[i], v[i], a[i], motions)
         for b in range(bodies):
             body_force, body_moment, arm = _inertial_wrench(tree, b, motions, g)
             store_vec3(body_force, force[b])
             store_vec3(body_moment, moment[b])
-            store_vec3(times(tree.mass[b], arm), first[b])
-            heavy[b] = tree.mass[b]
+            store_vec3(times(tree.mass[b], arm), first_moment[b])
+            carried_mass[b] = tree.mass[b]
             _world_inertia(tree, b, motions.R, arm, inertia[b])
         # composite bodies: add each body to its carrier, from the tips to the root
         for b in range(bodies - 1, 0, -1):
@@ -324,19 +329,20 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
             body_force = vec3(force[b])
             store_vec3(plus(vec3(moment[up]), plus(vec3(moment[b]), cross(d, body_force))), moment[up])
             store_vec3(plus(vec3(force[up]), body_force), force[up])
-            _add_to_carrier(inertia[b], vec3(first[b]), heavy[b], d, inertia[up], first[up])
-            heavy[up] += heavy[b]
+            _add_to_carrier(inertia[b], vec3(first_moment[b]), carried_mass[b], d, inertia[up], first_moment[up])
+            carried_mass[up] += carried_mass[b]
         for k in range(count):
             for j in range(length):
                 b = chains[k, j]
                 axis = vec3(axes[tree.hinges[b, 0]])
                 load[i, k, j] = dot(axis, vec3(moment[b]))
-                # force and moment about its origin of the composite for 1 rad/s²; M_oj = axis_o · moment
-                force_, moment_ = cross(axis, vec3(first[b])), matvec(mat3(inertia[b]), axis)  # for its own 1 rad/s²
+                # force and moment about its origin that the composite body needs for 1 rad/s² of its own hinge; the
+                # moment about each hinge nearer to the root, along that hinge's axis, is the entry of the mass matrix
+                unit_force, unit_moment = cross(axis, vec3(first_moment[b])), matvec(mat3(inertia[b]), axis)
                 for o in range(j + 1):
                     d = minus(vec3(p[b]), vec3(p[chains[k, o]]))
                     other_axis = vec3(axes[tree.hinges[chains[k, o], 0]])
-                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other_axis, plus(moment_, cross(d, force_)))
+                    mass[i, k, o, j] = mass[i, k, j, o] = dot(other_axis, plus(unit_moment, cross(d, unit_force)))
     return mass, load
 
 
@@ -344,26 +350,28 @@ def chain_loads(tree: Tree, chains: Indices, q: Array, v: Array, a: Array, gravi
 def _forward_kinematics(tree: Tree, q: Array, v: Array, a: Array, bodies: _Bodies) -> None:
     """Writes poses, velocities and accelerations of all bodies at one instant, from the root outwards.
 
-    Each hinge adds its rotation, its rate and its acceleration, ω × axis included, about its anchor.
+    A body starts with the motion of its carrier. Each of its hinges then adds its rotation, its rate, and its angular
+    acceleration q'' axis + q' ω × axis, about the hinge's anchor.
 
     Args:
         tree: The bodies.
         q: (nq,) positions in MuJoCo's layout.
         v: (nv,) velocities; the root's angular velocity is in its own axes.
-        a: (nv,) accelerations, likewise.
+        a: (nv,) accelerations; the root's angular acceleration is in its own axes.
         bodies: Output.
     """
     p, quat, R, speed, w, dv, dw, axes = bodies
     for b in range(len(tree.parent)):
         up = tree.parent[b]
-        if up < 0:
+        # pose: unit quaternion, body to world, and M the same as a matrix; omega, alpha: angular velocity, acceleration
+        if up < 0:  # the root: its motion stands in the first entries of q, v and a
             origin, velocity, acceleration = vec3(q), vec3(v), vec3(a)
             pose = (q[3], q[4], q[5], q[6])
             M = to_matrix(pose)
             omega, alpha = matvec(M, vec3_at(v, 3)), matvec(M, vec3_at(a, 3))
         else:
             omega, alpha = vec3(w[up]), vec3(dw[up])
-            r = matvec(mat3(R[up]), vec3(tree.offset[b]))
+            r = matvec(mat3(R[up]), vec3(tree.offset[b]))  # from the carrier's origin to this body's, world axes
             origin, velocity = plus(vec3(p[up]), r), plus(vec3(speed[up]), cross(omega, r))
             acceleration = _point_acceleration(r, omega, vec3(dv[up]), alpha)
             pose = multiply(
@@ -422,10 +430,11 @@ def _inertial_wrench(tree: Tree, b: int, bodies: _Bodies, gravity: Vec3) -> tupl
     M, inertia, omega, alpha = mat3(bodies.R[b]), mat3(tree.inertia[b]), vec3(bodies.w[b]), vec3(bodies.dw[b])
     arm = matvec(M, vec3(tree.com[b]))
     force = times(tree.mass[b], minus(_point_acceleration(arm, omega, vec3(bodies.dv[b]), alpha), gravity))
-    back = transposed(M)
-    rate_in_body = matvec(back, omega)
-    spin = plus(matvec(inertia, matvec(back, alpha)), cross(rate_in_body, matvec(inertia, rate_in_body)))
-    return force, plus(cross(arm, force), matvec(M, spin)), arm
+    to_body = transposed(M)
+    rate_in_body = matvec(to_body, omega)
+    # rate of the angular momentum about the centre of mass, in the body's axes: I ω̇ + ω × I ω
+    momentum_rate = plus(matvec(inertia, matvec(to_body, alpha)), cross(rate_in_body, matvec(inertia, rate_in_body)))
+    return force, plus(cross(arm, force), matvec(M, momentum_rate)), arm
 
 
 @numba.njit(**INNER_KERNEL)
@@ -440,7 +449,7 @@ def _world_inertia(tree: Tree, b: int, R: Array, arm: Vec3, out: Array) -> None:
         out: (3, 3) output.
     """
     M, inertia, mass = mat3(R[b]), mat3(tree.inertia[b]), tree.mass[b]
-    for k in range(3):
+    for k in range(3):  # row k is column k, because the matrix is symmetric: R I times row k of R, minus m arm_k arm
         store_vec3(minus(matvec(M, matvec(inertia, vec3(R[b, k]))), times(mass * arm[k], arm)), out[k])
         out[k, k] += mass * dot(arm, arm)
 
@@ -460,9 +469,10 @@ def _add_to_carrier(inertia: Array, first: Vec3, mass: float, d: Vec3, to_inerti
         to_inertia: (3, 3) inertia of the carrier, which is added to.
         to_first: (3,) first moment of the carrier, which is added to.
     """
-    first_about_carrier = plus(first, times(mass, d))  # its first moment about the carrier
+    first_about_carrier = plus(first, times(mass, d))  # h'
     for k in range(3):
-        cut = plus(times(d[k], first_about_carrier), times(first[k], d))
-        store_vec3(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), cut)), to_inertia[k])
+        # row k of d h'ᵀ + h dᵀ; the diagonal gets d·h' + d·h below
+        outer_row = plus(times(d[k], first_about_carrier), times(first[k], d))
+        store_vec3(plus(vec3(to_inertia[k]), minus(vec3(inertia[k]), outer_row)), to_inertia[k])
         to_inertia[k, k] += dot(d, first_about_carrier) + dot(d, first)
     store_vec3(plus(vec3(to_first), first_about_carrier), to_first)

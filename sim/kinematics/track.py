@@ -29,7 +29,7 @@ from stridetwin.streams.samples import Array
 _entry_kernel = entry_kernel(__file__)
 
 _Columns = tuple[Array, Array, Array, Array]
-"""Position, attitude, velocity and rate, as in `Track`."""
+"""Position (N, 3), attitude (N, 4), velocity (N, 3) and rate (N, 3) of a frame, with the units of `Track`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +54,8 @@ class Track:
         return len(self.t_ns)
 
     def __getitem__(self, rows: slice | NDArray[np.integer]) -> Track:
-        """Track of some of the instants: a slice, or increasing numbers."""
+        """Track of some of the instants: a slice, or increasing row numbers."""
+        # every field has one row per instant
         return Track(**{name: values[rows] for name, values in vars(self).items()})
 
     def append_track(self, after: Track) -> Track:
@@ -96,7 +97,7 @@ class Track:
 
     @property
     def _columns(self) -> _Columns:
-        """Position, attitude, velocity and rate as contiguous arrays for compiled code."""
+        """(N, 3) position, (N, 4) attitude, (N, 3) velocity and (N, 3) rate, contiguous for compiled code."""
         p, v = np.ascontiguousarray(self.p_body_in_world), np.ascontiguousarray(self.v_body_in_world)
         return p, np.ascontiguousarray(self.q_world_body), v, np.ascontiguousarray(self.w_body)
 
@@ -114,7 +115,9 @@ class Track:
 
 @_entry_kernel
 def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lever: Array) -> _Columns:
-    """Columns of a frame that is rigidly mounted on a body: p + R l, q ⊗ q_bs, v + R (ω × l), and R_bsᵀ ω.
+    """Position, attitude, velocity and rate of a frame that is rigidly mounted on a body.
+
+    They are p + R l, q ⊗ q_bs, v + R (ω × l), and R_bsᵀ ω.
 
     Args:
         p: (N, 3) m, position of the body in the world.
@@ -127,13 +130,13 @@ def _to_sensor(p: Array, q: Array, v: Array, w: Array, q_body_sensor: Array, lev
     n = len(p)
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     arm, mount = vec3(lever), quaternion(q_body_sensor)
-    back = inverse(mount)
+    to_sensor = inverse(mount)
     for i in range(len(p)):
         attitude, rate = quaternion(q[i]), vec3(w[i])
         store_vec3(plus(vec3(p[i]), apply(attitude, arm)), p_out[i])
         store_quaternion(multiply(attitude, mount), q_out[i])
         store_vec3(plus(vec3(v[i]), apply(attitude, cross(rate, arm))), v_out[i])
-        store_vec3(apply(back, rate), w_out[i])
+        store_vec3(apply(to_sensor, rate), w_out[i])
     return p_out, q_out, v_out, w_out
 
 
@@ -149,7 +152,7 @@ def _displace(
     velocity: Array,
     rotation_rate: Array,
 ) -> _Columns:
-    """Columns of a frame with a small motion relative to the body (`Track.displace`).
+    """Position, attitude, velocity and rate of a frame with a small motion relative to a body (`Track.displace`).
 
     Let φ be the rotation vector, E = Exp(φ), c the pivot and d the translation. The frame's origin is at
     r = c + d − E c in the body. Its relative rate is u = J_r(φ) φ̇, with the right Jacobian to second order. So the
@@ -171,16 +174,16 @@ def _displace(
     p_out, q_out, v_out, w_out = np.empty((n, 3)), np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     centre = vec3(pivot)
     for i in range(len(p)):
-        attitude, rate, phi, changing = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])
-        relative_rotation = exp(phi)
-        arm = apply(relative_rotation, centre)
-        # right Jacobian of SO(3) to second order, in the displaced frame's axes
-        once = cross(phi, changing)
-        relative = plus(minus(changing, times(0.5, once)), times(1.0 / 6.0, cross(phi, once)))
-        origin = minus(plus(centre, vec3(translation[i])), arm)
-        moving = minus(plus(cross(rate, origin), vec3(velocity[i])), apply(relative_rotation, cross(relative, centre)))
-        store_vec3(plus(vec3(p[i]), apply(attitude, origin)), p_out[i])
-        store_quaternion(multiply(attitude, relative_rotation), q_out[i])
-        store_vec3(plus(vec3(v[i]), apply(attitude, moving)), v_out[i])
-        store_vec3(plus(apply(inverse(relative_rotation), rate), relative), w_out[i])
+        attitude, rate, phi, phi_rate = quaternion(q[i]), vec3(w[i]), vec3(rotation[i]), vec3(rotation_rate[i])
+        E = exp(phi)
+        # u: right Jacobian of SO(3) to second order times φ̇, in the displaced frame's axes
+        phi_cross_rate = cross(phi, phi_rate)
+        u = plus(minus(phi_rate, times(0.5, phi_cross_rate)), times(1.0 / 6.0, cross(phi, phi_cross_rate)))
+        r = minus(plus(centre, vec3(translation[i])), apply(E, centre))
+        # velocity of the frame's origin relative to the body's, in the body's axes
+        r_velocity = minus(plus(cross(rate, r), vec3(velocity[i])), apply(E, cross(u, centre)))
+        store_vec3(plus(vec3(p[i]), apply(attitude, r)), p_out[i])
+        store_quaternion(multiply(attitude, E), q_out[i])
+        store_vec3(plus(vec3(v[i]), apply(attitude, r_velocity)), v_out[i])
+        store_vec3(plus(apply(inverse(E), rate), u), w_out[i])
     return p_out, q_out, v_out, w_out

@@ -115,7 +115,7 @@ def _field(entry: Figure, default: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
-D = TypeVar("D")
+D = TypeVar("D")  # a dataclass
 
 
 def make_ideal(part: D) -> D:
@@ -126,6 +126,7 @@ def make_ideal(part: D) -> D:
     """
     changes: dict[str, Any] = {}
     for entry in dataclasses.fields(part):  # type: ignore[arg-type]
+        # metadata[FIGURE] is the `Figure` of a field that is a figure
         value = getattr(part, entry.name)
         if dataclasses.is_dataclass(value):
             changes[entry.name] = make_ideal(value)

@@ -21,7 +21,7 @@ def load_part(name: str) -> Part:
     Raises:
         ConfigError: Unknown part; the message lists the known ones.
     """
-    known, plain = part_files(), name.removesuffix(IDEAL)
+    known, plain = part_files(), name.removesuffix(IDEAL)  # paths by name, and the name without suffix
     if plain not in known:
         raise ConfigError("parts", "name", name, f"{', '.join(known)}, each with or without {IDEAL}")
     named_part = read_part(known[plain])
@@ -42,8 +42,8 @@ def read_part(path: Path) -> Part:
 
 
 def kind_of(of: Part) -> str:
-    """The kind of a part as named in its file."""
-    return next(name for name, kind in PART_CLASSES.items() if type(of) is kind)
+    """The kind of a part as its file names it, such as `imu` for an `ImuPart`."""
+    return next(name for name, part_class in PART_CLASSES.items() if type(of) is part_class)
 
 
 @cache
@@ -66,5 +66,6 @@ def _find_described_part(text: str) -> Part | None:
     plain = text.replace("-", " ")  # descriptions may write a name with spaces
     parts = [load_part(name) for name in part_files()]
     named = [p for p in parts if p.name.replace("-", " ") in plain]
-    same = [p for p in parts if p.description == text]
-    return next(iter(same), max(named, key=lambda p: len(p.name), default=None))
+    described = [p for p in parts if p.description == text]
+    longest_named = max(named, key=lambda p: len(p.name), default=None)
+    return next(iter(described), longest_named)

@@ -21,7 +21,8 @@ from stridetwin.streams.rig import CameraCalibration, Rig
 
 Parameters = dict[str, Any]
 _TYPICAL_LOAD_N = 100.0  # of a cell under a foot
-_BITS_WITHOUT_COUNTING = 32
+_BITS_WITHOUT_COUNTING = 32  # of an ideal encoder, whose file has 0
+# errors that `_miscalibrate` draws
 _DRAWN = ("rotation", "position", "intrinsics", "offset", "readout")
 
 
@@ -54,6 +55,7 @@ def nominal_rig(rig: Rig, sd: Iterable[tuple[str, CalibrationSd]], seed: int) ->
         sd: Topics of the cameras, and the accuracy of each calibration.
         seed: Of the walk.
     """
+    # calibrations with errors, of the cameras that have any
     miscalibrated = {
         topic: _miscalibrate(rig.cameras[topic], sd_of_camera, seed)
         for topic, sd_of_camera in sd
@@ -81,7 +83,7 @@ def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> Ca
     from scipy.spatial.transform import Rotation  # imported late, so that a scenario is read without it
 
     draw = {name: _noise(camera.topic, name, seed) for name in _DRAWN}
-    error = np.eye(4)
+    error = np.eye(4)  # from the true to the nominal mount, in the camera's axes
     error[:3, :3] = Rotation.from_rotvec(draw["rotation"].normal(sd.rotation_rad, 3)).as_matrix()
     error[:3, 3] = draw["position"].normal(sd.position_m, 3)
     fu, fv, pu, pv = (np.array(camera.intrinsics) * (1.0 + draw["intrinsics"].normal(sd.intrinsics, 4))).tolist()
@@ -95,11 +97,11 @@ def _miscalibrate(camera: CameraCalibration, sd: CalibrationSd, seed: int) -> Ca
 
 
 def _noise(topic: str, what: str, seed: int) -> Noise:
-    """Noise of one quantity of a camera's calibration in the walk of a seed."""
+    """Random numbers for one quantity `what` of the calibration of the camera on a topic, in the walk of a seed."""
     return Noise.of_topic(seed, f"{topic}#calibration of {what}")
 
 
-def _sonar(part: SonarPart) -> Parameters:
+def _sonar_parameters(part: SonarPart) -> Parameters:
     """Parameters of a sonar: its range and the SD of a reading, with the rounding to steps.
 
     A uniform error of one step has the SD step / √12.
@@ -113,8 +115,11 @@ def _sonar(part: SonarPart) -> Parameters:
     }
 
 
-def _ahrs(part: AhrsPart) -> Parameters:
-    """Parameters of an AHRS: SDs of tilt, heading and rates."""
+def _ahrs_parameters(part: AhrsPart) -> Parameters:
+    """Parameters of an AHRS: SDs of tilt, heading and rates, and the largest drift of the heading.
+
+    The SD of the bias of a rate combines its constant and its varying part.
+    """
     return {
         "tilt_sd_rad": part.tilt_moving,
         "tilt_bias_sd_rad": part.tilt_bias,
@@ -125,7 +130,7 @@ def _ahrs(part: AhrsPart) -> Parameters:
     }
 
 
-def _encoder(part: EncoderPart) -> Parameters:
+def _encoder_parameters(part: EncoderPart) -> Parameters:
     """Parameters of an encoder: counts per turn, and the SD of its angle.
 
     The nonlinearity is the amplitude of a sine, whose SD is the amplitude / √2.
@@ -136,8 +141,8 @@ def _encoder(part: EncoderPart) -> Parameters:
     }
 
 
-def _insole(part: ForceCellPart) -> Parameters:
-    """Parameters of a force cell under a foot: its range and the SD at a typical load."""
+def _insole_parameters(part: ForceCellPart) -> Parameters:
+    """Parameters of a force cell under a foot: the SD at a typical load, its range, and the cut-off of its filter."""
     return {
         "force_sd_n": math.hypot(part.noise, part.gain * _TYPICAL_LOAD_N),
         "force_max_n": part.range,
@@ -145,22 +150,22 @@ def _insole(part: ForceCellPart) -> Parameters:
     }
 
 
-def _interaction(part: ForceCellPart) -> Parameters:
+def _interaction_parameters(part: ForceCellPart) -> Parameters:
     """Parameters of a force-cell pair in a cuff: those of its cells, and their preload."""
-    return _insole(part) | {"preload_n": part.preload}
+    return _insole_parameters(part) | {"preload_n": part.preload}
 
 
-def _actuator(part: ActuatorPart) -> Parameters:
+def _actuator_parameters(part: ActuatorPart) -> Parameters:
     """Parameters of an actuation module: SDs of torque and speed."""
     return {"torque_sd_nm": part.torque_noise, "speed_sd_radps": part.speed_noise}
 
 
 NOMINAL: dict[str, Callable[[Any], Parameters]] = {
-    "range": _sonar,
-    "ahrs": _ahrs,
-    "encoder": _encoder,
-    "insole": _insole,
-    "interaction": _interaction,
-    "actuator": _actuator,
+    "range": _sonar_parameters,
+    "ahrs": _ahrs_parameters,
+    "encoder": _encoder_parameters,
+    "insole": _insole_parameters,
+    "interaction": _interaction_parameters,
+    "actuator": _actuator_parameters,
 }
 """Parameters of a sensor without a Kalibr section, from the figures of its part, by kind of `rig.OtherSensor`."""

@@ -19,8 +19,8 @@ from stridetwin.streams.fields import FileModel, Number, OneKind, OneOf, Unit, f
 from stridetwin.streams.validation import validate
 from stridetwin.streams.yaml_file import read_yaml
 
-_SOURCED = ("value", "source")
-D = TypeVar("D")
+_SOURCED = ("value", "source")  # keys of a figure that is written with its source
+D = TypeVar("D")  # a dataclass of figures
 
 
 def _figure_type(entry: Figure) -> Any:
@@ -66,13 +66,14 @@ def file_model(kind: type) -> type[BaseModel]:
     Args:
         kind: Dataclass whose fields are made by `figure`, `numbers` or `word`, or are such dataclasses, or plain text.
     """
-    hints, model_fields = get_type_hints(kind), dict[str, Any]()
+    hints, model_fields = get_type_hints(kind), dict[str, Any]()  # types, and (type, field) pairs, by attribute
     for entry in dataclasses.fields(kind):
-        if entry.name == "name":  # of the part: the file's
+        if entry.name == "name":  # of the part: it is the name of the file
             continue
         if FIGURE in entry.metadata:
             field_type = _figure_type(entry.metadata[FIGURE])
         else:
+            # a dataclass inside, or another type as it is
             field_type = (
                 file_model(hints[entry.name]) if dataclasses.is_dataclass(hints[entry.name]) else hints[entry.name]
             )
@@ -83,7 +84,7 @@ def file_model(kind: type) -> type[BaseModel]:
 
 
 def _file_field(entry: dataclasses.Field[Any]) -> Any:
-    """Field of the file model, with the name in the file and the default value."""
+    """Field of the file model, with the name in the file and the default value; `...` stands for a required key."""
     default = ... if entry.default is dataclasses.MISSING else entry.default
     return Field(default, alias=entry.metadata[FIGURE].key) if FIGURE in entry.metadata else Field(default)
 
@@ -108,8 +109,15 @@ PartFile = Annotated[Any, OneKind({name: file_model(kind) for name, kind in PART
 
 
 def read_part_file(path: Path) -> Part:
-    """The part in a file, with the errors of `library.read_part`."""
+    """The part that a file describes, named after the file.
+
+    Raises:
+        ConfigError: Unknown or missing keys, an unknown kind, or an invalid value; the message names file, key, value
+            and what is valid.
+        StrideTwinError: The file cannot be read or is not YAML.
+    """
     read = validate(PartFile, read_yaml(path), path)
+    # class of the part by the model that has read it
     models = {file_model(kind): kind for kind in PART_CLASSES.values()}  # type: ignore[arg-type]  # they are hashable
     part_class = models[type(read)]
     return build_part(part_class, read, name=path.stem)

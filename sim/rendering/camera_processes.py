@@ -37,10 +37,10 @@ from stridetwin.streams.errors import StrideTwinError
 from stridetwin.streams.samples import Array, Depth, Image
 
 PROCESSES = 2
-_PIPE_BYTES = 1 << 20
+_PIPE_BYTES = 1 << 20  # size of a pipe's buffer
 _DRAWING = {"GALLIVM_PERF": "brilinear,rho_approx"}  # llvmpipe: textures in two thirds of the time, alike to the eye
 _BATCH = 6  # frames that a process renders between two requests
-_BATCHES = 16  # in progress or waiting to be taken
+_BATCHES = 16  # batches that are in progress or waiting to be taken
 _Poses = tuple[list[FrameRequest], Array, dict[str, Array]]
 """What a process needs for a batch: the frames, MuJoCo's coordinates at each, and the pose of each shoe's upper."""
 
@@ -68,8 +68,10 @@ class CameraProcesses:
     ) -> None:
         """Starts the processes; the scene is sent to each before its first batch."""
         self._cameras = list(sensor_rig.rig.cameras.values())
+        # by topic of the camera: the board that it sees, or None
         self._boards = {c.topic: board_seen_by(sensor_rig, c.topic) for c in self._cameras}
         count = (processes or PROCESSES) if self._cameras else 0
+        # arguments of `Cameras` for the processes
         scene = pickle.dumps((model, sensor_rig, crowd, seed, mount_slips), protocol=5) if count else b""
         self._workers = [_Worker(scene) for _ in range(count)]
         self._idle: SimpleQueue[_Worker] = SimpleQueue()
@@ -85,6 +87,7 @@ class CameraProcesses:
             for c in self._cameras
             if has_auto_exposure(sensor_rig, c.topic)
         }
+        # by topic: stamps of the camera's clock
         self._stamps = {
             c.topic: Stamps(sensor_rig.sensors[c.topic].clock, c.rate_hz, Noise.of_topic(seed, f"{c.topic}#clock"))
             for c in self._cameras
@@ -112,6 +115,7 @@ class CameraProcesses:
             t_ns = instants(camera.rate_hz, after_ns, until_ns)
             stamped = zip(t_ns.tolist(), self._stamps[camera.topic].stamp(t_ns).tolist())
             stamps |= {(topic, t): stamp for t, stamp in stamped for topic in (camera.topic, camera.depth_topic)}
+            # (N, 2, 6) velocities of the bodies that carry the camera and the board; 0 without a board
             board = self._boards[camera.topic]
             twist = np.zeros((len(t_ns), 2, 6))
             for i, body in enumerate([camera.mount.body, *([board.mount.body] if board else [])]):
@@ -119,7 +123,7 @@ class CameraProcesses:
                 twist[:, i] = np.hstack([track.v_body_in_world, track.w_body])
             due += [FrameRequest(t_ns=t, topic=camera.topic, twist=w) for t, w in zip(t_ns.tolist(), twist)]
         due.sort(key=lambda item: item.t_ns)
-        images = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}
+        images = {camera.topic: 2 if camera.depth_topic else 1 for camera in self._cameras}  # per frame, by topic
         batches = [due[i : i + _BATCH] for i in range(0, len(due), _BATCH)]
         for batch in batches:
             rows = motion.rows(np.array([item.t_ns for item in batch], np.int64))
@@ -153,11 +157,11 @@ class CameraProcesses:
             self._submit()
             for image in rendered:
                 stamp = stamps[image.topic, image.t_ns]
-                if isinstance(image, Patch):
+                if isinstance(image, Patch):  # the rendered part of an otherwise empty image
                     image = image.image()
                 if isinstance(image, Image) and image.topic in self._sensors:
                     image = replace(image, pixels=self._sensors[image.topic].expose(image.t_ns, image.pixels))
-                if stamp >= 0:
+                if stamp >= 0:  # an image whose stamp is the true time needs no copy
                     yield image if stamp == image.t_ns else replace(image, t_ns=stamp)
 
     def __enter__(self) -> Self:
@@ -166,7 +170,7 @@ class CameraProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for worker in self._workers:
+        for worker in self._workers:  # a thread that waits for a process then fails, so that the pool can end
             worker.stop()
         self._threads.shutdown(cancel_futures=True)
         for worker in self._workers:
@@ -205,7 +209,7 @@ class _Worker:
             StrideTwinError: The process has ended.
         """
         try:
-            self._requests.write(self._scene)  # before the first batch
+            self._requests.write(self._scene)  # before the first batch; empty afterwards
             self._scene = b""
             pickle.dump(poses, self._requests, protocol=5)
             self._requests.flush()

@@ -27,12 +27,13 @@ from stridetwin.sim.world.bystanders import Crowd, pose_crowd
 from stridetwin.streams.rig import Board, CameraCalibration
 from stridetwin.streams.samples import Array, Depth, Image
 
+# (8, 3) m, corners of a box around a board, in the board's frame
 _AROUND_BOARD = np.array([[x, y, z] for x in (-0.024, 0.024) for y in (-0.032, 0.032) for z in (-0.003, 0.0)])
 _MARGIN_PX = 16  # around a board that is rendered alone
 _EDGE_ON = 0.2  # cosine of the view onto a board, below which only its position matters for motion blur
 _LEAST_M = 0.03  # least distance of a board that counts as visible
 _FAR_M = 10.0  # assumed distance of a scene without depth, for motion blur
-_NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])
+_NOTHING, _AHEAD = np.zeros(3), np.array([0.0, 0.0, 1.0])  # no velocity, and the viewing direction in optical axes
 _SURROUNDINGS_M = 0.5  # assumed distance from a shoe's camera to everything but the board, for motion blur
 
 
@@ -217,6 +218,7 @@ class _Camera:
         # None with automatic exposure: such images are exposed elsewhere, in order of time
         self._sensor = None if has_auto_exposure(sensor_rig, topic) else make_image_sensor(sensor_rig, topic, seed)
         self.lens = RenderedLens(calibration)
+        # camera matrix of the pinhole image
         self._K = np.array([[self.lens.intrinsics[0], 0, self.lens.intrinsics[2]],
                             [0, self.lens.intrinsics[1], self.lens.intrinsics[3]], [0, 0, 1.0]])  # fmt: skip
         # whether only the board and its surroundings are rendered
@@ -228,6 +230,7 @@ class _Camera:
             fu, _, pu, pv = calibration.intrinsics
             noise = Noise.of_topic(seed, calibration.depth_topic)
             self._depth = DepthModel((calibration.height, calibration.width), fu, (pu, pv), part.depth, noise)
+            # measured over true depth, without noise
             self._scale = np.float32(depth_scale(topic, mounted.sensor_config.calibration_sd, seed))
 
     def render(
@@ -254,16 +257,20 @@ class _Camera:
             rgb, depth = view.frame(data, T_world_camera, self.lens.intrinsics, size)
             away = _median_depth(depth)
         clean = self._to_sensor_colours(rgb)
-        swept = self._apply_motion(clean, self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away))
+        # the scene does not move: its motion in the image is that of the camera
+        sweep = self._sweep(data, due, T_world_camera, _NOTHING, _NOTHING, _AHEAD, away)
+        swept = self._apply_motion(clean, sweep)
         if board is not None:  # it moves differently from the ground
             rows, columns = board.box
             part_pixels = np.ascontiguousarray(clean[board.box])
-            swept = swept.copy() if swept is clean else swept
+            swept = swept.copy() if swept is clean else swept  # `clean` must stay as it is
             swept[board.box] = self._apply_motion(part_pixels, board.sweep.crop(rows.start, columns.start))
         yield Image(topic=due.topic, t_ns=due.t_ns, pixels=self._expose(due.t_ns, self.lens.distort(swept)))
         if self._depth is not None:
+            # brightness of the surfaces: the green channel
             grey = rgb[..., 1] if self.lens.straight else self.lens.distort(np.ascontiguousarray(rgb[..., 1]))
-            measured = self._depth.image(due.t_ns, self._scale * self.lens.distort(depth, cv2.INTER_NEAREST), grey)
+            scaled = self._scale * self.lens.distort(depth, cv2.INTER_NEAREST)
+            measured = self._depth.image(due.t_ns, scaled, grey)
             yield Depth(topic=self._calibration.depth_topic, t_ns=due.t_ns, depth=measured)
 
     def _to_sensor_colours(self, rgb: Pixels) -> Pixels:
@@ -281,14 +288,18 @@ class _Camera:
         """Patch with the board on the other shoe and its surroundings; without pixels if no board is visible."""
         pixels, row, column = np.zeros((0, 0), np.uint8), 0, 0
         if board is not None:
-            row, column = board.box[0].start, board.box[1].start
+            row, column = board.box[0].start, board.box[1].start  # upper left pixel of the part
             clean = self._to_sensor_colours(view.crop(data, T_world_camera, self.lens.intrinsics, *board.box))
             pixels = self._expose(due.t_ns, self._apply_motion(clean, board.sweep.crop(row, column)), row, column)
         shape = (self._calibration.height, self._calibration.width)
         return Patch(topic=due.topic, t_ns=due.t_ns, shape=shape, pixels=pixels, row=row, column=column)
 
     def _expose(self, t_ns: int, clean: Pixels, row: int = 0, column: int = 0) -> Pixels:
-        """Grey values or colours of a part of the image at a pixel; unchanged with automatic exposure."""
+        """Grey values or colours that the image sensor measures, for a part of the image with noise-free levels.
+
+        `row` and `column` are the upper left pixel of that part. Levels of a camera with automatic exposure come back
+        unchanged, because they are exposed elsewhere, in order of time.
+        """
         return clean if self._sensor is None else self._sensor.expose(t_ns, clean, row, column)
 
     def _apply_motion(self, clean: Pixels, sweep: Sweep) -> Pixels:
@@ -315,22 +326,23 @@ class _Camera:
         if points[:, 2].min() < _LEAST_M:
             return None  # behind the camera or too close
         pixels = points @ self._K.T
-        uv = pixels[:, :2] / pixels[:, 2:]
+        uv = pixels[:, :2] / pixels[:, 2:]  # (8, 2) column and row of each corner
         low, high = uv.min(axis=0), uv.max(axis=0)
         size = np.array([self.lens.width, self.lens.height])
         if np.any(high < 0) or np.any(low > size):
-            return None
+            return None  # beside the image
         away = float(normal @ centre)
         if abs(away) < _EDGE_ON * centre[2]:  # seen edge-on: only its position matters
             normal, away = _AHEAD, float(centre[2])
         # motion of the board's plane where the camera is
         v, w = _point_velocity(data, self._board.mount.body, due.twist[1], T_world_camera[:3, 3])
         sweep = self._sweep(data, due, T_world_camera, v, w, normal, away)
+        # pixels around the board: a margin, and its way in the exposure time
         margin = _MARGIN_PX + sweep.path_px(self._imager.exposure_s, *((low + high) / 2))
         left, top = np.maximum(np.floor(low - margin), 0).astype(int).tolist()
         right, bottom = np.minimum(np.ceil(high + margin), size).astype(int).tolist()
         if right - left < 2 or bottom - top < 2:
-            return None
+            return None  # only its edge is in the image
         return _VisibleBoard(box=(slice(top, bottom), slice(left, right)), sweep=sweep)
 
     def _sweep(
@@ -355,7 +367,7 @@ class _Camera:
             away_m: Distance of the plane along its normal, m, signed.
         """
         camera_v, camera_w = _point_velocity(data, self._calibration.mount.body, due.twist[0], T_world_camera[:3, 3])
-        R = T_world_camera[:3, :3].T
+        R = T_world_camera[:3, :3].T  # world to camera
         return Sweep(K=self._K, normal=normal, distance=away_m, velocity=R @ (v - camera_v), rate=R @ (w - camera_w))
 
 
@@ -369,14 +381,15 @@ def _point_velocity(data: mujoco.MjData, name: str, twist: Array, point: Array) 
         point: (3,) m in the world.
     """
     body = data.body(UPPERS.get(name, name))
-    w = body.xmat.reshape(3, 3) @ twist[3:]
+    w = body.xmat.reshape(3, 3) @ twist[3:]  # in world axes
     x, y, z = point - body.xpos
+    # velocity of the origin, plus w × arm
     return twist[:3] + [w[1] * z - w[2] * y, w[2] * x - w[0] * z, w[0] * y - w[1] * x], w
 
 
 def _median_depth(depth: NDArray[np.float32]) -> float:
     """Median of the depths of every 16th pixel that sees a surface, m; `_FAR_M` if none does."""
     depths = np.sort(depth[::16, ::16], axis=None)
-    visible = depths[np.searchsorted(depths, 0.0, "right") :]
+    visible = depths[np.searchsorted(depths, 0.0, "right") :]  # without the zeros, which stand for no surface
     half = len(visible) // 2
     return float((visible[half] + visible[-half - 1]) / 2) if len(visible) else _FAR_M

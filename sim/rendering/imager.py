@@ -23,7 +23,7 @@ BLANK = 96
 """Grey value of pixels that are not rendered."""
 _TARGET = 0.45  # target of automatic exposure: mean grey value over white, that of typical cameras
 _GAINS = (0.25, 64.0)  # of automatic exposure relative to the nominal one, smallest and largest
-NumberT = TypeVar("NumberT", np.uint8, np.float32)
+NumberT = TypeVar("NumberT", np.uint8, np.float32)  # type of a pixel: brightness or depth
 
 
 class ImageSensor:
@@ -52,7 +52,8 @@ class ImageSensor:
         self._variance = np.zeros(2, np.float32)
         if self._noisy:
             self._bank[:] = noise.normal(1.0, self._bank.shape)
-            # Variance of a clean level, in levels before the gain: a per level, and b in the dark.
+            # variance of a clean level, in squared levels before the gain: its growth per level, and its value in the
+            # dark
             per_electron = 255 / (imager.full_well * light)
             self._variance[:] = per_electron, (per_electron * imager.read_noise) ** 2
         # Light falls off with the fourth power of the cosine, to 1 - vignetting in the corners: 1 / (1 + tan²)²
@@ -80,12 +81,14 @@ class ImageSensor:
             return clean
         # another crop of the noise bank for each image
         down, right = self._noise.at(t_ns).integers((SPARE, SPARE)) if self._noisy else (0, 0)
-        each, (height, width) = self._channels, clean.shape[:2]
+        channels, (height, width) = self._channels, clean.shape[:2]
+        # squared tangents of the rows and columns of this part
         rows, columns = self._tan2[0][row : row + height], self._tan2[1][column : column + width]
-        levels = np.ascontiguousarray(clean).reshape(height, each * width)
-        start = (row + down, each * (column + right))
+        # the channels of a pixel lie side by side, as columns of their own
+        levels = np.ascontiguousarray(clean).reshape(height, channels * width)
+        start = (row + down, channels * (column + right))
         measured = _measure_levels(
-            levels, rows, np.repeat(columns, each), self._bank, start, self._variance, np.float32(gain)
+            levels, rows, np.repeat(columns, channels), self._bank, start, self._variance, np.float32(gain)
         )
         return measured.reshape(clean.shape)
 
@@ -99,11 +102,13 @@ class ImageSensor:
             t_ns: Time of the image.
             clean: (h, w, ...) noise-free levels.
         """
-        lag = self._imager.auto_exposure_s
+        lag = self._imager.auto_exposure_s  # s, time constant
         if not lag:
             return 1.0
+        # mean over white of a few pixels of the image, at nominal gain; not 0 for a black image
         small = cv2.resize(clean, (40, 30), interpolation=cv2.INTER_NEAREST)
         mean = max(float(np.mean(small)), 1.0) / 255 * self._light
+        # the first image has the wanted gain itself
         wanted_gain = min(max(_TARGET / mean, _GAINS[0]), _GAINS[1])
         gain = wanted_gain if self._gain is None else self._gain
         kept_share = math.exp(-(t_ns - self._before_ns) * 1e-9 / lag)
@@ -138,6 +143,7 @@ def _measure_levels(
     of_light, in_dark = variance
     top, left = start
     for i in range(levels.shape[0]):
+        # one row: clean levels, unit deviates, and output
         clean, noise, row = levels[i], bank[top + i, left : left + levels.shape[1]], measured[i]
         for j in range(levels.shape[1]):
             level, spread = np.float32(clean[j]), one + tan2_rows[i] + tan2_columns[j]
@@ -174,6 +180,7 @@ class RenderedLens:
             return
         fu, fv, pu, pv = calibration.intrinsics
         rays = _rays(calibration)
+        # (H, W) column and row at which the pinhole camera with these intrinsics sees the ray of each pixel
         u, v = fu * rays[..., 0] + pu, fv * rays[..., 1] + pv
         left, right = math.floor(u.min()) - 1, math.ceil(u.max()) + 1
         top, bottom = math.floor(v.min()) - 1, math.ceil(v.max()) + 1
@@ -191,7 +198,7 @@ class RenderedLens:
 
 
 def _rays(calibration: CameraCalibration) -> Array:
-    """(H, W, 2) x/z and y/z of the ray of each pixel."""
+    """(H, W, 2) x/z and y/z of the ray of each pixel, optical axes; the distortion of the lens is undone."""
     v, u = np.mgrid[: calibration.height, : calibration.width].astype(float)
     points, d = np.stack([u, v], axis=-1).reshape(-1, 1, 2), np.array(calibration.distortion)
     undistorted = cv2.undistortPoints if calibration.distortion_model == "radtan" else cv2.fisheye.undistortPoints

@@ -27,21 +27,19 @@ from stridetwin.streams.compiled import entry_kernel
 from stridetwin.streams.rig import Mount
 from stridetwin.streams.samples import Array
 
-NEAR_M = 0.02
-FAR_M = 200.0
+NEAR_M = 0.02  # distance of the near plane of a view
+FAR_M = 200.0  # distance of the far plane
 SEEN_M = 50.0  # largest depth
 _MAX_GEOMS = 2000
 _GROUND_M = 81 * PERIOD_M  # half an edge of the rendered ground; odd, otherwise its texture is half a period off
 _FILM_GROUND_M = 2001 * PERIOD_M  # likewise in a film, which has no haze: its edge is at the horizon
 _FILM_SCALE = 1.5  # rendered pixels per pixel of a film, along each axis, for smooth edges
 _HIDDEN_GROUP = 5  # of geoms; not rendered by default
-_OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])
+_OPTICAL_MUJOCO = np.diag([1.0, -1.0, -1.0, 1.0])  # (4, 4) between optical axes and those of a camera in MuJoCo
 
-# The sky's colours by the sine of the elevation, the faces of MuJoCo's sky box, and the edge of its endless planes as a
-# share of the far plane's distance.
-_LEVELS = 2048
-_SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3
-_EDGE = math.sqrt(0.5)
+_LEVELS = 2048  # number of the sky's colours, evenly over the sine of the elevation
+_SIDES, _UP, _DOWN = (0, 1, 4, 5), 2, 3  # faces of MuJoCo's sky box
+_EDGE = math.sqrt(0.5)  # edge of MuJoCo's endless planes, as a share of the far plane's distance
 
 Rgb = NDArray[np.uint8]
 DepthImage = NDArray[np.float32]
@@ -95,6 +93,7 @@ class _OffScreen:
         with _temporary_quality(model, width, height, quality):
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        # the z-buffer is read with 0 at the far plane
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR.value
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self.scene = mujoco.MjvScene(model, _MAX_GEOMS)
@@ -150,7 +149,7 @@ class SensorView(_OffScreen):
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int, *, shadows: bool = False) -> None:
         """Creates the context with bounded planes, and reads the sky from the model."""
-        self._endless, self._shadows = _endless_planes(model), shadows
+        self._endless, self._shadows = _endless_planes(model), shadows  # geoms that are drawn bounded
         with _bound_planes(model, self._endless, _GROUND_M):
             super().__init__(model, width, height, _SHADED_SENSOR if shadows else _SENSOR)
         self._anywhere = mujoco.MjvCamera()  # only for `update`; `_place_camera` then sets the pose itself
@@ -253,7 +252,7 @@ class SensorView(_OffScreen):
             height: Of the image, pixels.
             hidden: Geom that is left out, such as a pane of glass.
         """
-        shown = self.model.geom_group.copy()
+        shown = self.model.geom_group.copy()  # to restore the groups afterwards
         if hidden is not None:
             self.model.geom_group[hidden] = _HIDDEN_GROUP
         if not self._shadows:  # what is out of view may cast a shadow into it
@@ -267,7 +266,8 @@ class SensorView(_OffScreen):
         for camera in self.scene.camera:  # the left and the right eye, which a mono view averages
             camera.pos = T_world_mujoco[:3, 3]
             camera.forward, camera.up = -T_world_mujoco[:3, 2], T_world_mujoco[:3, 1]
-            # Image borders lie half a pixel outside the outermost pixel centres.
+            # The borders of the view on the near plane, m from its axis; they lie half a pixel outside the outermost
+            # pixel centres. MuJoCo takes half the width.
             camera.frustum_top = NEAR_M * (pv + 0.5) / fv
             camera.frustum_bottom = NEAR_M * (pv + 0.5 - height) / fv
             camera.frustum_center = NEAR_M * (width / 2 - pu - 0.5) / fu
@@ -286,6 +286,7 @@ class FilmCamera(_OffScreen):
 
     def __init__(self, model: mujoco.MjModel, width: int = 1280, height: int = 720) -> None:
         """Creates a context of `_FILM_SCALE` times the size of the images, which are scaled down."""
+        # endless planes of the model, and (W, H) of the images
         self._endless, self._size = _endless_planes(model), (width, height)
         with _bound_planes(model, self._endless, _FILM_GROUND_M):
             super().__init__(model, round(_FILM_SCALE * width), round(_FILM_SCALE * height), _FILM)
@@ -321,6 +322,7 @@ def mount_pose(data: mujoco.MjData, mount: Mount, T_body_frame: ArrayLike | None
         mount: Its mount.
         T_body_frame: (4, 4) pose on the body of the frame that holds the mount, after slips.
     """
+    # what is mounted on a foot moves with the upper of the shoe
     body, T_world_body = data.body(UPPERS.get(mount.body, mount.body)), np.eye(4)
     T_world_body[:3, :3], T_world_body[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     T_world_frame = T_world_body if T_body_frame is None else T_world_body @ np.asarray(T_body_frame)
@@ -344,10 +346,11 @@ def _bound_planes(
         data: State whose planes are moved, too.
         about: (2,) place in the world at the middle of the planes, rounded to texture periods.
     """
-    sizes = model.geom_size[endless]
+    sizes = model.geom_size[endless]  # half edges x and y, and the spacing of the grid
     model.geom_size[endless] = half_m, half_m, 2 * half_m
     if data is not None:
         places = data.geom_xpos[endless]
+        # whole periods, so that the texture stays where it is in the world
         data.geom_xpos[endless, :2] += PERIOD_M * np.round((about - places[:, :2]) / PERIOD_M)
     try:
         yield
@@ -379,7 +382,7 @@ def _find_geoms_in_view(
         [0.0, 0.0, 1.0],
     ])  # fmt: skip
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    centre = (data.geom_xpos - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+    centre = (data.geom_xpos - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]  # of each geom, camera axes
     reach = np.where(model.geom_rbound > 0, model.geom_rbound, np.inf)  # 0: a plane, which has no end
     return np.asarray(np.all(centre @ inward.T >= -reach[:, None], axis=1))
 
@@ -393,10 +396,10 @@ def _metric_depth(z: DepthImage) -> DepthImage:
     near, far = np.float32(NEAR_M), np.float32(FAR_M)
     depth = np.empty_like(z)
     for i in range(len(z)):
-        row, height = depth[i], z[len(z) - 1 - i]
+        row, z_row = depth[i], z[len(z) - 1 - i]
         for j in range(z.shape[1]):
-            away = near * far / (height[j] * (far - near) + near)
-            row[j] = away if height[j] > 0 else np.float32(np.inf)
+            away = near * far / (z_row[j] * (far - near) + near)
+            row[j] = away if z_row[j] > 0 else np.float32(np.inf)
     return depth
 
 
@@ -415,6 +418,7 @@ def _gl_context(width: int, height: int) -> Any:
 def _temporary_quality(model: mujoco.MjModel, width: int, height: int, quality: _Quality) -> Iterator[None]:
     """Sets image size and quality of the model within a `with` block, and restores them."""
     screen, look = model.vis.global_, model.vis.quality
+    # (part of the model's visual settings, name of a setting, its value within the block)
     values = (
         (screen, "offwidth", width), (screen, "offheight", height), (look, "offsamples", 0),
         (look, "shadowsize", quality.shadow_size), (look, "numslices", quality.slices),
@@ -462,6 +466,7 @@ class _Sky:
         boxes = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
         if not len(boxes):
             return None
+        # edge of a face, pixels, and where the texture begins in the data of all; six square faces of three channels
         width, first = int(model.tex_width[boxes[0]]), int(model.tex_adr[boxes[0]])
         faces = model.tex_data[first : first + 18 * width * width].reshape(6, width, width, 3)
         # sine of the elevation of each pixel of the six faces of the sky box, a cube of half edge 1
@@ -471,9 +476,10 @@ class _Sky:
         rise = np.empty((6, width, width))
         rise[_SIDES, :], rise[_UP], rise[_DOWN] = -row / length, 1 / length, -1 / length
         # mean colour of all pixels of one elevation
-        at, whose = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
-        bands = [np.bincount(whose, faces[..., i].ravel()) / np.bincount(whose) for i in range(3)]
-        colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), at, band) for band in bands], axis=1)
+        sines, sine_of_pixel = np.unique(np.round(rise.ravel(), 6), return_inverse=True)
+        counts = np.bincount(sine_of_pixel)
+        channels = [np.bincount(sine_of_pixel, faces[..., i].ravel()) / counts for i in range(3)]
+        colours = np.stack([np.interp(np.linspace(-1, 1, _LEVELS), sines, channel) for channel in channels], axis=1)
         return cls(
             colours=np.round(colours).astype(np.uint8),
             ground=float(model.geom_pos[_endless_planes(model), 2].max(initial=-np.inf)),
@@ -497,6 +503,7 @@ class _Sky:
             T_world_camera: (4, 4) pose of the optical frame.
             intrinsics: (fu, fv, pu, pv) of the image, pixels.
         """
+        # distance of the ground's edge over the camera's height above the ground; 0 without ground
         steepness = max(self.edge / max(T_world_camera[2, 3] - self.ground, 1e-3), 0.0)
         _paint(
             rgb,
@@ -523,7 +530,7 @@ def _paint(
     share: float,
     haze: Array,
 ) -> None:
-    """Colours the sky and the haze in place; arguments as attributes of `_Sky`, and the view.
+    """Colours in place the pixels of an image that show the sky, and those of the ground in the haze.
 
     A pixel beyond the edge of the ground gets the sky's colour at the sine of its elevation. Between the beginning of
     the haze, (1 − `share`) `edge`, and the horizon, the haze is blended in, most at the edge.
@@ -540,10 +547,13 @@ def _paint(
         haze: (3,) RGB of the haze.
     """
     fu, fv, pu, pv = intrinsics
+    # half the number of colours, from a sine to its colour. Pixels nearer than half the distance of the haze are
+    # skipped: a ray is at most about twice as long as its depth
     half, near = np.float32((len(colours) - 1) / 2), np.float32(0.5 * (1 - share) * edge)
     slope, across, middle, top = np.float32(vertical[0]), np.float32(1 / fu), np.float32(pu), len(colours) - 1
     for row in range(depth.shape[0]):
         y = (row - pv) / fv
+        # parts of the ray's vertical part and of its squared length that are common to the row
         level, base = np.float32(vertical[1] * y + vertical[2]), np.float32(1 + y * y)
         for column in range(depth.shape[1]):
             away = depth[row, column]
@@ -553,13 +563,14 @@ def _paint(
             # the ray (x, y, 1): its vertical part, squared length, and horizontal part
             up, squared = slope * x + level, x * x + base
             flat = np.sqrt(squared - up * up)
-            if away * flat > edge:
+            if away * flat > edge:  # beyond the edge of the ground: the sky
                 i = int(half * (up / np.sqrt(squared) + np.float32(1)) + np.float32(0.5))
                 for k in range(3):
                     rgb[row, column, k] = colours[min(max(i, 0), top), k]
-            if up < 0 and away * flat > (1 - share) * edge:
+            if up < 0 and away * flat > (1 - share) * edge:  # below the horizon, from the beginning of the haze on
                 q = -up / flat * steepness  # 0 at the horizon, 1 at the edge
                 s = min(q / (1 + share * q), 1.0)
+                # opacity of the haze: it grows from the horizon to the edge, and fades from there to its beginning
                 a = s * (1 + share) if q < 1 else (1 - s) * (1 + share) / share
                 for k in range(3):
                     rgb[row, column, k] += int(a * (haze[k] - rgb[row, column, k]))

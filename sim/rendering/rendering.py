@@ -15,7 +15,8 @@ from stridetwin.sim.rendering.cameras import Cameras
 def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     """Answers batches of frames until the requests end.
 
-    The first pickled object has the arguments of `Cameras`; every further one has frames, positions and uppers.
+    The first pickled object has the arguments of `Cameras`. Every further one has the frames of a batch, the
+    generalised position at each, and the pose of each shoe's upper. The answers are the pickled images, one by one.
     """
     cv2.setNumThreads(1)  # the other core has the other process
     with Cameras(*pickle.load(requests)) as cameras:

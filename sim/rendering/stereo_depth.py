@@ -15,8 +15,8 @@ _entry_kernel = entry_kernel(__file__)
 
 # Relative difference of a disparity from the mean around it, beside a depth discontinuity; 0 on a plane.
 _DISCONTINUITY = np.float32(0.012)
-Grid = NDArray[np.float32]
-_FINEST_STEP_PER_M = 1e-4
+Grid = NDArray[np.float32]  # an image of numbers
+_FINEST_STEP_PER_M = 1e-4  # step of the inverse depth for a part without quantisation
 
 
 class DepthModel:
@@ -46,6 +46,7 @@ class DepthModel:
         if part.noise:
             self._bank = _noise_bank(noise, shape, part.noise_px) * np.float32(part.noise / self._step)
             self._mixed = _noise_bank(noise.at(0), shape, 1.0)
+        # depth of each count of the disparity; count 0 has none
         depth = np.append(0.0, 1 / (self._step * np.arange(1, np.iinfo(np.int16).max + 1)))
         if part.resolution:
             depth = part.resolution * np.round(depth / part.resolution)
@@ -55,7 +56,7 @@ class DepthModel:
         v, u = np.mgrid[: shape[0] : 2, : shape[1] : 2]
         x, y = (u - centre[0]) / focal, (v - centre[1]) / focal
         self._rays = tuple(a.astype(np.float32) for a in (x, y, np.sqrt(1 + x * x + y * y)))
-        self._focal, self._window = focal, 2 * round(part.edge_px) + 1
+        self._focal, self._window = focal, 2 * round(part.edge_px) + 1  # pixels; the edge of the matching window is odd
 
     def image(self, t_ns: int, depth: NDArray[np.float32], grey: Pixels | None = None) -> NDArray[np.float32]:
         """Measured depth (H, W), m, 0 without a match.
@@ -72,12 +73,13 @@ class DepthModel:
             return measured
         counts = _disparity_counts(depth, np.float32(1 / self._step))
         near = np.ascontiguousarray(counts[::2, ::2])  # at half the resolution
+        # mean disparity in the matching window around each pixel
         mean = np.asarray(cv2.blur(counts, (self._window,) * 2), np.float32) if part.edge_px else counts
         unmatched = self._mask_unmatched(near, mean, grey)
         # another crop of the noise banks for each image
         row, column = self._noise.at(t_ns).integers((SPARE, SPARE)) if part.noise else (0, 0)
         # nearest and farthest surface in the matching window, between which flying pixels lie
-        window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)
+        window = np.ones((2 * (self._window // 4) + 1,) * 2, np.uint8)  # half as large, because `near` is
         front, back = (np.asarray(f(near, window), np.float32) for f in (cv2.dilate, cv2.erode))
         beside = mean if part.noise else counts  # without noise, discontinuities are sharp
         return _measure_depth(
@@ -138,7 +140,7 @@ def _find_glancing_surfaces(
     slanted = np.empty(near.shape, np.bool_)
     for i in range(near.shape[0]):
         for j in range(near.shape[1]):
-            count, p, q = near[i, j], a[i, j], b[i, j]
+            count, p, q = near[i, j], a[i, j], b[i, j]  # p and q are the slopes
             c = count - focal * (p * x[i, j] + q * y[i, j])
             normal = np.sqrt(focal * focal * (p * p + q * q) + c * c)
             beside = abs(count - mean[2 * i, 2 * j]) > _DISCONTINUITY * count

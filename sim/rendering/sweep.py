@@ -14,7 +14,7 @@ from stridetwin.streams.samples import Array
 
 _LEAST_BLUR_PX = 1.0  # shorter blur spreads an edge by less than 0.3 px
 _COPY_PX = 1.25  # spacing of the copies that are averaged to a blur
-_COPIES = (2, 16)
+_COPIES = (2, 16)  # least and largest number of these copies
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,6 +45,7 @@ class Sweep:
     def path_px(self, dt: float, u: float, v: float) -> float:
         """Distance that the point at column u and row v moves in `dt` seconds, pixels."""
         H = self.homography(dt)
+        # homogeneous coordinates of the point at that time: column x / z, row y / z
         z = H[2, 0] * u + H[2, 1] * v + H[2, 2]
         x, y = H[0, 0] * u + H[0, 1] * v + H[0, 2], H[1, 0] * u + H[1, 1] * v + H[1, 2]
         return math.hypot(x / z - u, y / z - v)
@@ -64,7 +65,7 @@ class Sweep:
         if length < _LEAST_BLUR_PX:
             return image
         copies = min(max(math.ceil(length / _COPY_PX), _COPIES[0]), _COPIES[1])
-        shares = (np.arange(copies) + 0.5) / copies - 0.5
+        shares = (np.arange(copies) + 0.5) / copies - 0.5  # times of the copies from mid-exposure, in exposures
         moved = (
             cv2.warpPerspective(image, H, (width, height), borderMode=cv2.BORDER_REPLICATE)
             for H in self.homographies(shares * exposure_s)
@@ -86,6 +87,7 @@ class Sweep:
         # where each pixel moves in the whole readout time; a row gets a share of it, from -0.5 at the top to 0.5
         x, y, z = np.einsum("ij,jhw->ihw", self.homography(readout_s), np.stack([u, v, np.ones_like(u)]))
         late = v / max(height - 1, 1) - 0.5
+        # (H, W) column and row of the input image that each pixel shows
         from_u, from_v = u - late * (x / z - u), v - late * (y / z - v)
         maps = from_u.astype(np.float32), from_v.astype(np.float32)
         return np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

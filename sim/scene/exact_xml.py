@@ -56,7 +56,7 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
     """
     with silence_prefix_warnings():
         root = ElementTree.fromstring(spec.to_xml())
-    for defaults in root.findall("default"):
+    for defaults in root.findall("default"):  # MuJoCo refuses to read them, and every element has its own values
         root.remove(defaults)
     world, assets = find_section(root, "worldbody"), find_section(root, "asset")
     _dissolve_frames(world)
@@ -64,16 +64,17 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
     for body in bodies:
         if body.find("inertial") is None and not body.get("mocap"):  # MuJoCo would guess it from shapes without mass
             body.insert(0, Element("inertial", mass="0", diaginertia="0 0 0"))
+    # by tag: each element with its row in the compiled model's arrays; body 0 is the world
     rows = {
         "body": list(enumerate(bodies, 1)),
         "inertial": [(i, inertial) for i, body in enumerate(bodies, 1) for inertial in body.findall("inertial")],
         **{kind: list(enumerate(world.iter(kind))) for kind in ("geom", "joint", "site", "camera", "light")},
     }
-    # `rows` has, by tag, each element and its row in the compiled model's arrays; body 0 is the world
     _check_order(rows["body"] + rows["geom"], [*spec.bodies[1:], *spec.geoms])
     for kind, arrays in _OF_MODEL.items():
         for row, node in rows[kind]:
             _rewrite(node, {name: getattr(model, array)[row] for name, array in arrays.items()})
+    # by tag: the element that contains these elements, and the spec's items in the same order
     listed = {
         "material": (assets, spec.materials),
         "mesh": (assets, spec.meshes),
@@ -92,7 +93,8 @@ def exact_xml(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Element:
 
 def format_numbers(values: ArrayLike) -> str:
     """Numbers as text: the fewest digits that read back as the same float32 or float64."""
-    return " ".join(str(value).removesuffix(".0") for value in np.ravel(np.asarray(values)) + 0.0)
+    positive_zeros = np.ravel(np.asarray(values)) + 0.0  # −0 becomes 0
+    return " ".join(str(value).removesuffix(".0") for value in positive_zeros)
 
 
 def find_section(parent: Element, tag: str) -> Element:
@@ -138,9 +140,10 @@ def _rewrite(node: Element, values: dict[str, ArrayLike]) -> None:
         text = node.get(name)
         if text is None and name not in _POSE:
             continue
+        # as many numbers as the element has, or all of a pose that it lacks
         count = np.size(value) if text is None else len(text.split())
         node.set(name, format_numbers(np.ravel(value)[:count]))
-        if node.get(name) == _POSE.get(name) and node.tag != "inertial":  # that needs its place
+        if node.get(name) == _POSE.get(name) and node.tag != "inertial":  # an inertial element must have its place
             del node.attrib[name]
 
 
@@ -149,7 +152,7 @@ def _dissolve_frames(parent: Element) -> None:
     for node in list(parent):
         _dissolve_frames(node)
         if node.tag == "frame":
-            at = list(parent).index(node)
+            at = list(parent).index(node)  # the children go to the place of the frame
             parent.remove(node)
             for i, child in enumerate(node):
                 parent.insert(at + i, child)

@@ -31,11 +31,11 @@ KEYS = {
 }
 """Keys, and what they do; the window shows them."""
 _SPACE, _ENTER, _RIGHT, _LEFT, _DOWN, _UP, _HOME = 32, 257, 262, 263, 264, 265, 268  # GLFW's numbers
-_FRAME_S = 1 / 60
-_CLOSE_S = 5.0
-_JUMP_S = 1.0
-_SLOWEST, _FASTEST = 1 / 16, 16.0
-FOLLOW = "follow the walker"
+_FRAME_S = 1 / 60  # least time of a frame
+_CLOSE_S = 5.0  # longest wait for the viewer's thread
+_JUMP_S = 1.0  # by which an arrow key moves the time
+_SLOWEST, _FASTEST = 1 / 16, 16.0  # speeds
+FOLLOW = "follow the walker"  # name of camera 0
 
 
 @dataclass
@@ -61,7 +61,7 @@ class Playhead:
     def press(self, key: int) -> None:
         """Handles a key, by its GLFW number; keys without a meaning here have no effect."""
         if key == _SPACE:
-            if self.paused and self.time_s >= self.duration_s:
+            if self.paused and self.time_s >= self.duration_s:  # at the end: start again
                 self.time_s = 0.0
             self.paused = not self.paused
         elif key in (_LEFT, _RIGHT):
@@ -90,7 +90,7 @@ def check_display() -> None:
     Raises:
         StrideTwinError: There is no display.
     """
-    with warnings.catch_warnings(record=True):
+    with warnings.catch_warnings(record=True):  # GLFW warns where it has no display
         warnings.simplefilter("always")
         has_display = glfw.init()
     if not has_display:
@@ -106,7 +106,7 @@ def play(twin: Twin) -> None:
     model = compile_model(scene_spec(twin.config))
     data = mujoco.MjData(model)
     walk, pressed = twin.walk, queue.SimpleQueue[int]()  # the viewer's thread puts the keys into the queue
-    before = threading.enumerate()
+    before = threading.enumerate()  # threads that are not the viewer's
     head = Playhead(walk.duration_s, (FOLLOW, *(model.camera(i).name for i in range(model.ncam))))
     with _launch_viewer(model, data, pressed) as window:
         shown, last = -1, time.monotonic()  # number of the camera that is shown, and time of the last frame
@@ -120,7 +120,8 @@ def play(twin: Twin) -> None:
                 if shown != head.camera:  # otherwise the mouse moves the view
                     _aim_camera(window.cam, model, head)
                     shown = head.camera
-                data.qpos, data.time = walk.position_velocity(np.array([head.time_s]))[0][0], head.time_s
+                qpos, _ = walk.position_velocity(np.array([head.time_s]))
+                data.qpos, data.time = qpos[0], head.time_s
                 pose_crowd(model, data, twin.crowd, head.time_s)
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
@@ -148,6 +149,7 @@ def _launch_viewer(model: mujoco.MjModel, data: mujoco.MjData, pressed: queue.Si
 def _aim_camera(camera: mujoco.MjvCamera, model: mujoco.MjModel, head: Playhead) -> None:
     """Sets the window's camera: one of the model, or for number 0 a view that follows the pelvis."""
     if head.camera:
+        # number 0 is no camera of the model
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, head.camera - 1
         return
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_TRACKING, -1

@@ -27,7 +27,7 @@ from stridetwin.streams.files import atomic_file
 TEXTURE_PX = SIZE
 """Edge of the twin's own textures, pixels."""
 WEARER = "wearer.xml"
-_SCENERY = "scenery_"
+_SCENERY = "scenery_"  # prefix of the names of scenery meshes and textures
 _ROOT = "root"  # the wearer's outermost body
 _WEARERS = ("option", "actuator", "equality", "sensor")  # sections of wearer.xml
 _NOTE = " Written by StrideTwin (stridetwin scene): docs/scene.md says what is in it. "
@@ -46,16 +46,17 @@ def scene_files(config: TwinConfig, texture_px: int = TEXTURE_PX) -> dict[str, b
     if f"{config.name}.xml" == WEARER:
         raise ConfigError(config.name, "name of the scenario", config.name, "another one: wearer.xml is the wearer's")
     spec = scene_spec(config)
-    files = _extract_textures(spec, "" if config.route.texture == "rich" else f"_{config.route.texture}", texture_px)
+    finish = "" if config.route.texture == "rich" else f"_{config.route.texture}"  # suffix of the textures' names
+    files = _extract_textures(spec, finish, texture_px)
     spec.assets = dict(files)
     root = exact_xml(spec, compile_model(spec))
     for node in list(find_section(root, "asset").iter("mesh")):
         name = str(node.get("name"))
         if name.startswith(_SCENERY):
             path = f"meshes/{config.name}/{name.removeprefix(_SCENERY)}.obj"
-            files[path] = _obj(spec.mesh(name)).encode()
+            files[path] = _format_obj(spec.mesh(name)).encode()
             node.attrib = {"name": name, "file": path, "inertia": "shell"}
-    wearer = _split_off_wearer(root)
+    wearer = _split_off_wearer(root)  # `root` then has the rest of the scene
     for name, part in ((f"{config.name}.xml", root), (WEARER, wearer)):
         part.insert(0, ElementTree.Comment(_NOTE))
         ElementTree.indent(part)
@@ -67,7 +68,7 @@ def write_scene(files: Mapping[str, bytes], name: str, folder: Path) -> None:
     """Writes the files of a scene to a folder, where other scenes of the same wearer may be.
 
     Args:
-        files: As from `scene_files`.
+        files: Contents of the files by their path in the folder (`scene_files`).
         name: Name of the scene.
         folder: Made if it does not exist.
 
@@ -101,30 +102,35 @@ def _extract_textures(spec: mujoco.MjSpec, finish: str, size: int) -> dict[str, 
             continue
         if data not in painted:
             painted[data] = f"textures/{texture.name.removeprefix(_SCENERY)}{finish}.png"
-            files[painted[data]] = _png(np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3), size)
+            pixels = np.frombuffer(data, np.uint8).reshape(texture.height, texture.width, 3)
+            files[painted[data]] = _encode_png(pixels, size)
         texture.data, texture.file = b"", painted[data]
     return files
 
 
-def _png(pixels: NDArray[np.uint8], size: int) -> bytes:
+def _encode_png(pixels: NDArray[np.uint8], size: int) -> bytes:
     """PNG file of an image, scaled to `size` pixels along each edge."""
     if size != len(pixels):
         pixels = np.asarray(cv2.resize(pixels, (size, size), interpolation=cv2.INTER_AREA), np.uint8)
+    # OpenCV wants the channels in the order blue, green, red
     done, encoded = cv2.imencode(".png", pixels[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     if not done:
         raise StrideTwinError("a texture cannot be encoded as PNG")
     return encoded.tobytes()
 
 
-def _obj(mesh: mujoco.MjsMesh) -> str:
-    """A mesh of rectangles as OBJ, each corner, texture coordinate and normal once."""
+def _format_obj(mesh: mujoco.MjsMesh) -> str:
+    """Text of an OBJ file with a mesh of rectangles; equal corners, texture coordinates and normals are written once.
+
+    The mesh lists the corners of its rectangles one after another, four for each.
+    """
     vertices = np.reshape(np.asarray(mesh.uservert, np.float32), (-1, 3))
     normals = np.reshape(np.asarray(mesh.usernormal, np.float32), (-1, 3))
     uv = np.reshape(np.asarray(mesh.usertexcoord, np.float32), (-1, 2))
     uv[:, 1] = 1.0 - uv[:, 1]  # MuJoCo reverses that of OBJ files
     lines, corners = [], []  # `corners`: for v, vt and vn, the number of each corner's row, from 1 on
     for key, rows in (("v", vertices), ("vt", uv), ("vn", normals)):
-        index: dict[str, int] = {}
+        index: dict[str, int] = {}  # number of each row by its text, in order of first use
         corners.append([index.setdefault(format_numbers(row), len(index) + 1) for row in rows])
         lines += [f"{key} {text}" for text in index]
     corner_texts = [f"{v}/{t}/{n}" for v, t, n in zip(*corners)]
@@ -142,27 +148,27 @@ def _split_off_wearer(root: Element) -> Element:
     world, assets = find_section(root, "worldbody"), find_section(root, "asset")
     wearer = Element("mujoco", model="wearer")
     wearer.append(find_section(root, "compiler"))
-    body = next(node for node in world if node.get("name") == _ROOT)
+    body = next(node for node in world if node.get("name") == _ROOT)  # the wearer's outermost body
     wearer_assets = ElementTree.SubElement(wearer, "asset")
     # names of the materials, meshes and textures that the wearer's shapes use
     used = {value for geom in body.iter("geom") for value in (geom.get("material"), geom.get("mesh")) if value}
     used |= {str(node.get("texture")) for node in assets.iter("material") if node.get("name") in used}
-    _move([node for node in assets if node.get("name") in used], assets, wearer_assets)
+    _move_elements([node for node in assets if node.get("name") in used], assets, wearer_assets)
     # what follows the wearer goes behind the include, so that the order of bodies stays
     later = list(world)[list(world).index(body) + 1 :]
-    _move([body], world, ElementTree.SubElement(wearer, "worldbody"))
+    _move_elements([body], world, ElementTree.SubElement(wearer, "worldbody"))
     for tag in _WEARERS:
-        _move(root.findall(tag), root, wearer)
+        _move_elements(root.findall(tag), root, wearer)
     at = list(root).index(world) + 1
     root.insert(at, Element("include", file=WEARER))
     if later:
         remaining = Element("worldbody")
-        _move(later, world, remaining)
+        _move_elements(later, world, remaining)
         root.insert(at + 1, remaining)
     return wearer
 
 
-def _move(nodes: list[Element], source: Element, target: Element) -> None:
+def _move_elements(nodes: list[Element], source: Element, target: Element) -> None:
     """Moves elements from one parent to the end of another."""
     for node in nodes:
         source.remove(node)

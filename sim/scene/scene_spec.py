@@ -32,9 +32,9 @@ from stridetwin.streams.algebra.arrays import to_quaternion
 from stridetwin.streams.rig import Mount, Rig
 
 KEYFRAME = "stand"
-_PERSON_M = 2.0
+_PERSON_M = 2.0  # extent of the view in which a viewer opens
 _SENSOR, _SITE, _JOINT = mujoco.mjtSensor, mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_JOINT
-_SITE_M, _CUFF_SITE_M = 0.004, 0.005
+_SITE_M, _CUFF_SITE_M = 0.004, 0.005  # size of the sites
 
 
 # Servos of the wearer's joints; chosen by hand.
@@ -58,7 +58,7 @@ def scene_spec(config: TwinConfig) -> mujoco.MjSpec:
     spec.modelname = config.name
     _add_sensor_sites(spec, composition.sensor_rig.rig)
     _add_servos_and_keyframe(composition, config)
-    route_m = float(compile_model(spec).stat.extent)
+    route_m = float(compile_model(spec).stat.extent)  # of the whole scene
     spec.stat.extent, spec.stat.center = _PERSON_M, (0.0, 0.0, 0.9)  # a viewer opens on the person
     scale = spec.visual.map  # in extents
     scale.znear, scale.zfar, scale.shadowclip = NEAR_M / _PERSON_M, FAR_M / _PERSON_M, route_m / _PERSON_M
@@ -82,6 +82,7 @@ def _add_sensor_sites(spec: mujoco.MjSpec, rig: Rig) -> None:
             name=_scene_name(camera.topic),
             pos=T[:3, 3],
             quat=to_quaternion(T[:3, :3]),
+            # vertical field of view, from the height and the vertical focal length in pixels
             fovy=math.degrees(2 * math.atan2(camera.height / 2, camera.intrinsics[1])),
             resolution=[camera.width, camera.height],
         )
@@ -95,7 +96,8 @@ def _add_sensor_sites(spec: mujoco.MjSpec, rig: Rig) -> None:
         if sensor.kind == "ahrs":
             _add_sensor(spec, name, _SENSOR.mjSENS_FRAMEQUAT, _SITE, name)
         elif sensor.kind == "encoder":
-            _add_sensor(spec, name, _SENSOR.mjSENS_JOINTPOS, _JOINT, hinge_of(topic.split("/")[2]))
+            joint = topic.split("/")[2]  # such as `knee_l` of `/exo/knee_l/encoder`
+            _add_sensor(spec, name, _SENSOR.mjSENS_JOINTPOS, _JOINT, hinge_of(joint))
 
 
 def _scene_name(topic: str) -> str:
@@ -104,7 +106,7 @@ def _scene_name(topic: str) -> str:
 
 
 def _site_mounts(rig: Rig) -> Iterator[tuple[str, Mount]]:
-    """Name and mount of the site of every sensor and board."""
+    """Name in the scene, and mount, of the site of every sensor and board of a rig."""
     for sensors in (rig.imus, rig.cameras, rig.others):
         yield from ((_scene_name(topic), sensor.mount) for topic, sensor in sensors.items())
     for name, board in rig.boards.items():
@@ -117,7 +119,7 @@ def _mount_body(spec: mujoco.MjSpec, mount: Mount) -> mujoco.MjsBody:
 
 
 def _add_sensor(spec: mujoco.MjSpec, name: str, kind: mujoco.mjtSensor, of: mujoco.mjtObj, target: str) -> None:
-    """Adds one of MuJoCo's own sensors, of a type `kind`, to a site or joint."""
+    """Adds one of MuJoCo's own sensors, of the type `kind`, to the site or joint `target`; `of` says which it is."""
     spec.add_sensor(name=name, type=kind, objtype=of, objname=target)
 
 
@@ -164,6 +166,7 @@ def _add_cuffs(composition: Composition) -> None:
     """
     spec = composition.spec
     for cuff in exo_couplings(composition.size):
+        # (name of the site, body, place on it, m) on the exoskeleton, then on the wearer
         ends = (f"cuff_{cuff.name}", cuff.exo_body, cuff.p_in_exo), (f"limb_{cuff.name}", cuff.body, cuff.p_in_body)
         for name, body, place in ends:
             spec.body(body).add_site(name=name, pos=place, size=np.full(3, _CUFF_SITE_M))
@@ -172,6 +175,7 @@ def _add_cuffs(composition: Composition) -> None:
             objtype=mujoco.mjtObj.mjOBJ_SITE,
             name1=ends[0][0],
             name2=ends[1][0],
+            # a strap lets the limb slide along itself: its stiffness along z is 0
             type=mujoco.mjtEq.mjEQ_WELD if cuff.law[0, 2, 2] > 0.0 else mujoco.mjtEq.mjEQ_CONNECT,
         )
 

@@ -44,13 +44,13 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
     def read(self, body: Track) -> Block[Ahrs]:
         """The next samples, at the instants of the track of the body that carries the sensor."""
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
-        white = self._noise.normal(1.0, (len(body), 6))
+        white = self._noise.normal(1.0, (len(body), 6))  # unit deviates: three of the attitude, three of the rates
         rate = sensor.w_body + self._rate_bias + self._wander.draw(len(body)) + self._part.rate_noise * white[:, 3:]
-        error = self._error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
+        error = self._draw_attitude_error(np.linalg.norm(sensor.w_body, axis=1), sensor.t_ns, white[:, :3])
         q = (Rotation.from_rotvec(error) * sensor.rotation).as_quat(scalar_first=True)
         return self._block(Ahrs, body.t_ns, q_world_sensor=q, angular_rate=rate)
 
-    def _error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
+    def _draw_attitude_error(self, rate: Array, t_ns: Instants, white: Array) -> Array:
         """(N, 3) rad, rotation vectors of the attitude error in the world: two of tilt, then the heading error.
 
         The tilt error (`_tilt`) and the walk of the heading (`_heading`) continue from call to call.
@@ -62,7 +62,8 @@ class AhrsModel(SensorModel[OtherSensor, AhrsPart]):
         """
         from scipy.signal import lfilter  # takes long to import, so only when a sensor filters
 
-        part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)
+        part, moving = self._part, np.minimum(rate / _FULL_MOTION_RADPS, 1.0)  # share of full motion
+        # (N,) rad, SD of the random part that each sample adds to the tilt, so that the tilt has the wanted SD
         step = (part.tilt_still + (part.tilt_moving - part.tilt_still) * moving) * math.sqrt(1 - self._keep**2)
         tilt, self._tilt = lfilter([1.0], [1.0, -self._keep], step[:, None] * white[:, :2], axis=0, zi=self._tilt)
         walked = np.cumsum(part.heading_walk * moving / math.sqrt(self._calibration.rate_hz) * white[:, 2])
@@ -103,6 +104,7 @@ class ActuatorModel(SensorModel[OtherSensor, ActuatorPart]):
             torque: (N,) N m, true torque.
             speed: (N,) rad/s, true speed of the joint.
         """
+        # (N, 2) errors of torque and speed
         white = self._noise.normal(np.array([self._part.torque_noise, self._part.speed_noise]), (len(t_ns), 2))
         return self._block(
             Actuator,

@@ -19,7 +19,7 @@ _entry_kernel = entry_kernel(__file__)
 
 _CREEP_S = (1.0, 10.0, 100.0)  # time constants; a constant load creeps by the same amount per decade
 _PLAY = 0.1  # of the load: play of the hysteresis
-_FULL_COUNT = 4095
+_FULL_COUNT = 4095  # largest count of the converter
 
 
 class ForceCells:
@@ -59,7 +59,7 @@ class ForceCells:
         """
         from scipy.signal import lfilter, sosfilt
 
-        bare = self._gain * load
+        bare = self._gain * load  # with the error of each cell's sensitivity alone
         measured = bare.copy()
         # creep: the load, delayed by a low-pass of each time constant, adds a share of itself
         for i, keep in enumerate(self._keep):
@@ -67,7 +67,8 @@ class ForceCells:
             measured += self._part.drift * late
         if self._part.hysteresis:
             # the loop of the play has the width 2 * _PLAY times the load, that of the part `hysteresis` times the load
-            measured += self._part.hysteresis / (2 * _PLAY) * (_apply_play(self._play, measured) - measured)
+            played = _apply_play(self._play, measured)
+            measured += self._part.hysteresis / (2 * _PLAY) * (played - measured)
         measured = np.clip(measured + self._noise.normal(self._part.noise, load.shape), 0.0, self._part.range)
         if any(self._part.curve):  # (b₁, b₂); both 0 for a part without a converter
             measured = _quantize(measured, *self._part.curve)
@@ -106,7 +107,7 @@ def _quantize(force: Array, b1: float, b2: float) -> Array:
 
 
 _OUTLINE = (0, 1, 3, 2)  # heel, lateral ball, toe, medial ball: the cells' convex outline
-_UNLOADED_N = 1e-3
+_UNLOADED_N = 1e-3  # least load by which a moment is divided
 
 
 class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
@@ -129,7 +130,7 @@ class InsoleModel(SensorModel[OtherSensor, ForceCellPart]):
         to_foot = foot.rotation.inv()
         force, torque = to_foot.apply(force_in_world), to_foot.apply(torque_in_world)
         # centre of pressure on the sole, x and y: the point about which the moment has no horizontal part
-        load = np.maximum(force[:, 2], 0.0)
+        load = np.maximum(force[:, 2], 0.0)  # N, normal to the sole
         cop = np.stack([-torque[:, 1], torque[:, 0]], axis=-1) / np.maximum(load, _UNLOADED_N)[:, None]
         return self._block(Insole, foot.t_ns, force=self._cells.read(load[:, None] * cell_shares(self._places, cop)))
 
@@ -141,6 +142,7 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
     """
 
     def __init__(self, calibration: OtherSensor, part: ForceCellPart, noise: Noise) -> None:
+        """Prepares the two cells of the pair; the arguments are those of `SensorModel`."""
         super().__init__(calibration, part, noise)
         self._cells = ForceCells(part, 2, calibration.rate_hz, noise)
 
@@ -151,7 +153,7 @@ class InteractionModel(SensorModel[OtherSensor, ForceCellPart]):
             t_ns: (N,) instants.
             force: (N,) N, positive where the cuff presses on the limb's front.
         """
-        by_cell = np.stack([force, -force], axis=-1)
+        by_cell = np.stack([force, -force], axis=-1)  # (N, 2) force in the direction that loads each cell
         # each cell bears half of the force on top of its preload, until the other one is free and it bears all
         load = np.maximum(self._part.preload + 0.5 * by_cell, np.maximum(by_cell, 0.0))
         return self._block(Interaction, t_ns, force=self._cells.read(load))
@@ -169,11 +171,11 @@ def cell_shares(cells: Array, cop: Array) -> Array:
     """
     corner = cells[list(_OUTLINE)]
     after, before = np.roll(corner, -1, axis=0), np.roll(corner, 1, axis=0)
-    # A right foot's outline is clockwise.
+    # 1 if the corners run anticlockwise; a right foot's outline is clockwise
     sense = float(np.sign(_cross(after[0] - corner[0], before[0] - corner[0])))
     inside = _clamp_to_outline(corner, after, sense, cop)
-    # Twice the area of the triangle of each side with the point. The weight of a corner is the area of its triangle
-    # with both neighbours, times the areas of the two sides that do not touch it.
+    # (N, 4) twice the area of the triangle of each side with the point. The weight of a corner is the area of its
+    # triangle with both neighbours, times the areas of the two sides that do not touch it.
     area = np.maximum(sense * _cross(after - corner, inside[:, None] - corner), 0.0)
     weight = sense * _cross(after - corner, before - corner) * np.roll(area, -1, axis=-1) * np.roll(area, -2, axis=-1)
     shares = np.empty_like(weight)
@@ -200,5 +202,5 @@ def _clamp_to_outline(corner: Array, after: Array, sense: float, point: Array) -
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(...) cross product of (..., 2) vectors."""
+    """(...) cross product a_x b_y − a_y b_x of (..., 2) vectors: twice the signed area of their triangle."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

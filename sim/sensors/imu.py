@@ -58,7 +58,7 @@ def compute_increments(before: Track, sensor: Track, gravity: Array) -> tuple[Ar
 
 
 def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
-    """Instants, attitude and velocity of a track."""
+    """Instants (N,) ns, attitudes (N, 4), body to world, and velocities (N, 3) m/s, world axes, of a track."""
     return track.t_ns, track.q_world_body, track.v_body_in_world
 
 
@@ -66,10 +66,10 @@ def _columns(track: Track) -> tuple[NDArray[np.int64], Array, Array]:
 def _compute_increments(
     t0: NDArray[np.int64], q0: Array, v0: Array, t: NDArray[np.int64], q: Array, v: Array, gravity: Array
 ) -> tuple[Array, Array, Array]:
-    """Durations (N,) s, rates (N, 3) and specific forces (N, 3) of the intervals; see `compute_increments`.
+    """Durations (N,) s, constant rates (N, 3) rad/s and specific forces (N, 3) m/s² of the intervals, sensor frame.
 
-    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g). Index 0 is the start of an interval,
-    index 1 its end; each interval starts at the end of the one before.
+    With φ = Log(R₀ᵀ R₁) they are Δt, φ / Δt and Γ₁(φ)⁻¹ R₀ᵀ ((v₁ − v₀) / Δt − g), where Γ₁ is the left Jacobian of
+    SO(3). Index 0 is the start of an interval, index 1 its end; each interval starts at the end of the one before.
 
     Args:
         t0: (1,) ns, start of the first interval.
@@ -82,15 +82,17 @@ def _compute_increments(
     """
     n = len(t)
     dts, rates, forces = np.empty(n), np.empty((n, 3)), np.empty((n, 3))
-    t_last, back, v_last, g = t0[0], inverse(quaternion(q0[0])), vec3(v0[0]), vec3(gravity)
+    # at the start of the interval: time, rotation from the world to the sensor, and velocity
+    t_last, to_sensor, v_last, g = t0[0], inverse(quaternion(q0[0])), vec3(v0[0]), vec3(gravity)
     for i in range(n):
         dt, attitude, velocity = (t[i] - t_last) * 1e-9, quaternion(q[i]), vec3(v[i])
-        phi = log(multiply(back, attitude))
-        push = apply(back, minus(times(1 / dt, minus(velocity, v_last)), g))
+        phi = log(multiply(to_sensor, attitude))
+        # mean specific force in the sensor's axes at the start
+        push = apply(to_sensor, minus(times(1 / dt, minus(velocity, v_last)), g))
         dts[i] = dt
         store_vec3(times(1 / dt, phi), rates[i])
         store_vec3(apply_inverse_left_jacobian(phi, push), forces[i])
-        t_last, back, v_last = t[i], inverse(attitude), velocity
+        t_last, to_sensor, v_last = t[i], inverse(attitude), velocity
     return dts, rates, forces
 
 
@@ -113,6 +115,7 @@ def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tupl
     n = len(dt) // steps
     rates, forces = np.empty((n, 3)), np.empty((n, 3))
     for i in range(n):
+        # since the start of the long interval: rotation, and change of velocity in the sensor's axes at that start
         rotation, change, duration = IDENTITY, (0.0, 0.0, 0.0), 0.0
         for k in range(i * steps, (i + 1) * steps):
             phi = times(dt[k], vec3(rate[k]))
@@ -129,7 +132,7 @@ def combine_increments(dt: Array, rate: Array, force: Array, steps: int) -> tupl
 def extrapolate_back(sensor: Track, steps: int, dt: float) -> Track:
     """Track of the `steps` instants before the first of `sensor`, `dt` s apart, at constant velocity and rate."""
     first = sensor[:1]
-    ago = dt * np.arange(steps, 0, -1)[:, None]
+    ago = dt * np.arange(steps, 0, -1)[:, None]  # (steps, 1) s before the first instant
     return Track(
         t_ns=first.t_ns - np.round(ago[:, 0] * 1e9).astype(np.int64),
         p_body_in_world=first.p_body_in_world - ago * first.v_body_in_world,
@@ -174,13 +177,14 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         self._filters = [_LowPass(f, self.steps * part.rate_hz) for f in bandwidth]
         self.delay_s = float(np.mean([f.delay_s for f in self._filters]))
         self._bias = noise.normal(1.0, 6) * _six_axes(part, "turn_on_bias")
-        self._mix = _draw_sensitivity(part, noise)
+        self._mix = _draw_sensitivity(part, noise)  # (6, 6), from true to sensed rate and force
         self._wander = Wander(
             _six_axes(part, "bias_instability"), _six_axes(part, "random_walk"), part.rate_hz, noise.at(0)
         )
+        # (6,) SD of the white noise of a sample
         self._white = _six_axes(part, "noise_density") * math.sqrt(part.rate_hz)
         self._resolution = _six_axes(part, "resolution")
-        self._last: Track | None = None
+        self._last: Track | None = None  # the last instant of the track so far
 
     def read(self, body: Track, t_ns: NDArray[np.int64]) -> Block[Imu]:
         """The next samples.
@@ -195,13 +199,14 @@ class ImuModel(SensorModel[ImuCalibration, ImuPart]):
         sensor = body.to_sensor(self._calibration.mount.T_body_sensor)
         if self._last is None:  # the first call: steady motion before it
             past = extrapolate_back(sensor, self.steps, 1 / (self.steps * self.rate_hz))
+            # the first sample gets all its inner steps; the instant before them starts the first interval
             sensor, self._last = past[1:].append_track(sensor), past[:1]
         dt, rate, force = compute_increments(self._last, sensor, self._gravity)
         self._last = sensor[-1:]
         if self.steps > 1:
             sensed = self._filter(np.hstack([rate, force]))
             rate, force = combine_increments(dt, sensed[:, :3], sensed[:, 3:], self.steps)
-        else:
+        else:  # an ideal part: one step per sample, without filter
             rate, force = np.split(np.hstack([rate, force]) @ self._mix.T + self._bias, 2, axis=1)
         measured = np.hstack([rate, force]) + self._wander.draw(len(t_ns))
         measured += self._noise.normal(self._white, measured.shape)
@@ -250,7 +255,7 @@ class _LowPass:
         from scipy.signal import sosfilt, sosfilt_zi
 
         if self._state is None:
-            self._state = sosfilt_zi(self._sos) * x[0]
+            self._state = sosfilt_zi(self._sos) * x[0]  # as after a long time at the first value
         y, self._state = sosfilt(self._sos, x, zi=self._state)
         return np.asarray(y)
 
@@ -268,6 +273,7 @@ def _draw_sensitivity(part: ImuPart, noise: Noise) -> Array:
     mix = np.eye(6)
     triads: tuple[Gyroscope | Accelerometer, ...] = (part.gyroscope, part.accelerometer)
     for triad, rows in zip(triads, (slice(3), slice(3, 6))):
+        # (3, 3) SDs of the entries: the scale factor on the diagonal, the misalignment elsewhere
         sd = np.where(np.eye(3, dtype=bool), triad.scale_factor, triad.misalignment)
         mix[rows, rows] += noise.normal(sd, (3, 3))
     mix[:3, 3:] = noise.normal(part.gyroscope.g_sensitivity, (3, 3))
@@ -276,5 +282,5 @@ def _draw_sensitivity(part: ImuPart, noise: Noise) -> Array:
 
 def _quantize(x: Array, resolution: Array) -> Array:
     """(N, K) values rounded to whole counts of the resolution (K,); unchanged where that is 0."""
-    step = np.where(resolution > 0, resolution, 1.0)
+    step = np.where(resolution > 0, resolution, 1.0)  # any step without counts, so that nothing is divided by 0
     return np.where(resolution > 0, np.round(x / step) * step, x)

@@ -43,7 +43,8 @@ class SensorModel(Generic[CalibrationT, PartT]):
 
 
 def instants(rate_hz: float, after_ns: int, until_ns: int) -> Instants:
-    """(N,) ns, whole sample times k / rate with after < t <= until, rounded to nanoseconds; none is possible."""
+    """(N,) ns, sample times k / `rate_hz` in (`after_ns`, `until_ns`], rounded to ns, with whole k; N may be 0."""
+    # numbers k of the samples just outside both ends
     first, last = np.floor(after_ns * 1e-9 * rate_hz), np.ceil(until_ns * 1e-9 * rate_hz)
     t = np.round(np.arange(first, last + 1) * (1e9 / rate_hz)).astype(np.int64)
     return t[(t > after_ns) & (t <= until_ns)]
@@ -60,8 +61,8 @@ def step_ends(rate_hz: float, steps: int, t_ns: Instants) -> Instants:
         steps: Inner steps per sample.
         t_ns: (N,) consecutive whole sample times.
     """
-    samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)
-    first = max(steps * (int(samples[0]) - 1) + 1, 0)
+    samples = np.round(t_ns * (rate_hz * 1e-9)).astype(np.int64)  # their numbers k
+    first = max(steps * (int(samples[0]) - 1) + 1, 0)  # number of the first inner step since time 0
     return np.round(np.arange(first, steps * int(samples[-1]) + 1) * (1e9 / (rate_hz * steps))).astype(np.int64)
 
 
@@ -87,7 +88,7 @@ class Stamps:
         clock = self._clock
         if clock == Clock():  # an exact clock
             return t_ns
-        late = clock.shift_s + 1e-6 * clock.drift_ppm * (t_ns * 1e-9)  # s
+        late = clock.shift_s + 1e-6 * clock.drift_ppm * (t_ns * 1e-9)  # (N,) s, stamp minus true time
         if clock.jitter_s:
             late = late + np.clip(self._noise.normal(clock.jitter_s, len(t_ns)), -self._most, self._most)
         stamps = t_ns + np.round(late * 1e9).astype(np.int64)
@@ -95,7 +96,7 @@ class Stamps:
         return stamps
 
     def stamp_block(self, block: Block[Sample]) -> Block[Sample]:
-        """Block with the stamps of this clock, without samples from before the recording's start."""
+        """Block with the stamps of this clock, without samples that it stamps before the recording's start."""
         stamps = self.stamp(block.t_ns)
         kept = stamps >= 0
         return replace(block, t_ns=stamps[kept], columns={name: x[kept] for name, x in block.columns.items()})

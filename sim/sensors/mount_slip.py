@@ -43,7 +43,7 @@ class Slip:
 
     def mount_track(self, body: Track) -> Track:
         """Track of a frame on a body that coincides with the body's frame before the slip and moves with it."""
-        share, rate = (x[:, None] for x in self._share(body.t_ns))  # (N, 1), completed share of the slip
+        share, rate = (x[:, None] for x in self._share(body.t_ns))  # (N, 1) completed share of the slip, and its rate
         p, phi = self.translation, self.rotation
         return body.displace(self.pivot, share * p, share * phi, rate * p, rate * phi)
 
@@ -56,8 +56,8 @@ class Slip:
         return T
 
     def _share(self, t_ns: NDArray[np.int64]) -> tuple[Array, Array]:
-        """(N,) completed share, 0-1, and its rate, 1/s."""
-        length = self.until_ns - self.from_ns
+        """(N,) completed share of the slip, 0-1, at (N,) ns, and its rate, 1/s."""
+        length = self.until_ns - self.from_ns  # ns
         s = (t_ns - self.from_ns) / length
         return ease(s), ease_rate(s) * 1e9 / length
 
@@ -88,6 +88,7 @@ class MountSlips:
         for fault, events in planned:
             if isinstance(fault, LooseStrap):
                 for topics in _topics_by_body(events, rig).values():
+                    # middle of the sensors on this body; they all have the same events
                     pivot = np.mean([_mounts(rig)[t][1] for t in topics], axis=0)
                     for event in events[topics[0]]:
                         slip = _draw_slip(fault, event, pivot)

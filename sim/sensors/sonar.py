@@ -56,7 +56,8 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         shoe = np.einsum("nij,bj->nbi", other_foot.poses()[:, :3, :3], SHOE[:, :3])
         shoe += other_foot.p_body_in_world[:, None]
         nearest = self._range_of_terrain(T_world_sensor)
-        for centres, radii in ((shoe, SHOE[:, 3]), *(person.sonar_spheres(body.t_ns * 1e-9) for person in self._crowd)):
+        people = [person.sonar_spheres(body.t_ns * 1e-9) for person in self._crowd]  # centres and radii
+        for centres, radii in ((shoe, SHOE[:, 3]), *people):
             nearest = np.minimum(nearest, _nearest_ball(T_world_sensor, centres, radii, self._half_beam))
         return self._block(Range, body.t_ns, distance=self._measure(nearest))
 
@@ -68,7 +69,7 @@ class SonarModel(SensorModel[OtherSensor, SonarPart]):
         ghost = part.range_min + position * (part.range_max - part.range_min)
         nearest = np.where(luck < part.ghost, ghost, nearest)
         reading = np.maximum(nearest + self._noise.normal(part.noise, len(nearest)), part.range_min)
-        reading = np.where(nearest <= part.range_max, reading, 0.0)
+        reading = np.where(nearest <= part.range_max, reading, 0.0)  # 0 without an echo within the range
         return part.step * np.round(reading / part.step) if part.step else reading
 
     def _range_of_terrain(self, T_world_sensor: Array) -> Array:
@@ -92,10 +93,9 @@ def _nearest_ball(T_world_sensor: Array, centre_in_world: Array, radius: Array, 
         radius: (B,) m.
         half_beam: Half angle of the beam, rad.
     """
-    in_world = centre_in_world - T_world_sensor[:, None, :3, 3]
-    return np.min(
-        _range_of_balls(np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], in_world), radius, half_beam), -1
-    )
+    from_sensor = centre_in_world - T_world_sensor[:, None, :3, 3]  # world axes
+    in_sensor = np.einsum("nji,nbj->nbi", T_world_sensor[:, :3, :3], from_sensor)
+    return np.min(_range_of_balls(in_sensor, radius, half_beam), -1)
 
 
 def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
@@ -110,7 +110,7 @@ def _range_of_balls(centre: Array, radius: Array, half_beam: float) -> Array:
     off_axis = np.arctan2(np.linalg.norm(centre[..., 1:], axis=-1), centre[..., 0])
     slant = np.clip(off_axis - half_beam, 0.0, math.pi / 2)  # between the centre and the cone's nearest ray
     depth = radius**2 - (away * np.sin(slant)) ** 2  # squared half chord of that ray in the sphere; negative for a miss
-    hit = (depth >= 0) & (off_axis - half_beam < math.pi / 2)
+    hit = (depth >= 0) & (off_axis - half_beam < math.pi / 2)  # in front of the cone's nearest ray
     return np.where(hit, away * np.cos(slant) - np.sqrt(np.maximum(depth, 0.0)), np.inf)
 
 
@@ -118,6 +118,7 @@ def _beam_rays(half_beam: float) -> Array:
     """(M, 3) unit rays that fill a cone about x in rings; `half_beam` is its half angle, rad."""
     rays = []
     for share, count in _RINGS:
+        # angles of the rays about the axis, and of the ring from the axis, rad
         about, off = 2 * math.pi * np.arange(count) / count, share * half_beam
         aside = math.sin(off)
         rays.append(np.column_stack([np.full(count, math.cos(off)), aside * np.cos(about), aside * np.sin(about)]))

@@ -35,13 +35,14 @@ from stridetwin.streams.samples import Array
 GROUPS = tuple(KIND)
 EXO_GROUPS = ("ahrs", "exo_imu", "encoder", "interaction", "actuator")
 _DEG = math.pi / 180
-_WALK_S = 100.0
+_WALK_S = 100.0  # time in which the nominal random walk of a bias equals its in-run instability
 
 FOOT_IMU = (-0.030, 0.042, 0.060)  # forward, outward, up
 FOOT_CAMERA = Seat(position_m=(-0.070, 0.045, 0.036), faces_rad=(27 * _DEG, 24 * _DEG), roll_rad=90 * _DEG)
 FOOT_BOARD = Seat(position_m=(-0.074, -0.005, 0.066), faces_rad=(167 * _DEG, 2 * _DEG))
 SONAR = Seat(position_m=(-0.030, 0.040, 0.050), faces_rad=(90 * _DEG, 0.0))
 RGBD_PITCH_RAD = 25 * _DEG
+# body and position (m, forward, left, up) of the RGB-D camera, by its place
 RGBD_MOUNT = {"head": ("head", (0.10, 0.0, 0.12)), "chest": ("torso", (0.14, 0.0, 0.30))}
 _AHRS_PLACES = ("back", *(f"{part}_{side}" for part in ("thigh", "foot") for side in SIDES))
 # D455 data sheet: the IMU relative to the imagers, optical axes.
@@ -106,13 +107,13 @@ def sensor_rig(config: TwinConfig) -> SensorRig:
             raise ConfigError(config.name, f"sensors[{i}]", group, ", ".join(GROUPS))
     if config.rig_mount not in RGBD_MOUNT:
         raise ConfigError(config.name, "rig_mount", config.rig_mount, " or ".join(RGBD_MOUNT))
-    on = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())
-    sensors = {s.calibration.topic: s for group in GROUPS if group in on for s in _SENSORS[group](config)}
+    used = set(config.sensors) - set(EXO_GROUPS if config.exo is None else ())  # groups
+    sensors = {s.calibration.topic: s for group in GROUPS if group in used for s in _SENSORS[group](config)}
     calibrations = [s.calibration for s in sensors.values()]
     rig = Rig(
         imus={s.topic: s for s in calibrations if isinstance(s, ImuCalibration)},
         cameras={s.topic: s for s in calibrations if isinstance(s, CameraCalibration)},
-        boards={b.name: b for b in _boards(config)} if "foot_camera" in on else {},
+        boards={b.name: b for b in _make_boards(config)} if "foot_camera" in used else {},
         others={s.topic: s for s in calibrations if isinstance(s, OtherSensor)},
     )
     return SensorRig(rig=rig, sensors=sensors)
@@ -146,8 +147,18 @@ def _select_part(config: TwinConfig, group: str, standard: str | Part | None = N
     return *part_of(configs, group, config.ideal), sensor_config
 
 
-def _imu(config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None) -> MountedSensor:
-    """An IMU of a group, mounted on a body."""
+def _make_imu(
+    config: TwinConfig, group: str, topic: str, mount: Mount, standard: str | Part | None = None
+) -> MountedSensor:
+    """An IMU of a group, mounted on a body.
+
+    Args:
+        config: Scenario.
+        group: Group of sensors.
+        topic: Its topic.
+        mount: Its mount.
+        standard: Default part: its name, or a part from the rig file of an exoskeleton; None for that of the group.
+    """
     part, nominal, sensor_config = _select_part(config, group, standard)
     return MountedSensor(
         group=group, calibration=nominal_imu(topic, nominal, mount), part=part, sensor_config=sensor_config
@@ -171,6 +182,7 @@ def nominal_imu(topic: str, part: ImuPart, mount: Mount) -> ImuCalibration:
         accelerometer_random_walk=accelerometer.bias_instability / math.sqrt(_WALK_S),
         gyroscope_bias_sd=gyroscope.turn_on_bias,
         accelerometer_bias_sd=accelerometer.turn_on_bias,
+        # 0 stands for unknown
         gyroscope_range=gyroscope.range if math.isfinite(gyroscope.range) else 0.0,
         accelerometer_range=accelerometer.range if math.isfinite(accelerometer.range) else 0.0,
         gyroscope_scale_sd=gyroscope.scale_factor,
@@ -190,25 +202,27 @@ def _foot_imu_rotation(config: TwinConfig, side: str) -> Array:
     rotation = _group_config(config, "foot_imu").rotation_rad
     if rotation is None:
         return np.eye(3)
-    roll, pitch, yaw = rotation
+    roll, pitch, yaw = rotation  # of the left foot; roll and yaw change their signs in a mirror image
     return from_euler(np.array([[yaw * _outward(side), pitch, roll * _outward(side)]]))[0]
 
 
 def _foot_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The IMUs of both shoes."""
     for side in SIDES:
-        pose = _pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
-        yield _imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
+        pose = _make_pose(_foot_imu_rotation(config, side), foot_imu_position(config, side))
+        yield _make_imu(config, "foot_imu", f"/foot_{side}/imu", Mount(body=f"foot_{side}", T_body_sensor=pose))
 
 
 def _head_imu(config: TwinConfig) -> Iterator[MountedSensor]:
     """The IMU of the RGB-D camera, on head or chest."""
     camera = _rgbd_mount(config)
-    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _pose(np.eye(3), _P_IMU_IN_RGBD))
-    yield _imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
+    mount = Mount(body=camera.body, T_body_sensor=camera.T_body_sensor @ _make_pose(np.eye(3), _P_IMU_IN_RGBD))
+    yield _make_imu(config, "head_imu", f"/{config.rig_mount}/imu", mount)
 
 
-def _camera(config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool) -> MountedSensor:
+def _make_camera(
+    config: TwinConfig, group: str, imu_group: str, place: str, mount: Mount, depth: bool
+) -> MountedSensor:
     """A camera of a group.
 
     Args:
@@ -251,13 +265,16 @@ def _foot_cameras(config: TwinConfig) -> Iterator[MountedSensor]:
     seat = _group_config(config, "foot_camera").mount or FOOT_CAMERA
     for side in SIDES:
         position, forward = _shoe_place(seat, side)
-        pose = _pose(_viewing_rotation(forward, seat.roll_rad * -_outward(side)), position)
+        pose = _make_pose(_viewing_rotation(forward, seat.roll_rad * -_outward(side)), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
-        yield _camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
+        yield _make_camera(config, "foot_camera", "foot_imu", f"foot_{side}", mount, depth=False)
 
 
 def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
-    """(3,) position, m, and (3,) viewing direction in the foot's frame; `seat` is mirrored for the right foot."""
+    """(3,) position, m, and (3,) viewing direction of a seat on a shoe, in the foot's frame.
+
+    `seat` counts sideways towards the other foot, so that it holds for both shoes.
+    """
     forward, inward, up = seat.position_m
     towards, upward = seat.faces_rad
     return np.array([forward, inward * -_outward(side), up]), _direction(towards * -_outward(side), upward)
@@ -265,7 +282,7 @@ def _shoe_place(seat: Seat, side: str) -> tuple[Array, Array]:
 
 def _rgbd(config: TwinConfig) -> Iterator[MountedSensor]:
     """The RGB-D camera on head or chest."""
-    yield _camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
+    yield _make_camera(config, "head_camera", "head_imu", config.rig_mount, _rgbd_mount(config), depth=True)
 
 
 def _rgbd_mount(config: TwinConfig) -> Mount:
@@ -275,10 +292,10 @@ def _rgbd_mount(config: TwinConfig) -> Mount:
     pitch = RGBD_PITCH_RAD if sensor_config.pitch_down_rad is None else sensor_config.pitch_down_rad
     seat = sensor_config.mount or Seat(position_m=position, faces_rad=(0.0, -pitch))
     rotation = _viewing_rotation(_direction(*seat.faces_rad), seat.roll_rad)
-    return Mount(body=body, T_body_sensor=_pose(rotation, seat.position_m))
+    return Mount(body=body, T_body_sensor=_make_pose(rotation, seat.position_m))
 
 
-def _boards(config: TwinConfig) -> Iterator[Board]:
+def _make_boards(config: TwinConfig) -> Iterator[Board]:
     """The checkerboards on both shoes: 6 by 9 squares of 5 mm, upright."""
     seat = _group_config(config, "foot_camera").board or FOOT_BOARD
     for side in SIDES:
@@ -286,12 +303,14 @@ def _boards(config: TwinConfig) -> Iterator[Board]:
         # axes of the board: z out of it, y as far up as possible
         up = np.array([0.0, 0.0, 1.0]) - out[2] * out
         up /= np.linalg.norm(up)
-        pose = _pose(np.column_stack([np.cross(up, out), up, out]), position)
+        pose = _make_pose(np.column_stack([np.cross(up, out), up, out]), position)
         mount = Mount(body=f"foot_{side}", T_body_sensor=pose)
         yield Board(name=mount.body, mount=mount, squares=(6, 9), square_m=0.005)
 
 
-def _other_sensor(config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any) -> MountedSensor:
+def _make_other_sensor(
+    config: TwinConfig, group: str, kind: str, topic: str, mount: Mount, /, **more: Any
+) -> MountedSensor:
     """A sensor that is neither IMU nor camera.
 
     Args:
@@ -319,12 +338,13 @@ def _sonars(config: TwinConfig) -> Iterator[MountedSensor]:
     seat = _group_config(config, "sonar").mount
     for side in SIDES:
         out = _outward(side)
-        forward, aside, up = SONAR.position_m
+        forward, aside, up = SONAR.position_m  # aside is towards the other foot
+        # direction of the beam, and its place, in the foot's frame; a mount of the scenario replaces both
         inward, place = np.array([0.0, -out, 0.0]), np.array([forward, -aside * out, up])
         if seat is not None:
             place, inward = _shoe_place(seat, side)
-        mount = Mount(body=f"foot_{side}", T_body_sensor=_pose(_rotation_with_x(inward), place))
-        yield _other_sensor(config, "sonar", "range", f"/foot_{side}/sonar", mount)
+        mount = Mount(body=f"foot_{side}", T_body_sensor=_make_pose(_rotation_with_x(inward), place))
+        yield _make_other_sensor(config, "sonar", "range", f"/foot_{side}/sonar", mount)
 
 
 def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
@@ -333,7 +353,7 @@ def _insoles(config: TwinConfig) -> Iterator[MountedSensor]:
         out = _outward(side)
         # heel, lateral ball, medial ball, toe: x and y in the foot frame
         cells = [[0.000, 0.0], [0.125, 0.028 * out], [0.140, -0.024 * out], [0.200, -0.010 * out]]
-        yield _other_sensor(
+        yield _make_other_sensor(
             config, "insole", "insole", f"/foot_{side}/insole", Mount(body=f"foot_{side}"), cells_m=cells
         )
 
@@ -346,49 +366,52 @@ def _ahrs(config: TwinConfig) -> Iterator[MountedSensor]:
         mounts = {place: _link_mount(seat) for place, seat in own_exo.ahrs.items()}
     for place, mount in mounts.items():
         standard = STANDARD_BACK_AHRS if place == "back" else None
-        yield _other_sensor(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
+        yield _make_other_sensor(config, "ahrs", "ahrs", f"/exo/{place}/ahrs", mount, standard=standard)
 
 
 def _exo_imus(config: TwinConfig) -> Iterator[MountedSensor]:
     """The inertial sensors inside the AHRSs, and those added to a custom exoskeleton."""
     own_exo = _own_exo(config)
     for place, (seat, part) in own_exo.imus.items() if own_exo is not None else ():
-        yield _imu(config, "exo_imu", f"/exo/{place}/imu", _link_mount(seat), part)
+        yield _make_imu(config, "exo_imu", f"/exo/{place}/imu", _link_mount(seat), part)
     for place in _AHRS_PLACES if own_exo is None else ():
         standard = STANDARD_BACK_IMU if place == "back" else None
-        yield _imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
+        yield _make_imu(config, "exo_imu", f"/exo/{place}/imu", Mount(body=f"exo_{place}"), standard)
 
 
 def _encoders(config: TwinConfig) -> Iterator[MountedSensor]:
     """The encoders of the exoskeleton's joints; each is mounted on the body that its joint moves."""
     own_exo = _own_exo(config)
+    # body that each joint moves, by joint
     moved = {f"knee_{side}": f"exo_shank_{side}" for side in SIDES}
     if own_exo is not None:
         moved = {name: own_exo.body_moved_by(name) for name in own_exo.encoders}
     for name, body in moved.items():
-        yield _other_sensor(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
+        yield _make_other_sensor(config, "encoder", "encoder", f"/exo/{name}/encoder", Mount(body=body))
 
 
 def _interactions(config: TwinConfig) -> Iterator[MountedSensor]:
     """The force-cell pairs in the exoskeleton's cuffs."""
     own_exo = _own_exo(config)
+    # (place, which is the limb; body of the exoskeleton)
     cuffs = [(f"{part}_{side}", f"exo_{part}_{side}") for part in ("thigh", "shank") for side in SIDES]
     if own_exo is not None:
         cuffs = [(cuff.body, cuff.link) for cuff in own_exo.cuffs if cuff.force_cells]
     for place, body in cuffs:
-        yield _other_sensor(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
+        yield _make_other_sensor(config, "interaction", "interaction", f"/exo/{place}/interaction", Mount(body=body))
 
 
 def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
     """The actuation modules as sensors of torque and speed; joints without a module report zero torque."""
-    mounted = {} if config.exo is None else modules(config.exo)
+    mounted = {} if config.exo is None else modules(config.exo)  # modules by joint
     limits: dict[str, dict[str, Any]] = {
         name: {"torque_max_nm": float(m.torque_max_nm), "speed_max_radps": float(m.speed_max_radps)}
         for name, m in mounted.items()
     }
     own_exo = _own_exo(config)
     if own_exo is None:
-        moved = {f"{j}_{s}": f"exo_{b}_{s}" for j, b in (("hip", "thigh"), ("knee", "shank")) for s in SIDES}
+        moved_parts = (("hip", "thigh"), ("knee", "shank"))  # joint, and the link that it moves
+        moved = {f"{joint}_{s}": f"exo_{link}_{s}" for joint, link in moved_parts for s in SIDES}
     else:
         moved = {name: own_exo.body_moved_by(name) for name in mounted}
     for name, body in moved.items():
@@ -396,9 +419,10 @@ def _actuators(config: TwinConfig) -> Iterator[MountedSensor]:
         if own_exo is not None:
             more = {"standard": own_exo.motors[name]}
         more |= limits.get(name, {})
-        yield _other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
+        yield _make_other_sensor(config, "actuator", "actuator", f"/exo/{name}/actuator", Mount(body=body), **more)
 
 
+# sensors of each group, from the scenario
 _SENSORS = {
     "foot_imu": _foot_imus,
     "foot_camera": _foot_cameras,
@@ -424,7 +448,7 @@ def _outward(side: str) -> float:
     return 1.0 if side == "l" else -1.0
 
 
-def _pose(rotation: ArrayLike, position: ArrayLike) -> Array:
+def _make_pose(rotation: ArrayLike, position: ArrayLike) -> Array:
     """(4, 4) transform of a (3, 3) rotation and a (3,) position, m."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation, position

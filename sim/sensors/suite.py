@@ -40,6 +40,7 @@ class SensorSuite:
     ) -> None:
         """Makes the model and the clock of every sensor, each with its own random numbers of the walk."""
         self._mount_slips = mount_slips or MountSlips()
+        # (sensor, its model, the stamps of its clock)
         self._models: list[tuple[MountedSensor, Any, Stamps]] = []
         for topic, sensor in sensor_rig.sensors.items():
             if not isinstance(sensor.calibration, CameraCalibration):
@@ -73,6 +74,7 @@ class SensorSuite:
             if not len(t_ns):
                 continue  # a slow sensor has no sample in this chunk
             if isinstance(sensor.calibration, ImuCalibration):
+                # an inertial sensor reads the motion more often, and later by the delay of its filter
                 ends = step_ends(sensor.calibration.rate_hz, model.steps, t_ns) + round(model.delay_s * 1e9)
                 carrier = player.track(sensor.calibration.mount.body, ends)
                 block = model.read(self._mount_slips.mount_track(sensor.calibration.topic, carrier), t_ns)
@@ -123,14 +125,15 @@ def _read_block(
             return model.read(carrier, motion.tracks["foot_r" if side == "l" else "foot_l"][rows])
         case "insole":
             load = loads.feet[side]
-            return model.read(carrier, *(_interpolate(loads.t_ns, x, t_ns) for x in (load.force, load.torque)))
+            force, torque = (_interpolate(loads.t_ns, values, t_ns) for values in (load.force, load.torque))
+            return model.read(carrier, force, torque)
         case "ahrs":
             return model.read(carrier)
         case "encoder":
             return model.read(t_ns, motion.angle[f"exo_{place}_flexion_{side}"][rows])
         case "interaction":
             return model.read(t_ns, -motion.cuff_force[f"{place}_{side}"][rows])  # forward push: sensed behind
-        case _:
+        case _:  # an actuator: the command is followed exactly
             hinge = f"exo_{place}_flexion_{side}"
             torque = np.interp(t_ns, loads.t_ns, loads.motors.get(hinge, np.zeros(len(loads.t_ns))))
             return model.read(t_ns, torque, torque, motion.speed[hinge][rows])

@@ -42,12 +42,12 @@ _TABLE: dict[str, dict[str, tuple[float, ...]]] = {
         "foot": (1.29, 228.3, 40.14, 29.9, 27.9, 13.9),
     },
 }
-_STATURE_M = {"male": 1.741, "female": 1.735}
+_STATURE_M = {"male": 1.741, "female": 1.735}  # of the mean person of the table
 _HIP_HALF_WIDTH = 0.050  # of stature, between the hip centres / 2
 _ANKLE_HEIGHT = 0.043  # of stature, ankle centre above the bare sole
 _FOOT_LENGTH = 0.148  # of stature
 _SHOE_OVER_FOOT_M = 0.012  # outer length of the shoe over the foot's
-SHOE_SOLE_M = 0.025
+SHOE_SOLE_M = 0.025  # thickness of the sole under the foot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +57,7 @@ class MassProperties:
     Attributes:
         mass: kg.
         com: (3,) m, centre of mass in the body's frame.
-        inertia: (3,) kg m² about the centre of mass, body axes.
+        inertia: (3,) kg m², moments of inertia about the centre of mass and the body's axes.
     """
 
     mass: float
@@ -104,6 +104,7 @@ def anthropometry(person: Person) -> Anthropometry:
     ):
         if not is_valid:
             raise ConfigError("person", field, getattr(person, field), valid)
+    # `k` scales the table's lengths to this person
     table, k = _TABLE[person.sex], person.height_m / _STATURE_M[person.sex]
 
     def length(name: str) -> float:
@@ -112,7 +113,7 @@ def anthropometry(person: Person) -> Anthropometry:
 
     def segment(name: str, z_proximal: float) -> MassProperties:
         """Segment that hangs down (−z) from a proximal end at height `z_proximal` of its body's frame."""
-        percent, _, com, *radii = table[name]
+        percent, _, com, *radii = table[name]  # of the body mass; of the length, from the proximal end; of the length
         mass, size = person.mass_kg * percent / 100.0, length(name)
         return MassProperties(
             mass=mass,
@@ -123,7 +124,7 @@ def anthropometry(person: Person) -> Anthropometry:
     bare_ankle = _ANKLE_HEIGHT * person.height_m
     trunk = person.height_m - bare_ankle - length("shank") - length("thigh")
     lumbar = trunk * 0.133  # where the torso's joint sits above the hip centres (trunk.xml)
-    lower = length("lower_trunk")
+    lower = length("lower_trunk")  # heights above the hip centres of the tops of the lower and the middle trunk
     middle = lower + length("middle_trunk")
     torso = _combine(
         segment("middle_trunk", middle - lumbar),
@@ -131,7 +132,8 @@ def anthropometry(person: Person) -> Anthropometry:
     )
     foot = segment("foot", 0.0)
     toe_mass = 0.12 * foot.mass  # share of the foot in front of the toe hinge, and shares of its inertia: by hand
-    about = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])  # the foot lies: its long axis is x
+    # the table's foot hangs along z; in the body's frame it lies along x
+    lying_inertia = np.array([foot.inertia[2], foot.inertia[0], foot.inertia[1]])
     inertials = {
         "pelvis": segment("lower_trunk", lower),
         "torso": torso,
@@ -141,8 +143,10 @@ def anthropometry(person: Person) -> Anthropometry:
         "hand": segment("hand", 0.0),
         "thigh": segment("thigh", 0.0),
         "shank": segment("shank", 0.0),
-        "foot": MassProperties(mass=foot.mass - toe_mass, com=np.array([0.050, 0.0, 0.045]), inertia=0.7 * about),
-        "toe": MassProperties(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * about),
+        "foot": MassProperties(
+            mass=foot.mass - toe_mass, com=np.array([0.050, 0.0, 0.045]), inertia=0.7 * lying_inertia
+        ),
+        "toe": MassProperties(mass=toe_mass, com=np.array([0.030, 0.0, 0.0]), inertia=0.05 * lying_inertia),
     }
     return Anthropometry(
         thigh_m=length("thigh"),
@@ -158,11 +162,15 @@ def anthropometry(person: Person) -> Anthropometry:
 
 
 def _combine(a: MassProperties, b: MassProperties) -> MassProperties:
-    """Mass properties of two bodies together, in their common frame (parallel-axis theorem)."""
+    """Mass properties of two bodies together, in their common frame, by the parallel-axis theorem.
+
+    The centres of mass lie on one axis of the frame, so that no products of inertia arise.
+    """
     mass = a.mass + b.mass
     com = (a.mass * a.com + b.mass * b.com) / mass
     inertia = np.zeros(3)
     for part in (a, b):
-        d2 = (part.com - com) ** 2
-        inertia += part.inertia + part.mass * (d2.sum() - d2)
+        # about each axis: mass times the sum of the squared distances along the two others
+        squared = (part.com - com) ** 2
+        inertia += part.inertia + part.mass * (squared.sum() - squared)
     return MassProperties(mass=mass, com=com, inertia=inertia)

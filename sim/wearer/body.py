@@ -28,6 +28,7 @@ LEG_JOINTS = (
     "ankle_inversion",
     "toe_extension",
 )
+# bodies whose motion the twin reports
 _TRACKED = ("pelvis", "torso", "head", *(f"{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot", "toe")))
 _TRACKED_EXO = ("exo_back", *(f"exo_{b}_{s}" for s in SIDES for b in ("thigh", "shank", "foot")))
 
@@ -93,7 +94,7 @@ def add_wearer(spec: mujoco.MjSpec, person: Person, exo: Exo | None) -> Wearer:
     pelvis, torso = spec.body("pelvis"), spec.body("torso")
 
     for side in SIDES:
-        y = 1.0 if side == "l" else -1.0
+        y = 1.0 if side == "l" else -1.0  # direction outwards
         leg = _scale_leaf("leg", {"thigh": body.thigh_m / 0.4222, "shank": body.shank_m / 0.4340}, girth)
         leg.body("foot").pos = [-size.ankle_x, 0, -body.shank_m - body.ankle_height_m]
         for joint in ("ankle_dorsiflexion", "ankle_inversion"):
@@ -129,7 +130,7 @@ def _scale_leaf(name: str, length_scale: dict[str, float], girth: float) -> mujo
         girth: Factor on the thickness.
     """
     spec = read_leaf(name)
-    for body in spec.bodies[1:]:
+    for body in spec.bodies[1:]:  # without the world
         k = length_scale.get(body.name, 1.0)
         for child in body.bodies:
             child.pos = np.asarray(child.pos) * k
@@ -137,6 +138,7 @@ def _scale_leaf(name: str, length_scale: dict[str, float], girth: float) -> mujo
             geom.pos = np.asarray(geom.pos) * k
             if length_scale:  # the shoes keep their shapes: `_stretch_foot` fits them
                 is_capsule = geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE
+                # sizes: radius and half length of a capsule; otherwise thickness along x and y, and length along z
                 geom.size = np.asarray(geom.size) * ([girth, k, 1.0] if is_capsule else [girth, girth, k])
     return spec
 
@@ -158,4 +160,4 @@ def _set_inertials(spec: mujoco.MjSpec, body: Anthropometry) -> None:
         if part is not None:
             target.explicitinertial = True
             target.mass, target.ipos, target.inertia = part.mass, part.com, part.inertia
-            target.iquat = [1, 0, 0, 0]
+            target.iquat = [1, 0, 0, 0]  # the moments of inertia are about the body's axes

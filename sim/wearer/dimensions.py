@@ -8,7 +8,7 @@ from stridetwin.sim.exo_description import OwnExo
 from stridetwin.sim.wearer.anthropometry import Anthropometry
 from stridetwin.sim.wearer.exoskeleton import ExoLinks
 
-_TOE_SPRING_M = 0.018
+_TOE_SPRING_M = 0.018  # length of the front of the sole that curves up
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,11 +53,13 @@ def add_exoskeleton(pelvis: mujoco.MjsBody, links: ExoLinks, girth: float, modul
         modules: Actuation modules by joint (`exoskeleton.modules`).
     """
     attach(pelvis, back_panel(links, girth), "exo_back")
+    # a module's joint, the link above it that carries it, and how far down on that link the joint is, m
+    places = (("knee", "exo_thigh", links.thigh), ("hip", "exo_hip_rotation", links.hip5))
     for side in SIDES:
         leg = leg_of(links, girth)
-        for joint, below, down in (("knee", "exo_thigh", links.thigh), ("hip", "exo_hip_rotation", links.hip5)):
+        for joint, link, down in places:
             if (module := modules.get(f"{joint}_{side}")) is not None:
-                _add_module(leg, joint, leg.body(below), down, module)
+                _add_module(leg, joint, leg.body(link), down, module)
         attach(pelvis, leg, EXO_LEG_BODIES[0], side=side)
 
 
@@ -81,14 +83,17 @@ def leg_of(links: ExoLinks, girth: float) -> mujoco.MjSpec:
     Body offsets follow from the links' lengths; visual shapes and centres of mass are moved with them.
     """
     spec = read_leaf("exo_leg")
-    for name, offset in zip(EXO_LEG_BODIES, chain(links, "l")[0]):
+    offsets, _ = chain(links, "l")
+    for name, offset in zip(EXO_LEG_BODIES, offsets):
         spec.body(name).pos = offset
+    # `fromto` of a shape: x, y, z of one end, then of the other, m
     arm, beside = -links.hip6, links.hip2  # x of the hinge behind the hip; y of the bars beside the leg
     spec.geom("exo_hip_hinge").fromto[[0, 3]] += arm - spec.geom("exo_hip_arm").fromto[0]
     spec.geom("exo_hip_arm_out").fromto = [arm, 0, 0, arm, beside, links.hip3]
     spec.geom("exo_hip_arm").fromto = [arm, beside, links.hip3, 0, beside, links.hip3]
     spec.geom("exo_hip_rotor").fromto[[1, 4]] = beside
     spec.geom("exo_ankle_hinge").fromto[[1, 4]] += beside - spec.geom("exo_stirrup").fromto[1]
+    # centres of mass, as shares of the lengths of the links
     spec.body("exo_hip_abduction").ipos[:2] = -0.6 * links.hip6, 0.6 * beside
     spec.body("exo_thigh").ipos[2], spec.body("exo_shank").ipos[2] = -0.43 * links.thigh, -0.41 * links.shank
     spec.body("exo_ankle").ipos[:2] = -0.4 * links.ankle1, 0.4 * links.ankle2
@@ -110,9 +115,10 @@ def _fit_bar(leg: mujoco.MjSpec, part: str, length: float, beside: float, girth:
         beside: From the joint's axis sideways to the bar, m.
         girth: Thickness of the limb over that of the mean person.
     """
-    band, down = _LIMB[part], CUFF_SHARE[part] * length
-    gap = beside - band.half_y * girth
+    band, down = _LIMB[part], CUFF_SHARE[part] * length  # `down`: from the top of the link to the cuff
+    gap = beside - band.half_y * girth  # from the skin to the bar
     bar, bracket, pad = (leg.geom(f"exo_{part}_{name}") for name in ("bar", "bracket", "pad"))
+    # sizes of boxes are half edges
     bar.pos[2], bar.size[2] = -0.5 * length, 0.5 * length
     bracket.pos[1:], bracket.size[1] = (-0.5 * gap, -down), 0.5 * gap
     pad.pos[1:] = -(gap - pad.size[1]), -down
@@ -137,7 +143,7 @@ def _lay_strap(
     half_x, half_y = band.half_x * girth + band.clearance, band.half_y * girth + band.clearance
     # corners of a polygon around the ellipse; each of its sides is one box
     ring = np.column_stack([half_x * np.cos(angle), half_y * np.sin(angle)]) / math.cos(math.pi / len(boxes))
-    for box, (a, b) in zip(boxes, pairwise(ring)):
+    for box, (a, b) in zip(boxes, pairwise(ring)):  # middle of a side, and the vector from end to end
         at, along = 0.5 * (a + b), b - a
         yaw = 0.5 * math.atan2(along[1], along[0])  # half of it, for the quaternion
         box.pos = [band.middle_x + at[0], y + at[1], box.pos[2] if z is None else z]
@@ -177,7 +183,7 @@ def add_own_exo(spec: mujoco.MjSpec, pelvis: mujoco.MjsBody, exo: OwnExo) -> Non
     """Attaches a custom exoskeleton to the pelvis: its base and both legs, with the limits of its motors."""
     base = _add_link(spec, pelvis, exo.base)
     for leg in exo.legs.values():
-        parent = base
+        parent = base  # the body that carries the next link
         for link in leg:
             parent = _add_link(spec, parent, link)
             hinge = parent.add_joint(
@@ -198,13 +204,14 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, link: Link) -> mujoco
     """Adds the body of a link with its inertia and visual shapes, without its joint."""
     body = parent.add_body(name=link.name, pos=link.offset)
     inertia, axes = np.linalg.eigh(link.inertia)  # principal moments and axes
-    if np.linalg.det(axes) < 0:  # a reflection, not a rotation
+    if np.linalg.det(axes) < 0:  # a reflection: reversing one axis makes it a rotation
         axes[:, 0] *= -1
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, axes.ravel())
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia, body.iquat = link.mass, link.com, inertia, quat
     for i, shape in enumerate(link.shapes):
+        # a shape is only seen: it has no mass and touches nothing
         geom = body.add_geom(
             type=shape.kind, pos=shape.pos, quat=shape.quat, rgba=shape.rgba, mass=0.0, contype=0, conaffinity=0
         )

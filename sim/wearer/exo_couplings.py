@@ -40,7 +40,9 @@ _HIGHEST_HZ = 80.0
 _LOOSEST = 1e-7
 """Least ratio of smallest to largest stiffness of a leg on its cuffs; below it a joint is not held."""
 _FARTHEST_M = 0.3
+"""Largest distance of a cuff from its limb."""
 _STEP_S = 1e-3
+"""Time step of a simulation, in which damping may act at most once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,17 +101,19 @@ def strain(c: Coupling, p_exo: Array, R_exo: Array, p_body: Array, R_body: Array
     """
     point = p_body + R_body @ c.p_in_body
     displacement = np.einsum("...ji,...j->...i", R_exo, point - p_exo) - c.p_in_exo
-    R = np.swapaxes(R_exo, -1, -2) @ R_body
+    R = np.swapaxes(R_exo, -1, -2) @ R_body  # of the wearer's body, as seen from the exoskeleton's
     rotation = 0.5 * np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
     )
-    return displacement, rotation, 0.5 * (np.trace(R, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - R), point
+    change = 0.5 * (np.trace(R, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - R)  # rate of `rotation` per ω
+    return displacement, rotation, change, point
 
 
 def wrench(c: Coupling, exo: BodyState, body: BodyState) -> tuple[Array, Array, Array]:
     """Wrench of the wearer on the exoskeleton at a coupling; the exoskeleton exerts the opposite on the wearer.
 
-    With the strains d and r it is the gradient of ½ dᵀ K d + ½ rᵀ K_turn r, plus the damping of their rates.
+    With the strains d and r it is the gradient of ½ dᵀ K d + ½ rᵀ K_r r, plus the damping of their rates. K and K_r are
+    the stiffness and the rotational stiffness of the law.
 
     Args:
         c: Coupling.
@@ -120,13 +124,15 @@ def wrench(c: Coupling, exo: BodyState, body: BodyState) -> tuple[Array, Array, 
         (..., 3) force, N, and (..., 3) torque, N m, in the common axes, and (..., 3) the point where the force acts.
     """
     displacement, rotation, change, point = strain(c, exo.p, exo.R, body.p, body.R)
+    # velocity, common axes, of the wearer's point relative to the same point of the exoskeleton's body
     relative = body.v + cross(body.w, point - body.p) - exo.v - cross(exo.w, point - exo.p)
     # rates of displacement and rotation in the axes of the exoskeleton's body
     rate = np.einsum("...ji,...j->...i", exo.R, relative)
     rotation_rate = np.einsum("...ij,...kj,...k->...i", change, exo.R, body.w - exo.w)
     stiffness, damping, rotation_stiffness, rotation_damping = c.law
     force = displacement @ stiffness.T + rate @ damping.T
-    torque = np.einsum("...ji,...j->...i", change, rotation @ rotation_stiffness.T + rotation_rate @ rotation_damping.T)
+    moment = rotation @ rotation_stiffness.T + rotation_rate @ rotation_damping.T  # conjugate to `rotation`
+    torque = np.einsum("...ji,...j->...i", change, moment)
     return np.einsum("...ij,...j->...i", exo.R, force), np.einsum("...ij,...j->...i", exo.R, torque), point
 
 
@@ -135,8 +141,8 @@ class LegFrame:
     """One leg of the worn exoskeleton, a chain of J hinges.
 
     Attributes:
-        bodies: Names, from the pelvis to the tip.
-        joints: Names.
+        bodies: Names of the bodies, from the pelvis to the tip.
+        joints: Names of the hinges that move them.
         offsets: (J, 3) m, origin of each body in its parent's frame; the first parent is the pelvis.
         axes: (J, 3) axis of each joint.
         stops: (J, 2) rad.
@@ -188,6 +194,7 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
     links, cuffs = size.exo, []
     for side in SIDES:
         for part, length in (("thigh", links.thigh), ("shank", links.shank)):
+            # place of the cuff on the axis of the limb; the bar of the exoskeleton is beside it
             on_limb = np.array([0.0, 0.0, -CUFF_SHARE[part] * length])
             cuffs.append(
                 Coupling(
@@ -199,6 +206,7 @@ def exo_couplings(size: Wearer) -> list[Coupling]:
                     law=coupling_law("strap"),
                 )
             )
+        # in the foot's frame: place of the coupling, and origin of the exoskeleton's foot
         p_heel = np.array([0.0, 0.0, 0.035])
         p_holder = np.array([size.ankle_x - links.ankle1, 0.0, size.body.ankle_height_m])
         cuffs.append(
@@ -241,8 +249,9 @@ def _cuff_couplings(exo: OwnExo, size: Wearer) -> list[Coupling]:
     cuffs = []
     for cuff in exo.cuffs:
         body, _, side = cuff.body.partition("_")
-        p_in_body = origins[cuff.link] + cuff.p_in_link - _origins(size, side)[body]
-        if not np.linalg.norm(p_in_body - np.clip(p_in_body, *_limb(size, body))) < _FARTHEST_M:
+        p_in_body = origins[cuff.link] + cuff.p_in_link - _limb_origins(size, side)[body]
+        on_limb = np.clip(p_in_body, *_limb_box(size, body))  # nearest point of the limb
+        if not np.linalg.norm(p_in_body - on_limb) < _FARTHEST_M:
             place = f"{np.round(1e3 * p_in_body).tolist()} mm from the origin of {cuff.body}"
             raise ConfigError(
                 exo.rig, f"cuffs.{cuff.body}.at_mm", place, f"within {_FARTHEST_M * 1e3:g} mm of the limb"
@@ -276,7 +285,7 @@ def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, 
     Raises:
         ConfigError: The leg is not held, or held too stiffly.
     """
-    eigenvalues, modes = np.linalg.eigh(stiffness)
+    eigenvalues, modes = np.linalg.eigh(stiffness)  # ascending, N m/rad; modes are columns
     if eigenvalues[0] < _LOOSEST * eigenvalues[-1]:
         # the joint that moves most in the loosest mode
         joint = exo.legs[side][int(np.argmax(np.abs(modes[:, 0])))].joint
@@ -285,13 +294,14 @@ def check_cuff_stiffness(exo: OwnExo, side: str, mass: Array, stiffness: Array, 
     if fastest > _HIGHEST_HZ:
         valid = f"up to {_HIGHEST_HZ:g} Hz (softer cuffs, or links and armatures with more inertia)"
         raise ConfigError(exo.rig, "cuffs", f"leg {side} at {fastest:.0f} Hz on its cuffs", valid)
+    # 1/s, fastest decay by damping alone
     decay = float(np.linalg.eigvals(np.linalg.solve(mass, damping)).real.max())
     if decay * _STEP_S > 1.0:
         valid = f"up to {1 / _STEP_S:g} 1/s (less damping, or links and armatures with more inertia)"
         raise ConfigError(exo.rig, "cuffs", f"leg {side} damped at {decay:.0f} 1/s", valid)
 
 
-def _origins(size: Wearer, side: str) -> dict[str, Array]:
+def _limb_origins(size: Wearer, side: str) -> dict[str, Array]:
     """(3,) m by body, `thigh`, `shank` and `foot`: its origin in the pelvis' frame, while the wearer stands upright."""
     y, knee = size.body.hip_half_width_m * outward(side), size.body.thigh_m
     return {
@@ -301,8 +311,9 @@ def _origins(size: Wearer, side: str) -> dict[str, Array]:
     }
 
 
-def _limb(size: Wearer, body: str) -> tuple[Array, Array]:
+def _limb_box(size: Wearer, body: str) -> tuple[Array, Array]:
     """Lowest and highest corner, (3,) m each, of a box around the axis of a limb in its frame; a foot has a height."""
     if body == "foot":
         return np.zeros(3), np.array([size.shoe.toe_tip_x, 0.0, size.body.ankle_height_m])
-    return np.array([0.0, 0.0, -{"thigh": size.body.thigh_m, "shank": size.body.shank_m}[body]]), np.zeros(3)
+    lengths = {"thigh": size.body.thigh_m, "shank": size.body.shank_m}
+    return np.array([0.0, 0.0, -lengths[body]]), np.zeros(3)

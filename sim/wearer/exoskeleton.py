@@ -36,6 +36,7 @@ EXO_LEG_JOINTS = (
 EXO_LEG_BODIES = ("exo_hip_abduction", "exo_hip_rotation", "exo_thigh", "exo_shank", "exo_ankle", "exo_foot")
 DH_SIGNS = {"l": np.array([-1.0, -1, -1, 1, -1, -1]), "r": np.array([1.0, 1, -1, 1, -1, 1])}
 """(q1, q3, q5, q6, q7, q8) of the table over the angles of `EXO_LEG_JOINTS`."""
+# body axes (columns) in the axes of a D-H frame whose joint pitches: hip flexion, knee and ankle
 _PITCHING = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 R_DH_BODY = {
     0: np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
@@ -118,6 +119,7 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
         ankle_x: Ankle's axis in the foot's frame, m.
         heel_back_x: Back of the heel in the foot's frame, m.
     """
+    # lengths of links that follow from the thickness of the body are rounded up, so that nothing presses on it
     beside = _next_hole(0.078 * girth + _CLEARANCE_M)
     return ExoLinks(
         hip1=_nearest_hole(body.hip_half_width_m),
@@ -136,6 +138,7 @@ def fit_links(body: Anthropometry, girth: float, ankle_x: float, heel_back_x: fl
 def dh_table(links: ExoLinks, side: str) -> tuple[DhRow, ...]:
     """Denavit-Hartenberg rows 1-8 of the leg `l` or `r`, table 2 of Shim et al. 2019."""
     s, half = outward(side), math.pi / 2
+    # alpha, a, d, theta, joint
     rows = (
         (0.0, s * links.hip1, links.hip6, half, 0),
         (half, links.hip3, s * links.hip2, half, None),
@@ -157,6 +160,7 @@ def chain(links: ExoLinks, side: str) -> tuple[Array, Array]:
         (6, 3) axis of its joint.
     """
     s = outward(side)
+    # one row per body: hip abduction, hip rotation, thigh, shank, ankle, foot
     offsets = [
         [0.0, s * links.hip1, links.hip4 + links.hip5 - links.hip3],
         [0.0, s * links.hip2, links.hip3 - links.hip4],
@@ -175,12 +179,12 @@ def outward(side: str) -> float:
 
 
 def _nearest_hole(length: float) -> float:
-    """Length of a link in the nearest hole, m."""
+    """Length of a link that is set in the hole nearest to the wanted length, m."""
     return round(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
 
 
 def _next_hole(length: float) -> float:
-    """Length of a link in the next hole that is not shorter, m."""
+    """Length of a link that is set in the first hole at or beyond the wanted length, m."""
     return math.ceil(length / _HOLE_SPACING_M) * _HOLE_SPACING_M
 
 
@@ -200,6 +204,7 @@ KNEE = Module(
     gear=80, rotor_inertia=2.0e-5, friction_nm=3.5, viscous_nms=1.0, torque_max_nm=53, speed_max_radps=8.5, mass_kg=1.4
 )
 
+# by mode: the sets of joints that may be powered
 _CHOICES: dict[int, tuple[tuple[str, ...], ...]] = {
     0: ((),),
     1: (JOINTS,),
@@ -223,6 +228,7 @@ def modules(exo: Exo) -> dict[str, Module]:
         raise ConfigError("exo", "mode", exo.mode, ", ".join(map(str, _CHOICES)))
     choices = _CHOICES[exo.mode]
     chosen = exo.joints or (choices[0] if len(choices) == 1 else ())
+    # the order does not matter, but no joint may be named twice
     if set(chosen) not in map(set, choices) or len(set(chosen)) != len(chosen):
         valid = " or ".join(f"[{', '.join(choice)}]" for choice in choices)
         raise ConfigError("exo", "joints", list(exo.joints), f"{valid} in mode {exo.mode}")

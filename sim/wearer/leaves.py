@@ -49,7 +49,7 @@ def silence_prefix_warnings() -> Iterator[None]:
 
     Names are unique without a prefix, by the suffix of their side.
     """
-    warn = mujoco.get_mju_user_warning()
+    warn = mujoco.get_mju_user_warning()  # the handler until now
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         with warnings.catch_warnings():

@@ -27,7 +27,7 @@ _entry_kernel = entry_kernel(__file__)
 NEAR_M = SUNK_M = 0.02
 """Shapes nearer to an eye than this do not occlude it, and an eye may be this deep inside its carrier's crude shape."""
 _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = 2, 3, 4, 5, 6  # mjtGeom
-_NOTHING = (math.inf, -math.inf)
+_NOTHING = (math.inf, -math.inf)  # an empty interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +60,7 @@ class Limbs:
         tree = Tree.of(model)
         shapes_ = find_shapes(model, set(tree.ids.tolist()))
         p_body, quat, _, _ = rigid_tree.body_motion(tree, q, v)
-        rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])
+        rows = np.searchsorted(tree.ids, [shape.body for shape in shapes_])  # body of each shape, by index in the tree
         R_body = from_quaternion(quat)[:, rows]
         return cls(
             kind=np.array([shape.kind for shape in shapes_], np.int64),
@@ -71,10 +71,10 @@ class Limbs:
         )
 
     def occludes(self, rows: NDArray[np.integer], origins: Array, targets: Array) -> NDArray[np.bool_]:
-        """Whether a limb occludes each target from its origin, for (M, K) lines of sight.
+        """(M, K) whether a limb occludes each target from its origin.
 
         Args:
-            rows: (M,) instants.
+            rows: (M,) numbers of the instants, 0 to N − 1.
             origins: (M, 3) m in the world, one per instant; deeper than `SUNK_M` inside a limb everything is occluded.
             targets: (M, K, 3) m in the world.
         """
@@ -117,7 +117,7 @@ class LimbShape:
             origin: (3,) m, body's frame.
             direction: (3,), body's frame.
         """
-        o, d = self.R.T @ (origin - self.p), self.R.T @ direction
+        o, d = self.R.T @ (origin - self.p), self.R.T @ direction  # the ray in the shape's own frame
         enters, leaves = _inside_interval_for_python(
             self.kind,
             (float(self.size[0]), float(self.size[1]), float(self.size[2])),
@@ -139,8 +139,8 @@ def find_shapes(model: mujoco.MjModel, bodies: Collection[int]) -> list[LimbShap
         body, p, R = int(model.geom_bodyid[geom]), model.geom_pos[geom], from_quaternion(model.geom_quat[geom])
         # from carrier to carrier, with the pose in each one's frame
         while body and body not in bodies and not model.body_jntnum[body]:
-            turn = from_quaternion(model.body_quat[body])
-            p, R, body = model.body_pos[body] + turn @ p, turn @ R, int(model.body_parentid[body])
+            R_carrier = from_quaternion(model.body_quat[body])
+            p, R, body = model.body_pos[body] + R_carrier @ p, R_carrier @ R, int(model.body_parentid[body])
         if body in bodies:
             size, reach = model.geom_size[geom].copy(), float(model.geom_rbound[geom])
             shapes.append(
@@ -180,16 +180,16 @@ def _find_occluded(
         eye = vec3(origins[m])
         for k in range(targets.shape[1]):
             d = minus(vec3(targets[m, k]), eye)
-            length = dot(d, d)
+            squared = dot(d, d)  # m², length of the segment
             for g in range(len(kind)):
-                # point of the segment nearest to the middle of the shape
+                # point of the segment nearest to the middle of the shape, and from that middle
                 to = minus(eye, vec3(p[n, g]))
-                share = min(max(-dot(to, d) / length, 0.0), 1.0) if length > 0.0 else 0.0
+                share = min(max(-dot(to, d) / squared, 0.0), 1.0) if squared > 0.0 else 0.0
                 near = plus(to, times(share, d))
                 if dot(near, near) > reach[g] * reach[g]:
                     continue
-                back = transposed(mat3(R[n, g]))
-                if _occludes(kind[g], vec3(size[g]), matvec(back, to), matvec(back, d)):
+                to_shape = transposed(mat3(R[n, g]))
+                if _occludes(kind[g], vec3(size[g]), matvec(to_shape, to), matvec(to_shape, d)):
                     occluded[m, k] = True
                     break
     return occluded
@@ -207,10 +207,10 @@ def _occludes(kind: int, size: Vec3, o: Vec3, d: Vec3) -> bool:
         o: The eye, m.
         d: From the eye to the target, m.
     """
-    enters, leaves = _inside_interval(kind, size, o, d)
+    enters, leaves = _inside_interval(kind, size, o, d)  # in lengths of the segment
     if enters > leaves or enters >= 1.0 or leaves <= 0.0:
-        return False
-    if enters > 0.0:
+        return False  # the line misses the shape, or the shape is beyond an end of the segment
+    if enters > 0.0:  # the eye is outside
         return enters * enters * dot(d, d) > NEAR_M * NEAR_M
     # the eye is inside: everything is occluded if it is deep inside, in the shape that is thinner by `SUNK_M`
     length = size[1] if kind == _CAPSULE else size[1] - SUNK_M
@@ -236,6 +236,7 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
             enters, leaves = max(enters, a), min(leaves, b)
         return enters, leaves
     if kind in (_CYLINDER, _CAPSULE):
+        # within the radius about z, and within the length along z
         a, b = _quadric(d[0] ** 2 + d[1] ** 2, o[0] * d[0] + o[1] * d[1], o[0] ** 2 + o[1] ** 2 - size[0] ** 2)
         c, e = _slab(o[2], d[2], size[1])
         enters, leaves = max(a, c), min(b, e)
@@ -243,7 +244,7 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
             return enters, leaves
         if enters > leaves:
             enters, leaves = _NOTHING
-        for end in (-size[1], size[1]):  # the union is convex, so that the spans are one
+        for end in (-size[1], size[1]):  # balls at the ends; the union is convex, so that the intervals make one
             z = o[2] - end
             a, b = _quadric(
                 d[0] ** 2 + d[1] ** 2 + d[2] ** 2,
@@ -257,6 +258,7 @@ def _inside_interval(kind: int, size: Vec3, o: Vec3, d: Vec3) -> tuple[float, fl
         sy, sz = sx, sx
     elif kind != _ELLIPSOID:
         return _NOTHING
+    # scaled to a unit ball
     ox, oy, oz = o[0] / sx, o[1] / sy, o[2] / sz
     dx, dy, dz = d[0] / sx, d[1] / sy, d[2] / sz
     return _quadric(dx**2 + dy**2 + dz**2, ox * dx + oy * dy + oz * dz, ox**2 + oy**2 + oz**2 - 1.0)

@@ -26,14 +26,16 @@ from stridetwin.streams.samples import Array
 MOST_JOINTS = 8
 """Largest number of joints of a leg."""
 MOST_LINKS = 100
+"""Largest number of bodies of the model."""
 MASS_KG = (0.05, 60.0)
 """Least and largest mass of the whole exoskeleton."""
 _URDF = 'discardvisual="false" fusestatic="false" strippath="false"'
-_PACKAGE = "package://"
-_LARGEST_FILE = 4 << 20
-_MOST_FACES = 100_000
-_LIGHTEST_KG = 1e-3
-_FULL_TURN = np.array([-np.pi, np.pi])
+_PACKAGE = "package://"  # begins the paths of files in a ROS package
+_LARGEST_FILE = 4 << 20  # bytes
+_MOST_FACES = 100_000  # of all meshes together
+_LIGHTEST_KG = 1e-3  # least mass of a link with a joint
+_FULL_TURN = np.array([-np.pi, np.pi])  # rad, range of a hinge without limits
+# types of geoms that a link may show
 _SHAPES = {
     int(kind)
     for kind in (
@@ -78,16 +80,17 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         ConfigError: An invalid value; the message names file, field, value and what is valid.
         StrideTwinError: The file cannot be read or compiled.
     """
-    model = _compile(path)
+    model = _compile_file(path)
     _check_kinds(path, model)
+    # the number is -1 for an unknown name and 0 for the world
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, base) < 1:
         known = ", ".join(model.body(b).name for b in range(1, model.nbody))
         raise ConfigError(path, "base", base, f"a link of the model: {known}")
     root = model.body(base).id
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    owners = _owners(path, model, root)
-    chains = _chains(path, model, root, owners)
+    owners = _find_owners(path, model, root)  # by body: the body that it is merged into
+    chains = _find_chains(path, model, root, owners)
     _check_names(path, model, [root, *(b for leg in chains for b in leg)], names)
     # rotation from the model's world to the pelvis' axes, and origin of each link in that world: its joint's anchor
     to_pelvis = R_base @ data.xmat[root].reshape(3, 3).T
@@ -101,7 +104,7 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
         joint = model.joint(model.body_jntadr[b]) if parent is not None else None
         offset = p_base if parent is None else to_pelvis @ (origin[b] - origin[parent])
         merged = [i for i, owner in owners.items() if owner == b]
-        mass, com, inertia = _mass_properties(model, data, merged, origin[b], to_pelvis)
+        mass, com, inertia = _combine_masses(model, data, merged, origin[b], to_pelvis)
         if parent is not None and mass < _LIGHTEST_KG:
             raise ConfigError(path, f"mass of {model.body(b).name}", mass, f"at least {_LIGHTEST_KG:g} kg")
         dof = model.jnt_dofadr[joint.id] if joint is not None else 0
@@ -117,14 +120,16 @@ def read_model(path: Path, base: str, p_base: Array, R_base: Array, names: dict[
             mass=mass,
             com=com,
             inertia=inertia,
-            shapes=tuple(_shapes(path, model, data, merged, origin[b], to_pelvis)),
+            shapes=tuple(_read_shapes(path, model, data, merged, origin[b], to_pelvis)),
         )
 
     base_link = link(root, None)
-    legs = tuple(tuple(link(b, ([root, *leg])[i]) for i, b in enumerate(leg)) for leg in chains)
+    # each link is carried by the one before it in its chain, the first one by the base
+    legs = tuple(tuple(link(b, parent) for b, parent in zip(leg, [root, *leg])) for leg in chains)
     total_mass = base_link.mass + sum(part.mass for leg in legs for part in leg)
     if not MASS_KG[0] <= total_mass <= MASS_KG[1]:
         raise ConfigError(path, "mass", round(total_mass, 4), f"{MASS_KG[0]:g}-{MASS_KG[1]:g} kg in all")
+    # by body with a joint: number of the leg, and of the link in it; -1 for the base
     place = {root: (-1, 0)} | {b: (k, i) for k, leg in enumerate(chains) for i, b in enumerate(leg)}
     T_carrier = {}
     for b, owner in owners.items():
@@ -143,8 +148,9 @@ def files_of(path: Path) -> list[str]:
         ConfigError: The file has elements that a model of an exoskeleton may not have.
         StrideTwinError: It cannot be read.
     """
-    text, folder = _text(path), path.absolute().parent
-    with _one_line(path, "read"):
+    text, folder = _read_text(path), path.absolute().parent
+    # an error of MuJoCo becomes one line
+    with _report_in_one_line(path, "read"):
         if _is_urdf(text):  # MuJoCo does not list the meshes of URDF among the dependencies
             spec = _parse_spec(path, text)
             names = (mesh.file.removeprefix(_PACKAGE) for mesh in spec.meshes)
@@ -154,7 +160,7 @@ def files_of(path: Path) -> list[str]:
     return sorted({os.path.relpath(file, folder) for file in files if Path(file) != path.absolute()})
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     """Text of a model file.
 
     Raises:
@@ -204,22 +210,22 @@ def _resolve_package(path: Path, uri: str) -> str:
     return escape(os.path.relpath(file, folder))
 
 
-def _compile(path: Path) -> mujoco.MjModel:
+def _compile_file(path: Path) -> mujoco.MjModel:
     """Compiled model of an MJCF or URDF file, in which fixed links keep their own bodies.
 
     Raises:
         ConfigError: It has elements that a model of an exoskeleton may not have.
         StrideTwinError: It cannot be read or compiled.
     """
-    text = _text(path)
-    with _one_line(path, "compile"):
+    text = _read_text(path)
+    with _report_in_one_line(path, "compile"):
         spec = _parse_spec(path, text)
         spec.compiler.fusestatic = False  # otherwise a base that is fixed to the world would lose its mass
         return spec.compile()
 
 
 @contextmanager
-def _one_line(path: Path, action: str) -> Iterator[None]:
+def _report_in_one_line(path: Path, action: str) -> Iterator[None]:
     """Turns MuJoCo's errors within a `with` block into `StrideTwinError` with one line."""
     try:
         yield
@@ -228,7 +234,11 @@ def _one_line(path: Path, action: str) -> Iterator[None]:
 
 
 def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
-    """Rejects models that are not chains of hinges."""
+    """Rejects models that are not chains of hinges: too many links, closed chains, tendons, or unsuitable joints.
+
+    Raises:
+        ConfigError: The message names the element and what is valid.
+    """
     if model.nbody - 1 > MOST_LINKS:
         raise ConfigError(path, "links", model.nbody - 1, f"up to {MOST_LINKS}")
     if model.neq:
@@ -240,7 +250,7 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
         joint, body = model.joint(i), model.body(model.jnt_bodyid[i])
         kind = mujoco.mjtJoint(int(model.jnt_type[i])).name.removeprefix("mjJNT_").lower()
         where, count = f"joint {joint.name or 'unnamed'} of {body.name}", model.body_jntnum[body.id]
-        limits = joint.range
+        limits = joint.range  # rad; all joints at zero is the pose of standing upright
         within = not model.jnt_limited[i] or limits[0] <= 0.0 <= limits[1]
         for is_valid, field, value, valid in (
             (kind == "hinge", where, kind, "hinge (the base is fixed to the pelvis by its rig file)"),
@@ -261,14 +271,24 @@ def _check_kinds(path: Path, model: mujoco.MjModel) -> None:
 
 
 def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: dict[str, str]) -> None:
-    """Rejects links and joints whose names collide in the wearer's model."""
+    """Rejects links and joints whose names collide in the wearer's model.
+
+    Args:
+        path: The model's file, for messages.
+        model: The exoskeleton's model.
+        bodies: The base, then all bodies with a joint.
+        names: Name in the wearer's model of each joint that has one, by its name in the file.
+
+    Raises:
+        ConfigError: Two names of the file become one.
+    """
     links = [model.body(b).name for b in bodies]
     joints = [model.joint(model.body_jntadr[b]).name for b in bodies[1:]]
     for kind, wearer_names in (
         ("link", {name: _exo_name(name) for name in links}),
         ("joint", {name: names.get(name, _exo_name(name)) for name in joints}),
     ):
-        first: dict[str, str] = {}
+        first: dict[str, str] = {}  # the first name of the file that becomes a name in the wearer's model
         for name, wearer_name in wearer_names.items():
             first_name = first.setdefault(wearer_name, name)
             if first_name != name:
@@ -277,7 +297,7 @@ def _check_names(path: Path, model: mujoco.MjModel, bodies: list[int], names: di
                 )
 
 
-def _owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
+def _find_owners(path: Path, model: mujoco.MjModel, root: int) -> dict[int, int]:
     """For each body, the body that it is merged into: the nearest carrier with a joint, or the base.
 
     Raises:
@@ -305,14 +325,14 @@ def _carriers(model: mujoco.MjModel, body: int) -> Iterator[int]:
         body = model.body_parentid[body]
 
 
-def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
+def _find_chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]) -> list[list[int]]:
     """For each of the two legs, its bodies with a joint from the base to the tip.
 
     Args:
         path: The model's file, for messages.
         model: The exoskeleton's model.
         root: The base.
-        owners: For each body, the body that it is merged into (`_owners`).
+        owners: For each body, the body that it is merged into (`_find_owners`).
 
     Raises:
         ConfigError: A leg branches, or the model has not two legs of the same number of joints.
@@ -337,7 +357,7 @@ def _chains(path: Path, model: mujoco.MjModel, root: int, owners: dict[int, int]
     return legs
 
 
-def _mass_properties(
+def _combine_masses(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> tuple[float, Array, Array]:
     """Mass, centre of mass and inertia of several bodies together.
@@ -354,17 +374,18 @@ def _mass_properties(
     """
     masses = model.body_mass[bodies]
     mass = float(masses.sum())
-    if mass <= 0.0:
+    if mass <= 0.0:  # no centre of mass
         return 0.0, np.zeros(3), np.zeros((3, 3))
     centre = masses @ data.xipos[bodies] / mass
     inertia = np.zeros((3, 3))
     for b in bodies:
+        # axes of the body's moments of inertia, and its centre of mass from the common one: parallel-axis theorem
         R, d = data.ximat[b].reshape(3, 3), data.xipos[b] - centre
         inertia += R @ np.diag(model.body_inertia[b]) @ R.T + model.body_mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
     return mass, to_pelvis @ (centre - origin), to_pelvis @ inertia @ to_pelvis.T
 
 
-def _shapes(
+def _read_shapes(
     path: Path, model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int], origin: Array, to_pelvis: Array
 ) -> list[Shape]:
     """Visual shapes of the bodies that are merged into one link; of a URDF, its visual elements if there are any.
@@ -381,7 +402,7 @@ def _shapes(
         ConfigError: A shape that cannot be worn, or too many faces.
     """
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
-    if path.suffix == ".urdf":
+    if path.suffix == ".urdf":  # its visual elements do not collide; a model without them shows the others
         geoms = [g for g in geoms if not model.geom_contype[g] and not model.geom_conaffinity[g]] or geoms
     shapes = []
     if int(model.nmeshface) > _MOST_FACES:
@@ -395,6 +416,7 @@ def _shapes(
             )
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, (to_pelvis @ data.geom_xmat[g].reshape(3, 3)).ravel())
+        # number of the mesh; vertices and faces stay empty for other shapes
         m, vertices, faces = int(model.geom_dataid[g]), np.zeros((0, 3)), np.zeros((0, 3), np.int32)
         if kind == mujoco.mjtGeom.mjGEOM_MESH:
             at, count = model.mesh_vertadr[m], model.mesh_vertnum[m]

@@ -38,10 +38,10 @@ from stridetwin.streams.yaml_file import read_yaml
 
 _FLEXION_Y = {"hip": -1, "knee": 1, "ankle": -1}
 """Which way along y, to the left, an axis points that counts flexion (thigh forward, knee bent, toes up)."""
-_MOST_ASLANT_DEG = 60.0
+_MOST_ASLANT_DEG = 60.0  # largest angle of such an axis from that direction
 _BODIES = tuple(f"{limb}_{side}" for limb in ("thigh", "shank", "foot") for side in "lr")
-_SHORT = re.compile(r"[a-z]+_[lr]")
-_FARTHEST_MM = 2000.0
+_SHORT = re.compile(r"[a-z]+_[lr]")  # a short name, such as `hip_l`
+_FARTHEST_MM = 2000.0  # largest coordinate of a place on a link
 
 
 def _vector(most: float, low: float | None = None, scale: float = 1.0) -> ReadAs:
@@ -55,7 +55,7 @@ def _part_field(kind: str) -> Any:
 
     def read_named_part(name: object, info: ValidationInfo) -> Part:
         """The part; refuses unknown names and parts of another kind."""
-        read = None
+        read = None  # the part, if there is one of that name
         if isinstance(name, str) and name.endswith((".yaml", ".yml")):
             try:
                 read = read_part(context_folder(info) / name)
@@ -90,7 +90,7 @@ def _check_short_names(valid: str, *more: str) -> AfterValidator:
 
 
 def _check_unique(joints: dict[str, str]) -> dict[str, str]:
-    """Refuses a joint of the model that two short names share."""
+    """The mapping of short names to joints of the model, unchanged; refuses a joint that two short names share."""
     names = list(joints.values())
     if twice := [name for name in names if names.count(name) > 1]:
         raise field_error(twice[0], "every joint once")
@@ -111,7 +111,7 @@ def _check_joint_names(names: Any, info: ValidationInfo) -> Any:
 
 
 def _check_both_legs(cuffs: dict[str, Any]) -> dict[str, Any]:
-    """Refuses cuffs on anything but thighs, shanks and feet, and cuffs on one leg only."""
+    """The cuffs by body, unchanged; refuses cuffs on anything but thighs, shanks and feet, and on one leg only."""
     for body in cuffs:
         if body not in _BODIES:
             raise field_error(body, f"keys {suggest(body, _BODIES)}")
@@ -239,12 +239,13 @@ def read_own_exo(model: Path, rig: Path) -> OwnExo:
         StrideTwinError: One of them cannot be read.
     """
     file = validate(OwnExoFile, read_yaml(rig), rig, context={"folder": rig.parent})
+    # name of each named joint in the wearer's model, by its name in the model's file
     names = {joint: hinge_of(short) for short, joint in file.joints.items()}
     T_base = file.base.pose
     chains = read_model(model, file.base.link, T_base[:3, 3], T_base[:3, :3], names)
     if errors := list(_find_unknown_names(file, chains, rig, model)):
         raise combine_errors(errors)
-    cuffs, sides = _cuffs(file, chains, rig)
+    cuffs, sides = _cuffs(file, chains, rig)  # `sides`: number of the chain that is the leg of each side
     legs = {side: chains.legs[sides[side]] for side in "lr"}
     for short, joint in file.joints.items():
         if hinge_of(short) not in {link.joint for link in legs[short[-1]]}:
@@ -287,10 +288,11 @@ def _cuffs(file: OwnExoFile, chains: Chains, rig: Path) -> tuple[tuple[Cuff, ...
     """
     cuffs, sides = [], dict[str, int]()
     for body, cuff in file.cuffs.items():
-        leg, at = chains.carrier[cuff.link]
+        leg, at = chains.carrier[cuff.link]  # number of the chain, -1 for the base, and of the link in it
         place, side = f"cuffs.{body}.link", body[-1]
         if leg < 0:
             raise ConfigError(rig, place, cuff.link, "a link of a leg: the base is fixed to the pelvis")
+        # all cuffs of a side must be on one chain, and those of the other side on the other chain
         if sides.setdefault(side, leg) != leg or any(s != side and k == leg for s, k in sides.items()):
             valid = f"a link of the leg that other cuffs tie to the wearer's {side} leg"
             raise ConfigError(rig, place, cuff.link, valid)
@@ -317,7 +319,7 @@ def _check_axes(model: Path, rig: Path, joints: Mapping[str, str], legs: dict[st
     """
     for short, joint in joints.items():
         name, _, side = short.rpartition("_")
-        y = _FLEXION_Y.get(name)
+        y = _FLEXION_Y.get(name)  # None for joints other than hips, knees and ankles
         axis = next(link.axis for link in legs[side] if link.joint == hinge_of(short))
         if y is not None and y * axis[1] < np.cos(np.radians(_MOST_ASLANT_DEG)):
             raise ConfigError(
@@ -344,6 +346,6 @@ def _module(motor: _Motor, link: Link) -> Module:
 
 def _on_link(seat: _Seat, chains: Chains) -> OnLink:
     """Pose of a seat on the link that its place is merged into."""
-    leg, at = chains.carrier[seat.link]
+    leg, at = chains.carrier[seat.link]  # number of the chain, -1 for the base, and of the link in it
     link = chains.base if leg < 0 else chains.legs[leg][at]
     return OnLink(link=link.name, T_link=chains.T_carrier[seat.link] @ seat.pose)

@@ -25,6 +25,8 @@ from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Strip
 
 PARTS = ("trunk", *(f"{part}_{side}" for side in "lr" for part in ("thigh", "shank", "foot", "upper_arm", "forearm")))
+# of a person of 1.75 m: lengths of thigh and shank, height of the ankle, ankle to ball of the foot, half width of the
+# hips, and place of the left shoulder (forward, left, up) from the middle of the hips
 THIGH_M, SHANK_M, ANKLE_M, BALL_M, HIP_M, SHOULDER_M = 0.43, 0.41, 0.08, 0.13, 0.085, (0.0, 0.19, 0.49)
 UPPER_ARM_M = 0.29
 # Sonar targets: spheres (x, y, z, radius) in the frames of the parts, m.
@@ -34,7 +36,7 @@ SONAR_SPHERES = {
     "shank": [(0.0, 0.0, -z, 0.052) for z in (0.02, 0.12, 0.22, 0.32, 0.40)],
     "foot": [(x, 0.0, -0.04, 0.042) for x in (-0.03, 0.05, 0.13)],
 }
-_GRID_S = 0.02
+_GRID_S = 0.02  # step of the time grid of their paths
 
 
 # Paths and steps of bystanders; chosen by hand so that they pass the walker without meeting them.
@@ -73,7 +75,7 @@ class Bystander:
         yaw: (N,) rad, unwrapped.
         steps: (N,) number of steps made so far, as a real number that grows.
         holds: (K, 3) m, footholds (balls of the feet) in order, left first; the first one lies before step `first`.
-        hold_yaw: (K,) rad.
+        hold_yaw: (K,) rad, direction of the foot on each.
         first: Number of the first foothold.
         size: Stature as a share of 1.75 m.
     """
@@ -98,12 +100,12 @@ class Bystander:
         (ahead, left), up = _horizontal(yaw), np.array([0.0, 0.0, 1.0])
         # lists in the order of `PARTS`: trunk; then thigh, shank, foot, upper arm and forearm of each side
         k, origins, axes = self.size, [p], [_frame(left, up + _TRUNK_LEAN_RAD * ahead)]
-        for sign, odd in ((1.0, 0), (-1.0, 1)):
+        for sign, odd in ((1.0, 0), (-1.0, 1)):  # left, right
             ankle, R_foot, reach = self._foot(steps, odd)
             hip = p + sign * HIP_M * k * left
             knee, ankle = _two_links(hip, ankle, ahead, THIGH_M * k, SHANK_M * k)
             shoulder = p + np.einsum("nij,j->ni", axes[0], np.array(SHOULDER_M) * [1.0, sign, 1.0]) * k
-            swing = -_ARM_SWING_RAD * reach / _STEP_M
+            swing = -_ARM_SWING_RAD * reach / _STEP_M  # the arm swings against the leg
             upper = _swing_limb(left, ahead, swing)
             origins += [hip, knee, ankle, shoulder, shoulder - UPPER_ARM_M * k * upper[:, :, 2]]
             axes += [_frame(left, hip - knee), _frame(left, knee - ankle), R_foot, upper]
@@ -113,7 +115,7 @@ class Bystander:
     def track(self, t_ns: NDArray[np.int64]) -> Track:
         """Track of the middle of the hips, x forward, at (M,) instants."""
         t = t_ns * 1e-9
-        p, R = (part[:, 0] for part in self.parts(t))
+        p, R = (part[:, 0] for part in self.parts(t))  # of the trunk, the first part
         v = np.stack([np.interp(t, self.t, column) for column in np.gradient(self.p, self.t, axis=0).T], -1)
         return Track(
             t_ns=t_ns,
@@ -126,13 +128,15 @@ class Bystander:
     def sonar_spheres(self, t: NDArray[np.floating]) -> tuple[Array, Array]:
         """(M, B, 3) centres of the sonar targets in the world, m, and (B,) radii."""
         p, R = self.parts(t)
+        # (number of the part, sphere in its frame)
         rows = [
             (i, ball)
             for i, part in enumerate(PARTS)
             for ball in SONAR_SPHERES.get(part.removesuffix("_l").removesuffix("_r"), [])
         ]
         part_index, local = np.array([i for i, _ in rows]), np.array([ball for _, ball in rows]) * self.size
-        return p[:, part_index] + np.einsum("mbij,bj->mbi", R[:, part_index], local[:, :3]), local[:, 3]
+        centres, radii = local[:, :3], local[:, 3]
+        return p[:, part_index] + np.einsum("mbij,bj->mbi", R[:, part_index], centres), radii
 
     def _foot(self, steps: Array, odd: int) -> tuple[Array, Array, Array]:
         """Ankle, axes and reach of one foot, for (M,) numbers of steps made.
@@ -150,7 +154,7 @@ class Bystander:
         cycle = np.floor((count + _SUPPORT) / 2)  # strides of this foot so far; r is the number of steps in this one
         r = count - 2 * cycle  # -0.6 at touch-down, 0.6 at toe-off, 1.4 at the next touch-down
         at = (2 * cycle + odd - self.first).astype(int)  # row of the foothold that the foot stands on, or leaves
-        a, b = self.holds[at], self.holds[at + 2]
+        a, b = self.holds[at], self.holds[at + 2]  # (M, 3) m, that foothold, and the next one of this foot
         share = np.clip((r - _SUPPORT) / (2 - 2 * _SUPPORT), 0.0, 1.0)  # of swing
         rise = b[:, 2] - a[:, 2]
         sooner = np.where(rise > 0, share / 0.6, (share - 0.4) / 0.6)  # up early in the swing, down late
@@ -161,13 +165,16 @@ class Bystander:
         pitch += _TOUCH_DOWN_PITCH_RAD * (
             ease((share - 0.6) / 0.4) * (r > 0) + (1 - ease((r + _SUPPORT) / 0.2)) * (r < 0)
         )
-        bump = (4 * share * (1 - share)) ** 2
+        bump = (4 * share * (1 - share)) ** 2  # lift of the swing, 1 in its middle
+        # with the toes up the foot stands on its heel, so that the ball is higher
         ball[:, 2] += bump * (_LIFT_M + 0.3 * np.abs(rise)) + BALL_M * self.size * np.sin(np.maximum(-pitch, 0.0))
         yaw = self.hold_yaw[at] + ease(share) * (self.hold_yaw[at + 2] - self.hold_yaw[at])
         ahead, left = _horizontal(yaw)
         R = _swing_limb(left, ahead, -pitch)
+        # in stance the body moves over the foot, in swing the foot moves by two steps
         reach = np.where(share > 0, 2 * ease(share) - r, -r) * _STEP_M
-        return ball - np.einsum("nij,j->ni", R, np.array([BALL_M, 0.0, -ANKLE_M]) * self.size), R, reach
+        ankle_to_ball = np.array([BALL_M, 0.0, -ANKLE_M]) * self.size  # in the axes of the foot
+        return ball - np.einsum("nij,j->ni", R, ankle_to_ball), R, reach
 
 
 Crowd = tuple[Bystander, ...]
@@ -188,6 +195,7 @@ def plan_bystanders(
         rng: Draws their size and their start positions.
     """
     grid = np.arange(t[0], t[-1] + _GRID_S, _GRID_S)
+    # on the grid: arc length and position of the walker; then start angle and sense of all bystanders
     along = _smooth(np.interp(grid, t, s), _PROGRESS_SMOOTHING_S)
     walker = np.stack([np.interp(grid, t, column) for column in p_walker.T], -1)
     start = rng.uniform(0.0, 1.0)
@@ -211,6 +219,7 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
         size: Stature as a share of 1.75 m.
     """
     way, profile = terrain.layout.way, terrain.profile
+    # distance from the middle of the way at which a bystander passes, m
     beside = max(terrain.route.width_m / 2 - _EDGE_M - _HALF_STANCE_M, _MIN_BESIDE_M)
     low, high = profile[0].s0 + 0.4, profile[-1].s1 - RUN_OUT_M + 1.6  # ends of the way for bystanders
     s = _smooth(np.clip(along + _MAX_AHEAD_M * np.cos(turn), low, high), _ENDS_SMOOTHING_S)
@@ -218,12 +227,13 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
     p = _smooth(way.point(s, left), _CORNER_SMOOTHING_S)
     away = p - walker
     distance = np.linalg.norm(away, axis=1, keepdims=True)
-    p = p + away / np.maximum(distance, 1e-6) * np.maximum(
-        _KEEP_AWAY_M - distance, 0.0
-    )  # at corners they may come close
+    # at corners they may come close: there they are moved away from the walker
+    missing = np.maximum(_KEEP_AWAY_M - distance, 0.0)
+    p = p + away / np.maximum(distance, 1e-6) * missing
     p = _smooth(p, _PATH_SMOOTHING_S)
     v = _smooth(np.gradient(p, t, axis=0), _VELOCITY_SMOOTHING_S)
     yaw = _smooth(np.unwrap(np.arctan2(v[:, 1], v[:, 0])), _YAW_SMOOTHING_S)
+    # m, length of the path so far; it grows in every row, so that it can be interpolated
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1) + 1e-9)])
     steps = gone / (_STEP_M * size)
     holds, hold_yaw, first = _footholds(np.column_stack([p, s, left, yaw - way.heading(s)]), yaw, steps, profile, size)
@@ -245,26 +255,31 @@ def _plan_bystander(terrain: Terrain, t: Array, along: Array, walker: Array, tur
 def _footholds(
     path: Array, yaw: Array, steps: Array, profile: Sequence[Strip], size: float
 ) -> tuple[Array, Array, int]:
-    """Footholds of the balls of the feet, their yaw, and the number of the first one.
+    """Footholds of the balls of the feet.
 
     Args:
         path: (N, 5) x and y in the world, arc length along the way, distance to its left, m, and yaw relative to it.
         yaw: (N,) rad in the world.
         steps: (N,) steps made.
         profile: Ground along the way; it extends as far to the sides as any bystander walks.
-        size: Stature.
+        size: Stature as a share of 1.75 m.
+
+    Returns:
+        (K, 3) m in the world; (K,) rad, yaw of the foot on each; and the number of the first one.
     """
     first = -3
     # numbers of the footholds; a few lie before the start and beyond the end of the path, straight ahead
     count = np.arange(first, int(steps[-1]) + 5)
-    beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size
+    beyond = (count - np.clip(count, 0.0, steps[-1])) * _STEP_M * size  # m beyond an end of the path
     heading = np.interp(count, steps, yaw)
-    ahead, aside = (np.stack(a, -1) for a in ((np.cos(heading), np.sin(heading)), (-np.sin(heading), np.cos(heading))))
+    ahead = np.stack([np.cos(heading), np.sin(heading)], -1)
+    aside = np.stack([-np.sin(heading), np.cos(heading)], -1)  # to the left
     sign = np.where(count % 2 == 0, 1.0, -1.0)
     x, y, s, left, relative_yaw = (np.interp(count, steps, column) for column in path.T)
     forward = beyond + 0.5 * BALL_M
     ball = np.stack([x, y], -1) + _HALF_STANCE_M * sign[:, None] * aside + forward[:, None] * ahead
     # the whole sole is above the ground: a foothold inside a riser is moved to the riser's edge
+    # (4, K) m, points of the sole from heel to toes along the foot
     sole = forward + size * np.array([[-0.20], [-0.10], [0.0], [0.07]])
     ground = _ground_height(profile, s + sole * np.cos(relative_yaw), left + sole * np.sin(relative_yaw))
     return np.column_stack([ball, ground.max(axis=0)]), heading, first
@@ -279,19 +294,19 @@ def _ground_height(profile: Sequence[Strip], s: Array, left: Array) -> Array:
 
 def _hip_height(body: Bystander) -> Array:
     """(N,) m, height of the hips: as high as the legs reach, smoothed."""
-    reach = (THIGH_M + SHANK_M) * body.size - 0.012
+    reach = (THIGH_M + SHANK_M) * body.size - 0.012  # m, of a nearly straight leg
     limits = []
     for sign, odd in ((1.0, 0), (-1.0, 1)):
         ankle, _, _ = body._foot(body.steps, odd)
         hip = body.p[:, :2] + sign * HIP_M * body.size * np.stack([-np.sin(body.yaw), np.cos(body.yaw)], -1)
-        limits.append(
-            ankle[:, 2] + np.sqrt(np.maximum(reach**2 - np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2, 0.3))
-        )
+        away_squared = np.linalg.norm(ankle[:, :2] - hip, axis=1) ** 2  # m², horizontally from hip to ankle
+        # at least √0.3 m above the ankle, so that the root exists
+        limits.append(ankle[:, 2] + np.sqrt(np.maximum(reach**2 - away_squared, 0.3)))
     return _smooth(np.minimum(*limits), _HIP_SMOOTHING_S) - 0.01
 
 
 def _smooth(x: Array, sigma_s: float) -> Array:
-    """(N, ...) values every `_GRID_S`, filtered by a Gaussian of standard deviation `sigma_s`."""
+    """(N, ...) values every `_GRID_S`, filtered over time by a Gaussian of standard deviation `sigma_s`, s."""
     return gaussian_filter1d(x, sigma_s / _GRID_S, axis=0, mode="nearest")
 
 
@@ -323,7 +338,10 @@ def _horizontal(yaw: Array) -> tuple[Array, Array]:
 
 
 def _frame(left: Array, up: Array) -> Array:
-    """(N, 3, 3) axes whose z points up a limb and whose y is nearly left."""
+    """(N, 3, 3) axes (columns) of a limb: z along `up`, the direction up the limb, and y nearly along `left`.
+
+    `left` and `up` are (N, 3); `up` need not have unit length.
+    """
     z = up / np.linalg.norm(up, axis=1, keepdims=True)
     x = np.cross(left, z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -339,11 +357,12 @@ _SHIRTS = ((0.72, 0.30, 0.22), (0.85, 0.70, 0.25), (0.35, 0.50, 0.28), (0.55, 0.
 _TROUSERS = ((0.25, 0.28, 0.38), (0.36, 0.30, 0.26), (0.20, 0.20, 0.22), (0.42, 0.44, 0.47))
 _SKIN, _HAIR, _SHOE = (0.82, 0.62, 0.50), (0.22, 0.16, 0.11), (0.15, 0.15, 0.17)
 _ELLIPSOID, _CAPSULE, _BOX = mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX
+# type, centre, size and colour of a geom
 _Geom = tuple[mujoco.mjtGeom, tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 
 
 def add_bystanders(spec: mujoco.MjSpec, count: int) -> None:
-    """Adds `count` bystanders; `pose_crowd` places them."""
+    """Adds the bodies of `count` bystanders to a model, out of sight; `pose_crowd` places them."""
     for i in range(count):
         for part in PARTS:
             body = spec.worldbody.add_body(name=f"bystander_{i}_{part}", mocap=True, pos=(0.0, 0.0, -50.0))
@@ -355,6 +374,7 @@ def pose_crowd(model: mujoco.MjModel, data: mujoco.MjData, crowd: Crowd, t_s: fl
     """Places all bystanders of a model at the instant `t_s`, s of the walk."""
     for i, person in enumerate(crowd):
         p, R = person.parts(np.array([t_s]))
+        # the parts of a person are consecutive among the bodies without joints that can be placed (MuJoCo's mocap)
         first = int(model.body(f"bystander_{i}_{PARTS[0]}").mocapid[0])
         data.mocap_pos[first : first + len(PARTS)] = p[0]
         data.mocap_quat[first : first + len(PARTS)] = to_quaternion(R[0])
@@ -364,6 +384,7 @@ def _geoms(part: str, shirt: tuple[float, float, float], trousers: tuple[float, 
     """Type, centre, size and colour of the geoms of a body part, in its frame."""
 
     def limb(length: float, radius: float, colour: tuple[float, float, float]) -> _Geom:
+        """A capsule from the frame's origin down to `length` m."""
         return (_CAPSULE, (0.0, 0.0, -length / 2), (radius, length / 2, 0.0), colour)
 
     shoulder = SHOULDER_M[2]

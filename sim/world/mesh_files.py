@@ -19,7 +19,7 @@ from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.samples import Array
 
 MOST_TRIANGLES = 100_000
-_LARGEST_FILE = 32 << 20
+_LARGEST_FILE = 32 << 20  # bytes
 GLTF_SUFFIXES = (".glb", ".gltf")
 """Files whose format defines that y points up, in metres."""
 _SUFFIXES = (".stl", ".obj", ".ply", *GLTF_SUFFIXES)
@@ -84,6 +84,7 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         ConfigError: More elements than are accepted, or than the file can hold.
     """
     most = MOST_TRIANGLES
+    # binary STL: a header of 80 bytes, the number of triangles, and 50 bytes for each; text STL begins with `solid`
     if kind == ".stl" and not data[:512].lstrip().startswith(b"solid"):
         count = int.from_bytes(data[80:84], "little")
         if count > most or len(data) < 84 + 50 * count:
@@ -93,6 +94,7 @@ def _check_declared(path: Path, kind: str, data: bytes) -> None:
         counts = [int(n) for n in re.findall(rb"element\s+\w+\s+(\d{1,18})", head)]
         if not counts or max(counts) > 10 * most or sum(counts) > len(data):
             raise ConfigError(path, "elements declared", counts, f"up to {10 * most}, as many as there are")
+    # OBJ and text STL: faces begin with `f` and `facet`
     elif data.count(b"\nf ") > most or data.count(b"\nfacet") > most or data.count(b"\n") > 40 * most:
         raise ConfigError(path, "lines", data.count(b"\n"), f"a mesh of up to {most} triangles")
 

@@ -24,7 +24,7 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.fields import DEGREES, InputFile, Number, OneOf, ReadAs
 from stridetwin.streams.samples import Array
 
-_FARTHEST_M = 1000.0
+_FARTHEST_M = 1000.0  # largest coordinate
 # How a profile is divided into levels, ramps and stairs; chosen by hand for meshes with errors of millimetres.
 _MAX_ERROR_M = 0.010  # of the mesh from its replacement, anywhere on the way but beside risers
 _BESIDE_RISER_M = 0.025  # on both sides of a riser, where the error is not checked
@@ -114,7 +114,7 @@ def _replace_mesh(triangles: Array, way: MeshWay, width_m: float) -> tuple[tuple
     heights = np.column_stack([_cut_profile(corners, s, 0.5 * width_m * share, way) for share in _ROWS])
     # (N, 5) m, relative to the start of the middle line
     heights -= heights[0, len(_ROWS) // 2]
-    segments = _segments(s, heights[:, len(_ROWS) // 2], way)
+    segments = _divide_into_segments(s, heights[:, len(_ROWS) // 2], way)
     errors = _replacement_error(segments, s, heights, width_m, way)
     kinds = [type(part).__name__.lower() for part in segments]
     counts = ", ".join(f"{kinds.count(k)} {k}" for k in ("level", "ramp", "stairs") if k in kinds)
@@ -208,7 +208,7 @@ def _to_way_frame(corners: Array, way: MeshWay) -> Array:
     if way.vertical_axis == "y":
         y, z = -z, y
     cos, sin = math.cos(way.heading_rad), math.sin(way.heading_rad)
-    dx, dy = x - way.start_m[0], y - way.start_m[1]
+    dx, dy = x - way.start_m[0], y - way.start_m[1]  # from the start of the way
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx, z], -1)
 
 
@@ -229,34 +229,35 @@ def _cut_profile(corners: Array, s: Array, left: float, way: MeshWay) -> Array:
     """
     # triangles that face up, nearly, and that the line crosses
     edges = corners[:, 1:] - corners[:, :1]
-    normal = np.cross(edges[:, 0], edges[:, 1])
+    normal = np.cross(edges[:, 0], edges[:, 1])  # not of unit length; `size` is its length
     size = np.linalg.norm(normal, axis=1)
     flat = (size > 1e-12) & (np.abs(normal[:, 2]) > _MIN_NORMAL_UP * size)
     if np.any(flat & (normal[:, 2] > 0)):
         flat &= normal[:, 2] > 0  # undersides are not ground; but if nothing faces up, the mesh is inside out
     near = flat & (corners[:, :, 1].min(1) <= left) & (corners[:, :, 1].max(1) >= left)
     heights_at: list[list[float]] = [[] for _ in s]  # m, of all surfaces above and below each sample
-    for (a, b, c), n in zip(corners[near], normal[near]):
+    for (a, b, c), n in zip(corners[near], normal[near]):  # corners and normal of a triangle
+        # samples between its ends
         first, last = np.searchsorted(s, [min(a[0], b[0], c[0]), max(a[0], b[0], c[0]) + 1e-9])
         for i in range(first, last):
             p = s[i], left
             # the point is in the triangle, seen from above, if it is on the same side of all three edges
             sides = [(q[0] - o[0]) * (p[1] - o[1]) - (q[1] - o[1]) * (p[0] - o[0]) for o, q in ((a, b), (b, c), (c, a))]
-            if min(sides) >= -1e-9 or max(sides) <= 1e-9:
+            if min(sides) >= -1e-9 or max(sides) <= 1e-9:  # height of the triangle's plane at the sample
                 heights_at[i].append(float(a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]))
     heights = np.empty(len(s))
     last_z = min(heights_at[0], default=0.0, key=abs)
     for i, surfaces in enumerate(heights_at):
-        low = [z for z in surfaces if abs(z - last_z) <= _REACH_M]
-        if not low:
+        reachable = [z for z in surfaces if abs(z - last_z) <= _REACH_M]
+        if not reachable:
             where = f"{s[i]:.2f} m along, {left:+.2f} m to the left"
             valid = f"ground all along the way, without steps of more than {_REACH_M:g} m"
             raise ConfigError(way.path, where, "no ground that can be stepped onto" if surfaces else "a hole", valid)
-        heights[i] = last_z = max(low)
+        heights[i] = last_z = max(reachable)
     return heights
 
 
-def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
+def _divide_into_segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
     """Levels, ramps and stairs of a height profile (N,) that begins at 0.
 
     Steps between neighbouring samples are risers. Short levels between risers of one direction are treads.
@@ -284,16 +285,17 @@ def _segments(s: Array, z: Array, way: MeshWay) -> tuple[MeshSegment, ...]:
             if risers and risers[-1] * rise < 0:
                 raise ConfigError(way.path, at, f"{1e3 * rise:.0f} mm", "one direction per flight")
             risers.append(rise)
-        run = _segment_length(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)
+        run = _segment_length(s, ends[i - 1] if i else None, a, b, ends[i] < len(s) - 1)  # m, from riser to riser
         flat = abs(z[b] - z[a]) < _MAX_LEVEL_RISE_M and np.ptp(z[a : b + 1]) < 2 * _MAX_LEVEL_RISE_M
         tread = flat and run <= _MAX_TREAD_M
+        # between two risers of one direction, a short level is a tread of the present flight
         if i and i < len(starts) - 1 and tread and (z[starts[i + 1]] - z[b]) * risers[-1] > 0:
             if run < MIN_TREAD_M:
                 valid = f"at least {1e3 * MIN_TREAD_M:g} mm"
                 raise ConfigError(way.path, f"tread at {s[a]:.2f} m", f"{1e3 * run:.0f} mm", valid)
             treads.append(run)
             continue
-        parts += _flight(risers, treads)
+        parts += _build_flight(risers, treads)  # the flight, if there is one, ends here
         risers, treads = [], []
         parts += _fit_lines(s, z, a, b, run, way)
     if not isinstance(parts[0], Level) or not isinstance(parts[-1], Level):
@@ -315,7 +317,7 @@ def _segment_length(s: Array, before: int | None, a: int, b: int, riser_after: b
     return float((0.5 * (s[b] + s[b + 1]) if riser_after else s[b]) - start)
 
 
-def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
+def _build_flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
     """Segments for risers and the treads between them: one stair if all treads are equal, otherwise one per riser.
 
     Args:
@@ -330,7 +332,8 @@ def _flight(risers: list[float], treads: list[float]) -> list[MeshSegment]:
         return [Stairs(risers=len(risers), riser_m=heights, tread_m=tread, down=down)]
     parts: list[MeshSegment] = []
     for i, height in enumerate(heights):
-        parts += [Level(length_m=treads[i - 1])] * (i > 0)
+        if i > 0:
+            parts.append(Level(length_m=treads[i - 1]))
         parts.append(Stairs(risers=1, riser_m=(height,), down=down))
     return parts
 
@@ -349,9 +352,9 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     Raises:
         ConfigError: A slope that is too steep.
     """
-    knots = _knots(s, z, a, b)
+    knots = _fit_polyline(s, z, a, b)
     parts: list[MeshSegment] = []
-    for k, (i, j) in enumerate(pairwise(knots)):
+    for k, (i, j) in enumerate(pairwise(knots)):  # samples at the ends of a straight line
         length, rise = float(s[j] - s[i]), float(z[j] - z[i])
         if k in (0, len(knots) - 2):  # the half steps at the ends
             length += (run - float(s[b] - s[a])) / (2 if len(knots) > 2 else 1)
@@ -370,7 +373,7 @@ def _fit_lines(s: Array, z: Array, a: int, b: int, run: float, way: MeshWay) -> 
     return parts
 
 
-def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
+def _fit_polyline(s: Array, z: Array, a: int, b: int) -> list[int]:
     """Vertices of a piecewise linear fit to a part of the profile (Douglas & Peucker 1973).
 
     Args:
@@ -385,6 +388,7 @@ def _knots(s: Array, z: Array, a: int, b: int) -> list[int]:
     done, todo = [a], [b]  # vertices found so far, and ends of the parts to the right of them, the nearest one last
     while todo:
         i, j = done[-1], todo[-1]
+        # m, distance of each sample between i and j from the straight line from i to j
         off = np.abs(z[i : j + 1] - (z[i] + (z[j] - z[i]) * (s[i : j + 1] - s[i]) / max(s[j] - s[i], 1e-9)))
         worst = int(np.argmax(off))
         if off[worst] > _MAX_STRAIGHT_ERROR_M and j - i > 1:
@@ -419,6 +423,7 @@ def _replacement_error(
     points = np.stack(np.broadcast_arrays(s[:, None], left), -1)
     edges = [a.s1 for a, b in pairwise(terrain.profile) if abs(a.z1 - b.z0) > 1e-6]
     edges += [float(s[i]) for i in np.flatnonzero(np.abs(np.diff(heights, axis=0)).max(1) > _MIN_JUMP_M)]
+    # (N,) whether a sample is away from all risers, of the replacement and of the mesh
     away = np.all(np.abs(s[:, None] - edges) > _BESIDE_RISER_M, axis=1)
     errors = np.abs(terrain.height(points) - heights)[away]
     if errors.max() > _MAX_ERROR_M:

@@ -44,6 +44,7 @@ _WALL_WIDTH_M = 3.0
 _WALL_HEIGHT_M = 2.5
 _PAINT_LIFT_M = 0.001  # height of paint, so that the ground does not shine through
 _BODY_CLEARANCE_M = 0.40  # clearance from the middle of the way, and beyond the end of the walk
+# length along the way by the kind of a thing
 LENGTHS_M = {
     "stripe": 0.30,
     "shadow": 1.20,
@@ -60,7 +61,12 @@ GLASS = "glass"
 
 @dataclass(frozen=True, kw_only=True)
 class Landmark:
-    """A box beside the way, of one material."""
+    """A box beside the way or on it, of one material.
+
+    Attributes:
+        box: Its shape in the world.
+        material: Name of its texture or colour (`scenery`).
+    """
 
     box: Solid
     material: str
@@ -127,7 +133,8 @@ def surroundings(
         things: Upright things of the route, which always stay.
     """
     # each group is one object, such as a table of several boxes: all of it is placed, or nothing
-    groups = {"outdoor": _outdoor, "room": _room, "corridor": _corridor}[scenery](layout, bottom_m)
+    make_groups = {"outdoor": _outdoor_objects, "room": _room_objects, "corridor": _corridor_walls}[scenery]
+    groups = make_groups(layout, bottom_m)
     clearance = 0.0 if scenery == "corridor" else _CLEARANCE_M
     landmarks = list(things)
     for group in groups:
@@ -140,9 +147,10 @@ def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
     """The floor of a room around the whole layout, at its lowest height; nothing outdoors."""
     if scenery != "room":
         return ()
-    low, high = _extent(layout)
+    low, high = _room_corners(layout)
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     half = (high[1] - low[1]) / 2
+    # from the middle of the low-x wall along x
     slab = Slab(
         x=float(low[0]),
         y=float(low[1] + high[1]) / 2,
@@ -157,8 +165,8 @@ def floor(scenery: str, layout: Layout) -> tuple[Slab, ...]:
     return (slab,)
 
 
-def _extent(layout: Layout) -> tuple[Array, Array]:
-    """Lowest and highest x and y of the inside of a room around the way."""
+def _room_corners(layout: Layout) -> tuple[Array, Array]:
+    """Corners of the inside of a room around the way, (2,) m each: lowest x and y, and highest x and y."""
     points = layout.way.point(np.arange(layout.profile[0].s0, layout.profile[-1].s1, 0.1))
     return points.min(axis=0) - _ROOM_MARGIN_M, points.max(axis=0) + _ROOM_MARGIN_M
 
@@ -172,13 +180,14 @@ def _is_clear(box: Solid, layout: Layout, landmarks: list[Landmark], clearance: 
         landmarks: Landmarks so far.
         clearance: Least distance to the ground that is walked on, m.
     """
+    # points of the footprint, at most about 0.2 m apart, borders included
     along = np.linspace(-box.length / 2, box.length / 2, max(2, math.ceil(box.length / 0.2)))
     across = np.linspace(-box.width / 2, box.width / 2, max(2, math.ceil(box.width / 0.2)))
     u, v = np.meshgrid(along, across)
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
     points = np.stack([box.x + cos * u - sin * v, box.y + sin * u + cos * v], axis=-1)
     for slab in layout.slabs:
-        p, q = slab.local(points)
+        p, q = slab.local(points)  # m along the slab from its start, and to the left of its axis
         beside = (p < -clearance) | (p > slab.length + clearance)
         beside |= (q > slab.left + clearance - 1e-9) | (q < -slab.right - clearance + 1e-9)
         if not beside.all():
@@ -190,7 +199,7 @@ def _are_apart(a: Solid, b: Solid) -> bool:
     """Whether two boxes do not overlap in plan view: on one of their axes, their projections are apart."""
     reach = math.hypot(a.length, a.width) / 2 + math.hypot(b.length, b.width) / 2
     if math.hypot(a.x - b.x, a.y - b.y) > reach + 1e-6:
-        return True
+        return True  # so far apart that they cannot meet
     p, q = corners(a)[:4, :2], corners(b)[:4, :2]
     for yaw in (a.yaw, a.yaw + math.pi / 2, b.yaw, b.yaw + math.pi / 2):
         axis = np.array([math.cos(yaw), math.sin(yaw)])
@@ -199,7 +208,7 @@ def _are_apart(a: Solid, b: Solid) -> bool:
     return False
 
 
-def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _outdoor_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Planters and pillars along both sides of the way and a wall beyond its end, down to the height `bottom`, m.
 
     Yields:
@@ -207,8 +216,9 @@ def _outdoor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """
     rng = np.random.default_rng(_SEED)
     first, last = layout.profile[0], layout.profile[-1]
-    half = layout.slabs[0].left + _CLEARANCE_M
+    half = layout.slabs[0].left + _CLEARANCE_M  # m, from the middle of the way to the objects
     for side in (-1.0, 1.0):
+        # arc lengths; the left side starts 1 m later
         for i, s in enumerate(np.arange(first.s0 + 0.5 + (side > 0), last.s1, _SPACING_M).tolist()):
             if side < 0:  # the side of the film camera: nothing that occludes the walker
                 yield _planter(rng, _place_beside(layout, s, side, half), bottom, side, hedge_m=(0.12, 0.30))
@@ -232,8 +242,8 @@ def _place_beside(layout: Layout, s: float, side: float, half: float) -> _Frame:
     """
     x, y = layout.way.point(s).tolist()
     yaw = float(layout.way.heading(s))
-    reach = half
-    for slab in layout.slabs:
+    reach = half  # m, from the middle of the way
+    for slab in layout.slabs:  # a slab beside this place in the direction of the way, such as a lane, moves it outwards
         p, q = slab.local(np.array([x, y]))
         if 0.0 <= p <= slab.length and math.cos(slab.heading - yaw) > 0.99:
             reach = max(reach, float(slab.left - q if side > 0 else slab.right + q) + _CLEARANCE_M)
@@ -262,7 +272,7 @@ def _planter(
     return [trough, at.box("leaves", length - 0.1, depth - 0.1, rim - 0.01, top, left=left)]
 
 
-def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _corridor_walls(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Walls along both sides of all straight parts, around their ends if there is space, and across both ends.
 
     They reach down to the height `bottom`, m.
@@ -272,7 +282,8 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """
     lines, profile = layout.way.segments, layout.profile
     half, top = layout.slabs[0].left, max(max(s.z0, s.z1) for s in profile) + _ROOM_HEIGHT_M
-    built: list[Landmark] = []
+    built: list[Landmark] = []  # parts of walls so far, which later ones must not meet
+    # walls across both ends
     for line, along in ((lines[0], -_CORRIDOR_WALL_M), (lines[-1], lines[-1].s1 - lines[-1].s0 + _CORRIDOR_WALL_M)):
         end = _Frame(x=line.x, y=line.y, yaw=line.heading, z=0.0)
         yield [end.box("brick", _CORRIDOR_WALL_M, 2 * half, bottom, top, along=along)]
@@ -288,7 +299,8 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
                 material = "brick" if math.floor((line.s0 + along) / _SPACING_M + side) % 3 == 0 else "plaster"
                 brick = start.box(material, _BRICK_M, _CORRIDOR_WALL_M, bottom, top, along=along, left=left)
                 free = _is_clear(brick.box, layout, built, 0.0)
-                built += [brick] * free
+                if free:
+                    built.append(brick)
                 bricks.append((material if free else "", along))
             for material, run in groupby(bricks, key=itemgetter(0)):
                 if material:
@@ -297,7 +309,7 @@ def _corridor(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
                     yield [start.box(material, long, _CORRIDOR_WALL_M, bottom, top, along=middle, left=left)]
 
 
-def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
+def _room_objects(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
     """Four walls with shelves and posters along them, and tables and chests in between, wherever there is space.
 
     The walls reach down to the height `bottom`, m; everything else stands on the lowest ground.
@@ -306,7 +318,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         The boxes of one object, which the caller leaves out where there is no space.
     """
     rng = np.random.default_rng(_SEED)
-    low, high = _extent(layout)
+    low, high = _room_corners(layout)
     middle, (length, width) = (low + high) / 2, high - low
     z = min(min(slab.z0, slab.z1) for slab in layout.slabs)
     room = _Frame(x=middle[0], y=middle[1], yaw=0.0, z=z)
@@ -315,6 +327,7 @@ def _room(layout: Layout, bottom: float) -> Iterator[list[Landmark]]:
         yield [room.box("plaster", length, 0.1, bottom, top, left=sign * (width / 2 + 0.05))]
         yield [room.box("plaster", 0.1, width, bottom, top, along=sign * (length / 2 + 0.05))]
     for quarter in range(4):  # along the four walls, with the walls' direction as x
+        # length of the wall, and distance to the opposite one
         along, away = (length, width) if quarter % 2 == 0 else (width, length)
         wall = _Frame(x=middle[0], y=middle[1], yaw=quarter * math.pi / 2, z=z)
         for u in np.arange(0.9 - along / 2, along / 2 - 0.9, 1.9).tolist():
@@ -345,6 +358,7 @@ def _poster(rng: np.random.Generator, wall: _Frame, along: float, away: float) -
 def _table(rng: np.random.Generator, at: _Frame) -> list[Landmark]:
     """A table of random size at a place in a room."""
     length, width, height = rng.uniform(0.9, 1.4), rng.uniform(0.5, 0.7), rng.uniform(0.68, 0.76)
+    # underside of the board, and places of the two upright boards that carry it
     below, ends = at.z + height - 0.04, [e * (length / 2 - 0.08) for e in (-1, 1)]
     sides = [at.box("wood", 0.05, width - 0.1, at.z, below, along=along) for along in ends]
     return [*sides, at.box("wood", length, width, below, at.z + height)]
@@ -374,6 +388,7 @@ def floor_markings(things: Sequence[Thing], layout: Layout, width_m: float) -> I
     for thing in things:
         bands = _BANDS.get(thing.kind, ())
         for k, material in enumerate(bands):
+            # arc lengths of both ends of the band
             start, end = (thing.at_m + i * LENGTHS_M[thing.kind] / len(bands) for i in (k, k + 1))
             left = thing.left_m + 0.5 * width_m * np.array([1.0, -1.0, -1.0, 1.0])
             xy = layout.way.point(np.array([start, start, end, end]), left)
@@ -397,13 +412,14 @@ def _frame_of_thing(thing: Thing, layout: Layout) -> _Frame:
     return _Frame(x=x, y=y, yaw=float(layout.way.heading(s)), z=_strip_at(layout, thing.at_m).z0)
 
 
-def _block(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
-    """A thing that is one box, with the length of its kind."""
+def _single_box(kind: str, material: str, width: float, height: float, at: _Frame) -> Iterator[Landmark]:
+    """A thing of one box that stands on the ground at `at`, with the length of its kind; width and height in m."""
     yield at.box(material, LENGTHS_M[kind], width, at.z, at.z + height)
 
 
 def _long_table(at: _Frame) -> Iterator[Landmark]:
     """Yields the parts of a long table: its board, and the two boards that carry it."""
+    # height of the board's underside, and distance of each upright board from the middle
     below, side = at.z + _TABLE_HEIGHT_M - _BOARD_M, _TABLE_WIDTH_M / 2 - 0.1
     yield at.box("wood", LENGTHS_M["table"], _TABLE_WIDTH_M, below, below + _BOARD_M)
     for left in (-side, side):
@@ -412,6 +428,7 @@ def _long_table(at: _Frame) -> Iterator[Landmark]:
 
 def _chair(at: _Frame) -> Iterator[Landmark]:
     """A seat on four legs, and a back across the way."""
+    # distance of the legs from the middle along both axes, and height of the seat's underside
     half, below = (_SEAT_M - _LEG_M) / 2, at.z + _SEAT_M - _BOARD_M
     yield at.box("wood", _SEAT_M, _SEAT_M, below, below + _BOARD_M)
     yield at.box("wood", _BOARD_M, _SEAT_M, below + _BOARD_M, at.z + _BACK_HEIGHT_M, along=(_SEAT_M - _BOARD_M) / 2)
@@ -419,10 +436,11 @@ def _chair(at: _Frame) -> Iterator[Landmark]:
         yield at.box("wood", _LEG_M, _LEG_M, at.z, below, along=along, left=left)
 
 
+# boxes of an upright thing by its kind, at a frame
 _UPRIGHT: dict[str, Callable[[_Frame], Iterator[Landmark]]] = {
-    "wall": partial(_block, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
-    "glass": partial(_block, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
-    "crate": partial(_block, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
+    "wall": partial(_single_box, "wall", "plaster", _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "glass": partial(_single_box, "glass", GLASS, _WALL_WIDTH_M, _WALL_HEIGHT_M),
+    "crate": partial(_single_box, "crate", "wood", _CRATE_WIDTH_M, _CRATE_HEIGHT_M),
     "table": _long_table,
     "chair": _chair,
 }
@@ -440,6 +458,7 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
         ConfigError: The message names the object, its place, and what is valid.
     """
     first, last = layout.profile[0].s0, layout.profile[-1].s1
+    # (N, 2) m, where the walker's middle goes
     walked = layout.way.point(np.arange(0.0, last - RUN_OUT_M, 0.05))
     for i, thing in enumerate(things):
         strip, end = _strip_at(layout, thing.at_m), thing.at_m + LENGTHS_M[thing.kind]
@@ -448,14 +467,15 @@ def check_things(things: Sequence[Thing], layout: Layout) -> None:
             valid = f"a place on one level of the way, {LENGTHS_M[thing.kind]:g} m long"
             raise ConfigError("route", f"things[{i}].at_m", thing.at_m, valid)
         for mark in upright_things((thing,), layout):
-            if _distance(mark.box, walked).min() < _BODY_CLEARANCE_M:
+            if _distance_from_box(mark.box, walked).min() < _BODY_CLEARANCE_M:
                 valid = f"{_BODY_CLEARANCE_M:g} m clear of where the walker goes"
                 raise ConfigError("route", f"things[{i}]", f"a {thing.kind} at {thing.at_m:g} m", valid)
 
 
-def _distance(box: Solid, xy: Array) -> Array:
+def _distance_from_box(box: Solid, xy: Array) -> Array:
     """(N,) m, distance of (N, 2) points from a box in plan view."""
     cos, sin = math.cos(box.yaw), math.sin(box.yaw)
-    along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T
+    along, left = ((xy - [box.x, box.y]) @ np.array([[cos, -sin], [sin, cos]])).T  # in the box's own axes
+    # how far a point is beyond the sides of the box along each axis, 0 within
     out = np.maximum(np.abs(np.stack([along, left])) - np.array([[box.length], [box.width]]) / 2, 0.0)
     return np.asarray(np.hypot(*out))

@@ -13,13 +13,13 @@ from stridetwin.streams.errors import ConfigError
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 from stridetwin.streams.way import CurveSegment, Way, join_segments
 
-LEAD_IN_M = 2.0
-RUN_OUT_M = 2.0
+LEAD_IN_M = 2.0  # level ground behind the start
+RUN_OUT_M = 2.0  # level ground behind the last segment
 SPOT_RADIUS_M = 0.25  # a walker who turns on the spot still steps around a point
 _SLAB_ANGLE_RAD = math.radians(10.0)  # arcs are built of straight slabs
 _CROSSING_STRAIGHT_M = 0.35  # before and after the diagonal part of a crossing
-_CROSSING_RADIUS_M = 1.0
-_SAME_HEIGHT_M = 1e-3
+_CROSSING_RADIUS_M = 1.0  # least radius of the arcs of a crossing
+_SAME_HEIGHT_M = 1e-3  # grounds that differ by less may overlap
 
 
 def lay_out(route: Route) -> Layout:
@@ -31,11 +31,13 @@ def lay_out(route: Route) -> Layout:
     """
     check_segments(route)
     half = route.width_m / 2
+    # the pen moves along the way and collects its lines, strips and slabs
     pen = _Pen(x=-LEAD_IN_M, y=0.0, heading=0.0, z=0.0, s=-LEAD_IN_M)
     pen.lay_straight(LEAD_IN_M, "level", half, half)
     segments = (*route.segments, Level(length_m=RUN_OUT_M))
     for i, segment in enumerate(segments):
         pen.owner = i
+        # a level between lanes is a landing as wide as the lanes
         before = segments[i - 1] if i else None
         after = segments[i + 1] if i + 1 < len(segments) else None
         match segment:
@@ -46,7 +48,7 @@ def lay_out(route: Route) -> Layout:
             case Level() if isinstance(before, Lanes) or isinstance(after, Lanes):
                 _lay_landing(pen, segment, before, after, route.width_m)
             case _:
-                _lay(pen, segment, half)
+                _lay_segment(pen, segment, half)
     _check_conflicts(pen, len(route.segments))
     return Layout(way=join_segments(pen.segments), profile=tuple(pen.strips), slabs=tuple(pen.slabs))
 
@@ -61,7 +63,7 @@ class _Pen:
         z: Height of the ground there, m.
         s: Arc length of the way so far, m.
         owner: Number of the present segment of the route; -1 for the lead-in.
-        edge_radius: Radius of the start of the next slab, m.
+        edge_radius: Radius with which the start of the next slab is rounded, m.
         segments: Lines and arcs of the way.
         strips: Ground along the way.
         slabs: Ground of the whole route, lanes included.
@@ -121,9 +123,10 @@ class _Pen:
         """
         # each slab is tangent to the arc in its middle, and as long as its outer edge needs
         count = math.ceil(abs(angle) / _SLAB_ANGLE_RAD)
-        part = angle / count
+        part = angle / count  # rad, turn of each slab; `reach` is half its length
         reach = (radius + half_width) * math.tan(abs(part) / 2)
         for i in range(count):
+            # direction of the slab, and length and direction of the chord from the start of the arc to its middle
             heading = self.heading + (i + 0.5) * part
             chord = 2 * radius * math.sin(abs(part) * (i + 0.5) / 2)
             toward = self.heading + part * (i + 0.5) / 2
@@ -164,7 +167,7 @@ class _Pen:
         left, right = (inner, half) if angle > 0.0 else (half, inner)
         x, y, heading = self.x, self.y, self.heading
         self._advance(length, angle / length, "stair")
-        if down:
+        if down:  # the lower edge is where the pen is now, and the rectangle extends back from it
             heading = self.heading
             x, y = self.x - reach * math.cos(heading), self.y - reach * math.sin(heading)
         self._add_slab(
@@ -192,7 +195,7 @@ class _Pen:
             right: Extent to the right, m.
         """
         self._add_slab_here(length, left, right)
-        aslant = length - 2 * _CROSSING_STRAIGHT_M
+        aslant = length - 2 * _CROSSING_STRAIGHT_M  # m along the slab, of both arcs together
         curvature = 4 * aside / (aslant**2 + aside**2)  # 1/m of the first arc; `run` is the length of each
         run = 2 * math.atan2(abs(aside), aslant) / abs(curvature)
         heading = self.heading
@@ -227,7 +230,7 @@ class _Pen:
             self.strips[-1] = replace(last, s1=strip.s1)
         else:
             self.strips.append(strip)
-        way = Way(segments=(here,))
+        way = Way(segments=(here,))  # gives position and direction at the end of the segment
         self.x, self.y = way.point(here.s1).tolist()
         self.heading = float(way.heading(here.s1))
         self.s, self.z = here.s1, strip.z1
@@ -242,7 +245,10 @@ class _Pen:
         cross: float = 0.0,
         recess: float = 0.0,
     ) -> None:
-        """Adds a slab that begins at the pen, in its direction and at its height."""
+        """Adds a slab that begins at the pen, in its direction and at its height.
+
+        The arguments are those of `lay_straight`; `cross` is the tilt sideways, rad.
+        """
         self._add_slab(
             Slab(
                 x=self.x,
@@ -270,6 +276,7 @@ class _Pen:
         if self.slabs and slab.terrain == "level":
             last = self.slabs[-1]
             meets = math.dist(last.point(last.length, 0.0), slab.point(0.0, 0.0)) < 1e-9
+            # they must agree in all but place and length
             if meets and replace(last, x=slab.x, y=slab.y, length=slab.length) == slab:
                 self.slabs[-1] = replace(last, length=last.length + slab.length)
                 return
@@ -277,7 +284,7 @@ class _Pen:
         self.owners.append(self.owner)
 
 
-def _lay(pen: _Pen, segment: Segment, half: float) -> None:
+def _lay_segment(pen: _Pen, segment: Segment, half: float) -> None:
     """Lays one segment, level ground, stairs or a ramp, with the half width `half` in m."""
     match segment:
         case Level(length_m=length, cross_slope_rad=cross):
@@ -285,13 +292,15 @@ def _lay(pen: _Pen, segment: Segment, half: float) -> None:
         case Ramp(angle_rad=angle, rise_m=rise, down=down):
             pen.lay_straight(rise / math.tan(angle), "ramp", half, half, rise=-rise if down else rise)
         case Stairs(heights_m=heights, tread_m=tread, down=down):
+            # sign of all heights, and number of the flight's first slab; overhang of a tread, and its own rise, m
             way, first = -1.0 if down else 1.0, len(pen.slabs)
             recess, rise = tread if segment.open_risers else segment.nosing_m, tread * math.tan(segment.tread_slope_rad)
-            for i, height in enumerate(heights):
+            for i, height in enumerate(heights):  # before each riser but the first, a tread
                 if i and segment.turn_rad:
                     pen.lay_winder(tread, segment.turn_rad / (len(heights) - 1), half, way * recess, down)
                 elif i:
                     pen.lay_straight(tread, "stair", half, half, rise=way * rise, recess=way * recess)
+                # the edge is the upper end of the riser: the end of the last slab, or the start of the next one
                 if down:
                     pen.round_last_edge(segment.edge_radius_m)
                 else:
@@ -314,8 +323,8 @@ def _lay_lanes(pen: _Pen, group: Lanes, width: float) -> None:
     pens = [pen if i == group.walk else pen.start_beside((group.walk - i) * width) for i in range(len(group.lanes))]
     for lane_pen, lane in zip(pens, group.lanes):
         for segment in lane:
-            _lay(lane_pen, segment, width / 2)
-    end = max(p.s for p in pens)
+            _lay_segment(lane_pen, segment, width / 2)
+    end = max(p.s for p in pens)  # arc length at the end of the longest lane
     for lane_pen in pens:
         if end - lane_pen.s > 1e-6:
             lane_pen.lay_straight(end - lane_pen.s, "level", width / 2, width / 2)
@@ -330,14 +339,14 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     Raises:
         ConfigError: The level is too short to cross over.
     """
-    sides = []  # (left, right) extent that the lanes before and after need
+    sides = []  # m, (left, right) extent that the lanes before and after need
     aside = 0.0  # m to the left, from the lane walked before to the one walked after
     if isinstance(before, Lanes):
-        sides.append(_sides(before, width, 0.0))
+        sides.append(_extents_of_lanes(before, width, 0.0))
     if isinstance(after, Lanes):
         if isinstance(before, Lanes):
             aside = (before.walk - after.walk) * width
-        sides.append(_sides(after, width, aside))
+        sides.append(_extents_of_lanes(after, width, aside))
     left, right = np.max(sides, axis=0).tolist()
     if aside == 0.0:
         pen.lay_straight(level.length_m, "level", left, right)
@@ -352,14 +361,17 @@ def _lay_landing(pen: _Pen, level: Level, before: Segment | None, after: Segment
     pen.lay_crossing(level.length_m, aside, left, right)
 
 
-def _sides(group: Lanes, width: float, aside: float) -> tuple[float, float]:
-    """Extent of the lanes to the left and right of a line that is `aside` to the right of the walked one."""
+def _extents_of_lanes(group: Lanes, width: float, aside: float) -> tuple[float, float]:
+    """Extent of the lanes to the left and right, m, of a line that is `aside` m to the right of the walked lane.
+
+    `width` is that of one lane, m.
+    """
     return (group.walk + 0.5) * width + aside, (len(group.lanes) - group.walk - 0.5) * width - aside
 
 
-def _in_flight(treads: range, i: int, k: int) -> bool:
+def _are_in_flight(treads: range, i: int, k: int) -> bool:
     """Whether slabs i and k both belong to a winding flight or its landings, and at least one is a tread of it."""
-    near = range(treads.start - 1, treads.stop + 1)
+    near = range(treads.start - 1, treads.stop + 1)  # the treads and the landings before and after them
     return (i in treads or k in treads) and i in near and k in near
 
 
@@ -378,11 +390,12 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
     for i, (slab, owner) in enumerate(zip(pen.slabs, pen.owners)):
         along = np.linspace(0.02, slab.length - 0.02, max(2, math.ceil(slab.length / 0.25)))
         across = np.linspace(0.02 - slab.right, slab.left - 0.02, max(2, math.ceil((slab.left + slab.right) / 0.25)))
+        # (P, 3) m, points of the slab's surface
         points = slab.point(*np.meshgrid(along, across)).reshape(-1, 3)
         for k, (other_slab, other_owner) in enumerate(zip(pen.slabs, pen.owners)):
-            if k == i or any(_in_flight(flight, i, k) for flight in pen.flights):
+            if k == i or any(_are_in_flight(flight, i, k) for flight in pen.flights):
                 continue
-            u, v = other_slab.local(points[:, :2])
+            u, v = other_slab.local(points[:, :2])  # m along the other slab from its start, and to the left of its axis
             inside = (
                 (u > 0.01)
                 & (u < other_slab.length - 0.01)
@@ -394,7 +407,8 @@ def _check_conflicts(pen: _Pen, count: int) -> None:
             if abs(gap[worst]) > _SAME_HEIGHT_M:
                 late, early = max(owner, other_owner), min(owner, other_owner)
                 names = [
-                    "the start" if k < 0 else "the run-out" if k == count else f"segments[{k}]" for k in (late, early)
+                    "the start" if number < 0 else "the run-out" if number == count else f"segments[{number}]"
+                    for number in (late, early)
                 ]
                 x, y, _ = points[worst]
                 valid = f"no overlap with other ground at another height (here {abs(gap[worst]):.2f} m apart)"

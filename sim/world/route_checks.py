@@ -24,17 +24,17 @@ from stridetwin.streams.errors import ConfigError
 
 RISER_RANGE_M = (0.02, 0.25)
 MIN_TREAD_M = 0.2
-MAX_WINDING_RAD = math.radians(270.0)
-MAX_WINDER_RAD = math.radians(30.0)
-MIN_POLE_M = 0.1
+MAX_WINDING_RAD = math.radians(270.0)  # turn of a whole stair
+MAX_WINDER_RAD = math.radians(30.0)  # turn of one of its treads
+MIN_POLE_M = 0.1  # from the centre of its turn to the treads
 MAX_RAMP_RAD = math.radians(20.0)
 MAX_CROSS_SLOPE_RAD = math.radians(5.0)
 MIN_TURN_RADIUS_M = 1.0
 MAX_TURN_RAD = math.radians(360.0)
-MIN_LEVEL_BY_TURN_M = 0.5
-MIN_WIDTH_M = 0.8
-PASSING_WIDTH_M = 1.6
-_TINY = 1e-9
+MIN_LEVEL_BY_TURN_M = 0.5  # length of a level beside a turn
+MIN_WIDTH_M = 0.8  # of the way
+PASSING_WIDTH_M = 1.6  # of a way on whose stairs and ramps bystanders pass
+_TINY = 1e-9  # tolerance for rounding
 
 
 def check_segments(route: Route) -> None:
@@ -52,6 +52,7 @@ def check_segments(route: Route) -> None:
     _require("bystanders", route.bystanders, few, f"a whole number, 0-{MAX_BYSTANDERS}")
     for i, thing in enumerate(route.things):
         _require(f"things[{i}].kind", thing.kind, thing.kind in THINGS, ", ".join(THINGS))
+    # bystanders need room to pass on uneven ground
     uneven = any(isinstance(s, Stairs | Ramp | Lanes) for s in route.segments)
     wide = not (route.bystanders and uneven) or route.width_m >= PASSING_WIDTH_M - _TINY
     valid = f"at least {PASSING_WIDTH_M} m, for bystanders to pass on stairs and ramps"
@@ -87,7 +88,7 @@ def _check_chain(segments: Sequence[Segment], name: str) -> None:
                 _require(f"{at}.rise_m", rise, rise > 0, "more than 0 m (`down` gives the direction)")
             case Stairs():
                 _check_stairs(segment, at)
-                landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])
+                landing = not any(isinstance(s, Stairs) for s in segments[i + 1 : i + 2])  # no stairs directly after
                 _require(f"{name}[{i + 1}]", "stairs", landing, "a level or a ramp after stairs, for the last riser")
             case Turn(angle_rad=angle, radius_m=radius):
                 valid = f"up to {MAX_TURN_RAD:.4f} rad (360 deg) either way, but not 0"
@@ -134,6 +135,7 @@ def _check_winding(stairs: Stairs, at: str, width: float) -> None:
     _require(f"{at}.open_risers", stairs.open_risers, not stairs.open_risers, "false on a stair that winds")
     slope = stairs.tread_slope_rad
     _require(f"{at}.tread_slope_rad", slope, slope == 0.0, "0 rad on a stair that winds")
+    # twice the radius of the middle of the way, less the pole
     widest = 2.0 * (treads * stairs.tread_m / turn - MIN_POLE_M)
     valid = f"up to {widest:.2f} m, so that the treads of its winding stairs do not meet at the pole"
     _require("width_m", width, bool(width <= widest + _TINY), valid)
@@ -156,6 +158,6 @@ def _kind(segment: Segment) -> str:
 
 
 def _require(field: str, value: object, valid: bool, range_in_words: str) -> None:
-    """Raises ConfigError for a field of the route whose value is not valid."""
+    """Raises ConfigError for a field of the route unless its value is valid; `range_in_words` says what would be."""
     if not valid:
         raise ConfigError("route", field, value, range_in_words)

@@ -20,7 +20,7 @@ from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.sim.world.textures import FINISHES, PERIOD_M, SIZE, TEXTURES, Pixels
 from stridetwin.streams.samples import Array
 
-_TINY_M = 1e-6
+_TINY_M = 1e-6  # tolerance for rounding
 
 
 def subtract_holes(polygon: Array, holes: Iterable[Array]) -> list[Array]:
@@ -28,26 +28,31 @@ def subtract_holes(polygon: Array, holes: Iterable[Array]) -> list[Array]:
     parts = [polygon]
     for hole in holes:
         low, high = hole.min(axis=0), hole.max(axis=0)
-        left = []
+        remaining = []
         for part in parts:
-            left += [part] if np.any((part.max(axis=0) < low) | (part.min(axis=0) > high)) else _cut_outside(part, hole)
-        parts = left
+            is_clear = np.any((part.max(axis=0) < low) | (part.min(axis=0) > high))  # their bounding boxes are apart
+            remaining += [part] if is_clear else _cut_outside(part, hole)
+        parts = remaining
     return parts
 
 
 def split_into_quads(polygon: Array) -> list[Array]:
     """Cuts a convex polygon (N, 2) into quadrilaterals (4, 2) whose diagonals have areas on both sides."""
     remaining, quads = polygon, []
+    # four corners at a time; the next part begins with the first and the last of them
     while len(remaining) > 4:
         quads.append(remaining[:4])
         remaining = np.concatenate([remaining[:1], remaining[3:]])
-    if len(remaining) == 3:
+    if len(remaining) == 3:  # a triangle gets a fourth corner in the middle of a side
         remaining = np.array([remaining[0], remaining[1], (remaining[1] + remaining[2]) / 2, remaining[2]])
     return [*quads, remaining]
 
 
 def _cut_outside(part: Array, hole: Array) -> list[Array]:
-    """Convex parts of a convex polygon outside a convex hole: one beyond each side of the hole, in sequence."""
+    """Convex parts of the convex polygon `part` outside a convex hole, both anticlockwise.
+
+    What lies beyond each side of the hole is cut off as one part, side after side.
+    """
     parts: list[Array] = []
     for a, b in zip(hole, np.roll(hole, -1, axis=0)):
         beyond = _clip_half_plane(part, a, b, -1.0)
@@ -78,6 +83,7 @@ def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array |
         return polygon
     points = []
     for i, j in zip(range(len(polygon)), np.roll(np.arange(len(polygon)), -1)):
+        # keep corners on the wanted side, and add the point where an edge crosses the line
         if away[i] > -_TINY_M:
             points.append(polygon[i])
         if (away[i] > _TINY_M and away[j] < -_TINY_M) or (away[i] < -_TINY_M and away[j] > _TINY_M):
@@ -85,9 +91,11 @@ def _clip_half_plane(polygon: Array, a: Array, b: Array, side: float) -> Array |
     return np.array(points) if len(points) > 2 else None
 
 
+# materials of tops by terrain, of sides, and of the pale strip along an edge with a drop
 _TOP = {"level": "concrete", "stair": "wood", "ramp": "brick"}
 _SIDE = "stone"
 _NOSING = "nosing"
+# colours and opacity of materials without a texture
 _COLOURS = {
     _NOSING: (0.93, 0.87, 0.68),
     "white_paint": (0.92, 0.92, 0.90),
@@ -96,14 +104,20 @@ _COLOURS = {
 }
 _ALPHA = {GLASS: 0.18}
 _SHADOW, _SHADE = "shadow", 0.25  # of concrete, and the remaining light
-_NOSING_M = 0.03
-_RISER_M = 0.019
+_NOSING_M = 0.03  # width of the pale strip
+_RISER_M = 0.019  # least height of a drop
 _SEED = 20260  # the world looks the same in every walk
 
 
 @dataclass(frozen=True, eq=False)
 class Quad:
-    """A textured rectangle: (4, 3) corners, m, anticlockwise from outside, and (4, 2) texture coordinates, m."""
+    """A textured rectangle.
+
+    Attributes:
+        corners: (4, 3) m in the world, anticlockwise as seen from outside.
+        uv: (4, 2) m, texture coordinates of the corners.
+        material: Name of its material.
+    """
 
     corners: Array
     uv: Array
@@ -122,6 +136,7 @@ def paint_slabs(solids: Sequence[Solid], surface: SolidSet) -> list[Quad]:
         ]
         # width of the pale strip at both ends; 0 without a drop
         low, high = (min(_NOSING_M, solid.length) * _has_drop(solid, end, surface) for end in (-1.0, 1.0))
+        # parts of the top: (from, to) along the length, m, and material
         quads += _side_quads(solid, _SIDE)
         for start, end, material in (
             (0.0, low, _NOSING),
@@ -140,7 +155,7 @@ def paint_box(box: Solid, material: str) -> list[Quad]:
 
 def _has_drop(solid: Solid, end: float, surface: SolidSet) -> bool:
     """Whether the ground is a riser lower just beyond one end of a solid: -1 the low-x end, 1 the high-x end."""
-    beyond = end * (solid.length / 2 + 0.01)
+    beyond = end * (solid.length / 2 + 0.01)  # m from the centre, just outside
     x, y = solid.x + beyond * math.cos(solid.yaw), solid.y + beyond * math.sin(solid.yaw)
     height, solid_index = surface.top_facet([x, y])
     return bool(solid_index >= 0 and height < (solid.start if end < 0 else solid.end) - _RISER_M)
@@ -157,9 +172,10 @@ def _top_quads(solid: Solid, start: float, end: float, material: str, painted: S
         painted: Outlines of other tops at the same height.
     """
     cos, sin = math.cos(solid.yaw), math.sin(solid.yaw)
-    axes = np.array([[cos, sin], [-sin, cos]])
+    axes = np.array([[cos, sin], [-sin, cos]])  # rows: own x and y axes in the world
     centre, half = np.array([solid.x, solid.y]), np.array([solid.length, solid.width]) / 2
-    slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])
+    slope = np.array([(solid.end - solid.start) / solid.length, solid.cross])  # m/m along both axes
+    # (4, 2) m, outline of the part from the centre, own axes
     local = np.array([[start, 0.0], [end, 0.0], [end, solid.width], [start, solid.width]]) - half
     quads = []
     for part in subtract_holes(centre + local @ axes, [outline[:, :2] for outline in painted]):
@@ -168,6 +184,7 @@ def _top_quads(solid: Solid, start: float, end: float, material: str, painted: S
             z = (solid.start + solid.end) / 2 + local_quad @ slope
             # level ground has texture coordinates of the world, so that adjacent slabs show one paving
             paved = solid.is_box and solid.terrain == "level"
+            # otherwise they count from the corner of the solid, along its slopes
             uv = quad if paved else (local_quad + half) * np.hypot(1.0, slope)
             quads.append(Quad(np.column_stack([quad, z]), uv, material))
     return quads
@@ -177,7 +194,7 @@ def _side_quads(solid: Solid, material: str) -> list[Quad]:
     """Textured side faces of a solid; on each, the texture starts at the x or y of its first corner in the world."""
     c = corners(solid)
     quads = []
-    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):  # corners 0 to 3 are the underside, 4 to 7 the top above them
         face = np.array([c[i], c[j], c[4 + j], c[4 + i]])
         along = c[i, i % 2] + math.dist(c[i, :2], c[j, :2]) * np.array([0.0, 1.0, 1.0, 0.0])
         quads.append(Quad(face, np.column_stack([along, -face[:, 2]]), material))
@@ -199,6 +216,7 @@ def add_quads(spec: mujoco.MjSpec, quads: Iterable[Quad], finish: str) -> None:
         vertices = np.array([q.corners for q in group])
         normal = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        # two triangles per rectangle, by the numbers of their corners
         face = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * np.arange(len(group))[:, None, None]
         name = f"scenery_{material}"
         spec.add_mesh(
@@ -226,13 +244,14 @@ def _add_material(spec: mujoco.MjSpec, name: str, finish: str) -> mujoco.MjsMate
     full = f"scenery_{name}"
     material = spec.add_material(name=full, specular=0.0, shininess=0.0)
     if name in _COLOURS:
-        colour = FINISHES[finish]((np.array([[_COLOURS[name]]]) * 255).astype(np.uint8))[0, 0] / 255.0
+        pixel = (np.array([[_COLOURS[name]]]) * 255).astype(np.uint8)  # an image of one pixel
+        colour = FINISHES[finish](pixel)[0, 0] / 255.0
         material.rgba = (*colour.tolist(), _ALPHA.get(name, 1.0))
         return material
     texture = spec.add_texture(name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=SIZE, height=SIZE, nchannel=3)
     texture.data = FINISHES[finish](_texture("concrete" if name == _SHADOW else name)).tobytes()
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = full
-    if name == _SHADOW:
+    if name == _SHADOW:  # the texture of concrete, darkened
         material.rgba = (_SHADE, _SHADE, _SHADE, 1.0)
     return material
 

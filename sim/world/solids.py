@@ -41,13 +41,14 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
     for i in range(n):
         ox, oy, oz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = directions[i, 0], directions[i, 1], directions[i, 2]
-        best = np.inf
+        best = np.inf  # distance of the nearest face so far, which is face `side` of `solid`
         solid, side = -1, -1
         for s in range(len(offsets)):
             # entry is the last crossing into a half-space, at `face`; leave is the first one out of a half-space
             entry, leave, face = -np.inf, np.inf, 0
             for f in range(offsets.shape[1]):
                 nx, ny, nz = normals[s, f, 0], normals[s, f, 1], normals[s, f, 2]
+                # outward part of the direction, and distance of the origin inside the face's plane
                 speed = nx * dx + ny * dy + nz * dz
                 gap = offsets[s, f] - (nx * ox + ny * oy + nz * oz)
                 if speed < 0.0:
@@ -55,13 +56,14 @@ def cast_rays(origins: Array, directions: Array, normals: Array, offsets: Array,
                         entry, face = gap / speed, f
                 elif speed > 0.0:
                     leave = min(leave, gap / speed)
-                elif gap < 0.0:
+                elif gap < 0.0:  # parallel to the face and outside
                     leave = -np.inf
                 if leave < 0.0 or entry > leave or entry >= best:
-                    break
-            else:
+                    break  # behind the origin, missed, or farther than another solid
+            else:  # no face ruled the solid out
                 if max(entry, 0.0) < best:
                     best, solid, side = max(entry, 0.0), s, face
+        # the ground plane, for a ray that goes down
         if dz < 0.0 and max((ground - oz) / dz, 0.0) < best:
             best = max((ground - oz) / dz, 0.0)
             normal[i, 2] = 1.0
@@ -96,6 +98,7 @@ def find_tops(
             along = axes[s, 0, 0] * x + axes[s, 0, 1] * y
             across = axes[s, 1, 0] * x + axes[s, 1, 1] * y
             if abs(along) <= half[s, 0] + touch and abs(across) <= half[s, 1] + touch:
+                # points just outside have the height of the border
                 z = (
                     mid[s]
                     + slope[s, 0] * min(max(along, -half[s, 0]), half[s, 0])
@@ -207,13 +210,13 @@ class SolidSet:
             self._slope,
             _TOUCH,
         )
-        index[height < self._ground] = -1
+        index[height < self._ground] = -1  # no solid, or one below the ground plane
         height = np.maximum(height, self._ground)
         return height.reshape(points.shape[:-1]), index.reshape(points.shape[:-1])
 
     def top_normal(self, index: NDArray[np.intp]) -> Array:
         """(..., 3) unit normals in the world of the tops of solids (...); -1 is the ground plane."""
-        gradient = np.einsum("sa,sai->si", self._slope, self._axes)
+        gradient = np.einsum("sa,sai->si", self._slope, self._axes)  # (S, 2) m/m along the world's x and y
         normal = np.concatenate([-gradient, np.ones((len(gradient), 1))], axis=-1)
         normal = np.concatenate([normal, [[0.0, 0.0, 1.0]]])  # index -1
         return normal[index] / np.linalg.norm(normal[index], axis=-1, keepdims=True)
@@ -231,9 +234,12 @@ class SolidSet:
 
     @cached_property
     def _half_spaces(self) -> tuple[Array, Array]:
-        """Outward normals (S, 6, 3) and offsets (S, 6) of front, back, left, right, bottom and top."""
+        """Outward normals n (S, 6, 3) and offsets c (S, 6), m, of the half-spaces n·p <= c that make up each solid.
+
+        The six faces are front (+x), left (+y), back (−x), right (−y), bottom and top.
+        """
         n = len(self._mid)
-        flat = np.concatenate([self._axes, -self._axes], axis=1)
+        flat = np.concatenate([self._axes, -self._axes], axis=1)  # (S, 4, 2) horizontal normals of the sides
         sides = np.concatenate([flat, np.zeros((n, 4, 1))], axis=-1)
         side_offsets = np.einsum("spi,si->sp", flat, self._centre) + np.tile(self._half, 2)
         down = np.tile([0.0, 0.0, -1.0], (n, 1, 1))

@@ -24,10 +24,10 @@ from stridetwin.sim.world.solids import Solid, SolidSet, corners
 from stridetwin.streams.samples import Array
 from stridetwin.streams.terrain_truth import Layout, Slab, Strip
 
-_GROUND_BELOW_M = 0.05
+_GROUND_BELOW_M = 0.05  # of the ground plane below the lowest point of the way
 _PLANK_M = 0.04  # thickness of a tread that overhangs its riser
 _CHORDS = 3  # of a rounded edge
-_TINY_M = 1e-9
+_TINY_M = 1e-9  # shorter slabs are left out
 _FOOT_OF_SLABS_M = 0.05  # below the ground plane, so that no gap shows
 
 
@@ -54,6 +54,7 @@ class Terrain:
         """
         layout = lay_out(route)
         obstacles.check_things(route.things, layout)
+        # lowest of the four corners of all slabs
         lowest = min(
             float(slab.point([0, 0, slab.length, slab.length], [-slab.right, slab.left] * 2)[:, 2].min())
             for slab in layout.slabs
@@ -69,7 +70,7 @@ class Terrain:
     def solids(self) -> tuple[Solid, ...]:
         """Solids of the ground: the slabs, and the floor of a room; a tread with a nosing is a plank on its riser."""
         slabs = (*self.layout.slabs, *floor(self.route.scenery, self.layout))
-        return tuple(solid for slab in slabs for solid in _solids(slab, self.ground_m - _FOOT_OF_SLABS_M))
+        return tuple(solid for slab in slabs for solid in _make_solids(slab, self.ground_m - _FOOT_OF_SLABS_M))
 
     @cached_property
     def landmarks(self) -> tuple[Landmark, ...]:
@@ -140,26 +141,27 @@ class Terrain:
         return self._obstacles.ray_cast(origins, directions)
 
 
-def _solids(slab: Slab, bottom: float) -> Iterator[Solid]:
+def _make_solids(slab: Slab, bottom: float) -> Iterator[Solid]:
     """Solids that make up a slab, from its top down to the height `bottom`, m.
 
     A slab that overhangs its riser is a plank on a shorter body; with an open riser it is the plank alone. Rounded
     edges are approximated by narrow solids with sloping tops.
     """
-    if slab.recess:
-        yield _solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
-    for from_edge, to_edge, upper, lower in _roundings(slab.start_radius):
-        yield _solid(_part(slab, from_edge, to_edge, lower, upper), bottom)
-    for from_edge, to_edge, upper, lower in _roundings(slab.end_radius):
-        yield _solid(_part(slab, slab.length - to_edge, slab.length - from_edge, upper, lower), bottom)
+    if slab.recess:  # the plank over the whole slab
+        yield _make_solid(slab, min(slab.z0, slab.z1) - _PLANK_M)
+    # `upper` and `lower`: how far the inner and the outer end of a chord are below the top
+    for from_edge, to_edge, upper, lower in _rounding_chords(slab.start_radius):
+        yield _make_solid(_cut_slab(slab, from_edge, to_edge, lower, upper), bottom)
+    for from_edge, to_edge, upper, lower in _rounding_chords(slab.end_radius):
+        yield _make_solid(_cut_slab(slab, slab.length - to_edge, slab.length - from_edge, upper, lower), bottom)
     # the rest of the body; the sign of the recess gives the end at which the slab overhangs
     since = max(slab.recess, 0.0) + slab.start_radius
     until = slab.length - max(-slab.recess, 0.0) - slab.end_radius
     if until - since > _TINY_M:
-        yield _solid(_part(slab, since, until), bottom)
+        yield _make_solid(_cut_slab(slab, since, until), bottom)
 
 
-def _roundings(radius: float) -> Iterator[tuple[float, float, float, float]]:
+def _rounding_chords(radius: float) -> Iterator[tuple[float, float, float, float]]:
     """Chords that approximate a rounded edge, from the edge inwards; none for a radius of 0.
 
     Yields:
@@ -173,13 +175,13 @@ def _roundings(radius: float) -> Iterator[tuple[float, float, float, float]]:
             yield float(away[k]), float(away[k + 1]), float(below[k + 1]), float(below[k])
 
 
-def _part(slab: Slab, since: float, until: float, start_below: float = 0.0, end_below: float = 0.0) -> Slab:
+def _cut_slab(slab: Slab, since: float, until: float, start_below: float = 0.0, end_below: float = 0.0) -> Slab:
     """Slab from one place on a slab's axis to another; its ends may be lower than the slab's top."""
     (x, y, z0), (_, _, z1) = slab.point([since, until], [0.0, 0.0]).tolist()
     return replace(slab, x=x, y=y, length=until - since, z0=z0 - start_below, z1=z1 - end_below)
 
 
-def _solid(slab: Slab, bottom: float) -> Solid:
+def _make_solid(slab: Slab, bottom: float) -> Solid:
     """Solid on the footprint of a slab, from `bottom` up to its surface."""
     x, y, _ = slab.point(slab.length / 2, (slab.left - slab.right) / 2).tolist()
     return Solid(

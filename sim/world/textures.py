@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from stridetwin.streams.samples import Array
 
-SIZE = 1024
-PERIOD_M = 2.0
+SIZE = 1024  # edge of a texture, pixels
+PERIOD_M = 2.0  # edge of the square that it represents
 
 Pixels = NDArray[np.uint8]
 
 
 def concrete(rng: np.random.Generator) -> Pixels:
     """Pale paving slabs of 0.5 m with pebbles."""
+    # column, row and joints of the slabs; each slab has a tone of its own
     slab_x, slab_y, joint = _slabs(columns=4, rows=4, joint_m=0.008)
     tone = 0.60 + 0.05 * rng.standard_normal((4, 4))[slab_y, slab_x] + 0.035 * _noise(rng, 1.2)
     tone += _pebbles(rng, count=9000, radius=(1.0, 3.2), contrast=0.16)
@@ -82,7 +83,7 @@ TEXTURES: dict[str, Callable[[np.random.Generator], Pixels]] = {
     f.__name__: f for f in (concrete, wood, brick, stone, grass, leaves, plaster, poster)
 }
 
-_PLAIN_CONTRAST = 0.12
+_PLAIN_CONTRAST = 0.12  # contrast of a plain texture over that of the rich one
 _WHITE = (236, 236, 232)
 
 
@@ -107,7 +108,7 @@ def _noise(rng: np.random.Generator, power: float, stretch: tuple[float, float] 
     """
     fy, fx = np.meshgrid(np.fft.fftfreq(SIZE) * SIZE, np.fft.rfftfreq(SIZE) * SIZE, indexing="ij")
     radius = np.hypot(fx / stretch[0], fy / stretch[1])
-    radius[0, 0] = np.inf
+    radius[0, 0] = np.inf  # no mean value
     spectrum = np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) / np.maximum(radius, 3.0) ** power
     image = np.fft.irfft2(spectrum, s=(SIZE, SIZE))
     return image / image.std()
@@ -134,7 +135,7 @@ def _slabs(
 
 
 def _to_border(value: Array) -> Array:
-    """Distance to the nearest whole number."""
+    """(...) distance of (...) values, counted in slabs, to the nearest border, a whole number."""
     return np.abs(value - np.round(value))
 
 
@@ -151,6 +152,7 @@ def _pebbles(rng: np.random.Generator, count: int, radius: tuple[float, float], 
     centre = rng.integers(0, SIZE, (count, 2))
     size = rng.uniform(*radius, count)
     level = contrast * rng.standard_normal(count)
+    # pixel by pixel around all centres at once; borders wrap around, so that the texture tiles
     reach = int(np.ceil(radius[1]))
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):
@@ -161,5 +163,5 @@ def _pebbles(rng: np.random.Generator, count: int, radius: tuple[float, float], 
 
 
 def _paint(tone: Array, tint: tuple[float, float, float]) -> Pixels:
-    """Grey tones in 0-1 to tinted 8-bit colour."""
+    """(SIZE, SIZE, 3) pixels from (SIZE, SIZE) grey tones in 0-1, each channel times its factor in `tint`."""
     return np.clip(255 * tone[..., None] * np.array(tint), 0, 255).astype(np.uint8)

@@ -24,14 +24,30 @@ from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
 from stridetwin.streams.formats.segments import segment_of, side_of
 from stridetwin.streams.kalibr import read_rig
-from stridetwin.streams.plausible import IMAGE_RATES_HZ, find_implausible_rates, find_implausible_values
-from stridetwin.streams.recording.imported import ImportedContents, Source
+from stridetwin.streams.plausible import (
+    IMAGE_RATES_HZ,
+    find_implausible_depth,
+    find_implausible_rates,
+    find_implausible_values,
+)
+from stridetwin.streams.recording.imported import ImageStream, ImportedContents, Source
 from stridetwin.streams.recording.index import Notes, Problem, is_stridetwin_recording, read_calibration
 from stridetwin.streams.recording.mcap_writer import MAGIC
 from stridetwin.streams.recording.reader import Recording
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Accelerometer, Block, Depth, Footprint, Image, Imu, Point, Sample, is_increasing
+from stridetwin.streams.samples import (
+    Accelerometer,
+    Array,
+    Block,
+    Depth,
+    Footprint,
+    Image,
+    Imu,
+    Point,
+    Sample,
+    is_increasing,
+)
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -64,6 +80,8 @@ _READERS: Mapping[str, Callable[..., Source]] = {
     "vrs": read_aria_vrs,
 }
 """The reader of each kind that is neither a bag nor a table."""
+DEPTH_SCALE, _DEPTH_IMAGES = "--depth-scale", 5
+"""The option, and the number of images whose depth is checked to be plausible."""
 _WITH_DEPTH_SCALE = ("tum", "7scenes", "openloris", "strayscanner")
 """Formats whose reader takes the units of depth images per metre."""
 _EVENTS = (Footprint, Point)  # irregular events
@@ -509,6 +527,22 @@ def _check_plausible(source: Source, notes: Notes) -> None:
             continue
         for implausible in find_implausible_rates(rising, IMAGE_RATES_HZ):
             notes.add_problem(Problem(topic, int(rising[0]), str(implausible)))
+        if images.kind is Depth:
+            for implausible in find_implausible_depth(_sample_depths(images)):
+                notes.warn(f"{topic}: {implausible}; {DEPTH_SCALE} N gives a folder's units per metre")
+
+
+def _sample_depths(images: ImageStream) -> list[Array]:
+    """A few depth images (H, W), m, spread over a stream; those that cannot be read are left out."""
+    depths = []
+    for index in np.unique(np.linspace(0, len(images.t_ns) - 1, _DEPTH_IMAGES).round().astype(int)).tolist():
+        try:
+            image = images.load("", index)  # its topic does not matter
+        except (StrideTwinError, ValueError, IndexError):
+            continue  # is reported when the image is used
+        if isinstance(image, Depth):
+            depths.append(np.asarray(image.depth))
+    return depths
 
 
 def _check_overlap(contents: ImportedContents, notes: Notes) -> None:

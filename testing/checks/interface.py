@@ -58,10 +58,11 @@ def check_missing_sensors(subject: Subject) -> None:
         )
     if not any(word in message.lower() for word in sensor_names):
         raise ConformanceError(f"for an empty rig the error is {message!r}: name the missing sensor in it")
-    roles: dict[str, set[str]] = {}
+    topics_by_role: dict[str, set[str]] = {}
     for stream in walk.streams:
-        roles.setdefault(stream.role, set()).add(stream.topic)
-    for topics in roles.values():  # an estimator may accept a rig without some of them
+        topics_by_role.setdefault(stream.role, set()).add(stream.topic)
+    # an estimator may accept a rig without the sensors of one role, but raise nothing but a StrideTwinError
+    for topics in topics_by_role.values():
         _rejection_message(subject, _without_topics(rig, topics), walk.options)
 
 
@@ -178,6 +179,7 @@ def _rejection_message(subject: Subject, rig: Rig, options: Options) -> str | No
 def _sensor_names_of(streams: tuple[Stream, ...]) -> set[str]:
     """Words of which a message about missing sensors has to contain one: parts of topics, roles and kinds."""
     texts = [text for s in streams if s.topic != POSES for text in (s.topic, s.role, s.kind.__name__)]
+    # words of at least three letters, so that the `l` of `foot_l` is none
     return {word for text in texts for word in re.split(r"[/_\W]+", text.lower()) if len(word) > 2}
 
 

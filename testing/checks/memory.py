@@ -44,7 +44,8 @@ def check_bounded_memory(subject: Subject) -> None:
             _feed_pass(estimator, samples, duration_ns, number)
             gc.collect()
             sizes.append((sys.getallocatedblocks(), _count_allocated_bytes()))
-            growth = np.diff(sizes, axis=0)[1:]  # the first passes fill windows
+            # (passes, 2) growth of both sizes; the first one is left out, in which windows are filled
+            growth = np.diff(sizes, axis=0)[1:]
             # neither objects nor bytes have grown in every pass so far: memory is bounded
             if len(growth) and not (growth > _LEAST_GROWTH).all(axis=0).any():
                 return
@@ -78,12 +79,12 @@ def _feed_pass(estimator: AnyEstimator, samples: tuple[Sample, ...], duration_ns
         duration_ns: Added to the stamps once per earlier pass.
         number: Number of the pass, from 0.
     """
-    way = number * _way(samples)
+    translation = number * _translation_of_pass(samples)
     for sample in samples:
-        call_update(estimator, copy_sample(shift_sample(sample, number * duration_ns, way)))
+        call_update(estimator, copy_sample(shift_sample(sample, number * duration_ns, translation)))
 
 
-def _way(samples: tuple[Sample, ...]) -> Array:
+def _translation_of_pass(samples: tuple[Sample, ...]) -> Array:
     """(3,) m, horizontal translation between the first and the last pose; zero without poses."""
     poses = [sample for sample in samples if isinstance(sample, Odometry)]
     if not poses:

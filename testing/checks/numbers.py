@@ -31,7 +31,7 @@ def check_covariance(subject: Subject) -> None:
     """
     for returned in subject.reference:
         for leaf in returned.leaves:
-            if _describes_uncertainty(leaf) and (problem := _problem(leaf)):
+            if _describes_uncertainty(leaf) and (problem := _find_problem(leaf)):
                 raise ConformanceError(f"{leaf.path} at {returned.t_ns * 1e-9:.3f} s {problem}")
 
 
@@ -40,7 +40,7 @@ def _describes_uncertainty(leaf: Leaf) -> bool:
     return leaf.is_covariance or leaf.is_standard_deviation or leaf.name in ("probability", "probabilities")
 
 
-def _problem(leaf: Leaf) -> str:
+def _find_problem(leaf: Leaf) -> str:
     """Why a covariance, standard deviation or probability cannot be one, in words; "" if it can."""
     if leaf.value is None or isinstance(leaf.value, str):
         return ""
@@ -49,9 +49,9 @@ def _problem(leaf: Leaf) -> str:
         return ""
     if not leaf.is_finite:
         return "is not finite: return None for what is unknown, or inf for a standard deviation"
-    if leaf.is_covariance:  # then a standard deviation, else a probability
-        return _covariance_problem(value)
-    if leaf.is_standard_deviation:
+    if leaf.is_covariance:
+        return _find_covariance_problem(value)
+    if leaf.is_standard_deviation:  # what follows is about a probability
         return "" if (value > 0.0).all() else f"is {value.min():.3g}: a standard deviation is positive"
     if value.size and (value.min() < 0.0 or value.max() > 1.0 + _SUM):
         return f"is outside 0 to 1: {value.min():.6g} to {value.max():.6g}"
@@ -60,13 +60,19 @@ def _problem(leaf: Leaf) -> str:
     return ""
 
 
-def _covariance_problem(matrix: Array) -> str:
-    """Why a matrix cannot be a covariance, in words; "" if it can: symmetric, no negative eigenvalue."""
+def _find_covariance_problem(matrix: Array) -> str:
+    """Why a matrix cannot be a covariance, in words; "" if it is symmetric and has no negative eigenvalue.
+
+    Args:
+        matrix: (N, N).
+    """
     scale = np.abs(matrix).max(initial=0.0)
     if np.abs(matrix - matrix.T).max(initial=0.0) > _SYMMETRY * scale:
         return "is not symmetric: average it with its transpose after each update"
     deviations = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    units = np.where(deviations > 0.0, deviations, 1.0)  # metres beside radians: the correlation has no units
+    # the eigenvalues are those of the correlation, which has no units, since metres may stand beside radians; a
+    # variance of 0 or less stays as it is
+    units = np.where(deviations > 0.0, deviations, 1.0)
     least = np.linalg.eigvalsh(0.5 * (matrix + matrix.T) / np.outer(units, units)).min(initial=0.0)
     if (np.diag(matrix) < 0.0).any() or least < -_EIGENVALUE * len(matrix):
         return (

@@ -62,7 +62,8 @@ def _check_path(subject: Subject, frame: str, poses: list[Pose]) -> None:
     for pose in poses:
         _check_rotation(np.asarray(pose.rotation, float), pose.t_ns)
     imu_topics = [stream.topic for stream in subject.walk.streams if stream.kind is Imu]
-    frame = frame or (imu_topics[0].removeprefix("/") if len(imu_topics) == 1 else "")
+    if not frame and len(imu_topics) == 1:
+        frame = imu_topics[0].removeprefix("/")
     valid = [pose for pose in poses if pose.valid]
     if not valid:
         return
@@ -104,7 +105,7 @@ def _check_length(poses: Sequence[Pose], truth: Trajectory) -> None:
     positions = np.array([pose.p_frame_in_world for pose in poses], float)
     estimated_m = float(np.linalg.norm(positions - positions[0], axis=1).max())
     during = (truth.t_ns >= poses[0].t_ns) & (truth.t_ns <= poses[-1].t_ns)
-    if not during.any():
+    if not during.any():  # nothing to compare with
         return
     way = truth.p_frame_in_world[during]
     true_m = float(np.linalg.norm(way - way[0], axis=1).max())
@@ -128,6 +129,7 @@ def _check_vertical(subject: Subject, topic: str, poses: Sequence[Pose]) -> None
     Raises:
         ConformanceError: It points elsewhere: frames or the order of quaternions are wrong.
     """
+    # (3,) m/s² by stamp
     forces = {s.t_ns: s.specific_force for s in subject.walk.samples if isinstance(s, Imu) and s.topic == topic}
     rotated = [pose.T_world_frame[:3, :3] @ forces[pose.t_ns] for pose in poses if pose.t_ns in forces]
     if not rotated:

@@ -36,10 +36,10 @@ def check_independent(subject: Subject) -> None:
     samples = subject.walk.samples
     lag = len(samples) // 3  # samples by which the second instance is behind
     instances = subject.create(), subject.create()
-    returned: tuple[list[Returned], list[Returned]] = [], []
+    returned: tuple[list[Returned], list[Returned]] = [], []  # estimates of each
     for turn in range(2 * lag):
         for instance, estimates, i in zip(instances, returned, (turn, turn - lag)):
-            if i >= 0:
+            if i >= 0:  # the second instance begins when the first one is `lag` samples ahead
                 sample = copy_sample(samples[i])
                 if (estimate := call_update(instance, sample)) is not None:
                     estimates.append(Returned(i, sample.t_ns, estimate, flatten(estimate)))
@@ -54,7 +54,7 @@ def check_independent(subject: Subject) -> None:
 def check_causal(subject: Subject) -> None:
     """An estimate, which `update` can make of the samples so far alone, does not change after it was returned."""
     for one in subject.reference:
-        if text := difference(flatten(one.estimate), one.leaves):
+        if text := difference(flatten(one.estimate), one.leaves):  # its values now, and when it was returned
             raise ConformanceError(
                 f"the estimate at {one.t_ns * 1e-9:.3f} s changed after it was returned ({text}): return copies of the "
                 "state's arrays"

@@ -14,7 +14,7 @@ from stridetwin.estimators.dvio.initializer import Initializer, Priors, align_vi
 from stridetwin.estimators.dvio.optimiser import preintegrate
 from stridetwin.estimators.dvio.sliding_window import SlidingWindow
 from stridetwin.estimators.dvio.state import ImuSamples, Preintegration, blank_preintegration
-from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_of_bearings, structure_with_depth
+from stridetwin.estimators.dvio.structure_from_motion import Observations, structure_with_depth, structure_without_depth
 from stridetwin.estimators.dvio.tracker import CameraFrame
 from stridetwin.streams.samples import Image, Imu
 from tests.estimators.dvio.scenes import NOISE, T_IMU_CAMERA
@@ -114,7 +114,7 @@ def walked(seed: int, noisy: bool, depth: bool, believed_sd: np.ndarray = BIAS_S
     return Walk(observations, preintegrations, measured[::BETWEEN, :3], priors, last[:, 2], last @ v[-1], bias, way_m)
 
 
-METHODS = {"depth": structure_with_depth, "bearings": structure_of_bearings}
+METHODS = {"depth": structure_with_depth, "bearings": structure_without_depth}
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -167,7 +167,7 @@ def test_says_nothing_of_too_few_points():
     for many in (0, 1, 8):
         few = Observations(seen=s.seen[:, :many], at=s.at[:, :many], rho=s.rho[:, :many], sd=s.sd, rho_sd=s.rho_sd)
         assert structure_with_depth(few) is None
-        assert structure_of_bearings(few) is None
+        assert structure_without_depth(few) is None
 
 
 def test_state_covariance_turns_with_the_heading():

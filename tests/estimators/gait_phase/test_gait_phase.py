@@ -242,10 +242,10 @@ def test_a_sequence_of_landings_that_cannot_be_stays_finite() -> None:
     for k, kind in enumerate(reversed(range(N_STRIDE_KINDS))):
         stride.begin((1 + k) * 1_200_000_000)
         for i in range(1, 100):
-            stride.weigh((1 + k) * 1_200_000_000 + i * 10_000_000, 0.01, 2.0)
+            stride.update((1 + k) * 1_200_000_000 + i * 10_000_000, 0.01, 2.0)
         stride.is_walking = True
         stride._belief.walk[:] = -5000.0
         stride._belief.walk[kind] = 0.0
     stride.begin((1 + N_STRIDE_KINDS) * 1_200_000_000)
-    stride.weigh((1 + N_STRIDE_KINDS) * 1_200_000_000 + 10_000_000, 0.01, 0.0)
+    stride.update((1 + N_STRIDE_KINDS) * 1_200_000_000 + 10_000_000, 0.01, 0.0)
     assert np.isfinite([stride.phase, stride.phase_sd, stride.rate, stride.usual_s]).all()

@@ -310,7 +310,7 @@ def test_the_sizes_of_stairs_are_those_of_the_flight_with_an_edge_there():
     def sizes(mode, *flights):
         estimate = TerrainEstimate(t_ns=0, planes={}, terrains=flights, p_camera_in_world=np.zeros(3))
         line = PathAhead(origin=np.zeros(2), forward=np.array([1.0, 0.0]))
-        return changes._sizes(mode, segment, estimate, np.array([1.0, 0.2]), line, P)
+        return changes._read_sizes(mode, segment, estimate, np.array([1.0, 0.2]), line, P)
 
     riser_sd, tread_sd = math.hypot(0.002, changes._FLIGHT_RISER_SD_M), changes._TREAD_SD_SHARE * 0.004
     known = {"riser": 0.16, "riser_sd": riser_sd, "tread": 0.3, "tread_sd": tread_sd}

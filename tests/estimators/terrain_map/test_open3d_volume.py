@@ -62,7 +62,7 @@ def test_columns_between_the_pixels_lie_in_their_plane():
     normal = np.array([-math.sin(tilt), 0.0, math.cos(tilt)])
     plane = np.array([[*normal, 0.4 * math.cos(tilt)]])
     count = len(points)
-    view = volume._from_above(points, np.full(count, 0.004, np.float32), np.zeros(count, np.int32), plane)
+    view = volume._project_down(points, np.full(count, 0.004, np.float32), np.zeros(count, np.int32), plane)
     i, j = np.nonzero(np.isfinite(view.height))
     assert len(i) > 5 * count
     x = (view.first[0] + i + 0.5) * 0.02
