@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
-from stridetwin.streams.formats.segments import segment_of
 from stridetwin.streams.gravity import STANDARD_GRAVITY_MPS2
 from stridetwin.streams.plausible import mean_rate
 from stridetwin.streams.recording.imported import ImageStream
 from stridetwin.streams.recording.index import Notes
 from stridetwin.streams.rig import CameraCalibration, ImuCalibration, Mount, Rig
 from stridetwin.streams.samples import Block, Depth, Image, Imu, Sample, Stamps
+from stridetwin.streams.segments import segment_of
 
 BODY = "head"
 """Body of a sensor whose topic does not imply another one."""

@@ -17,13 +17,13 @@ import numpy as np
 from stridetwin.streams.errors import RecordingError
 from stridetwin.streams.formats.bag_calibration import CALIBRATIONS, TRANSFORMS, BagCalibration
 from stridetwin.streams.formats.derived import imu_name, join_gyro_and_accel, to_odometry
-from stridetwin.streams.formats.segments import segment_of
 from stridetwin.streams.recording.imported import ImageStream, Source
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import Messages
 from stridetwin.streams.recording.ros_types import Definitions, RosMessage, deserialise, typestore_for
 from stridetwin.streams.recording.topic_reader import READABLE, SHORTEST_HEADER, TopicReader, read_header_stamp
 from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Odometry, Sample
+from stridetwin.streams.segments import segment_of, side_of
 
 # names of topics: our own, and those of ground truth (in lower case)
 OURS = re.compile(r"/(head|chest|foot_[lr]|exo|truth)/.+")
@@ -79,7 +79,7 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
                 t
                 for segment in segments
                 for t in foreign_topics
-                if foreign_topics[t] == segment and kinds[t] is kind and not _INFRARED.search(t.lower())
+                if foreign_topics[t] == segment and kinds[t] is kind and not _is_no_candidate(t, kind)
             ]
             first = next((t for p in patterns for t in candidates if p.search(t.lower())), None)
             if first is not None:
@@ -88,6 +88,11 @@ def assign_bag_topics(kinds: Mapping[str, type[Sample]]) -> dict[str, str]:
     if true is not None:
         assign(true, "/truth/head/odometry")
     return names
+
+
+def _is_no_candidate(topic: str, kind: type[Sample]) -> bool:
+    """Whether a topic names an infrared camera, or an IMU of one side, which is neither the head's nor the chest's."""
+    return bool(_INFRARED.search(topic.lower())) or (kind is Imu and side_of(topic.lower()) != "")
 
 
 def _is_truth(topic: str, segment: str) -> bool:
@@ -307,7 +312,8 @@ def _report_choice_of_imu(kinds: Mapping[str, type[Sample]], names: Mapping[str,
         names: Our topic of each topic that has one.
         notes: Collects the warning.
     """
-    unknown = [t for t, kind in kinds.items() if kind is Imu and not OURS.fullmatch(t) and not segment_of(t)]
+    foreign_imus = [t for t, kind in kinds.items() if kind is Imu and not OURS.fullmatch(t)]
+    unknown = [t for t in foreign_imus if not segment_of(t) and not _is_no_candidate(t, Imu)]
     first = next((t for t in unknown if names.get(t) == "/head/imu"), None)
     if first is not None and len(unknown) > 1:
         notes.warn(

@@ -14,7 +14,7 @@ import numpy as np
 
 from stridetwin.streams.errors import ConfigError, StrideTwinError
 from stridetwin.streams.files import atomic_file
-from stridetwin.streams.formats.derived import join_at_gyro_stamps
+from stridetwin.streams.formats.derived import check_overlap, join_at_gyro_stamps
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_columns import ACCEL, AXES, GYRO, missing_axis_error
 from stridetwin.streams.formats.imu_text import SUFFIXES, TablePart, TableRequest, read_folder_parts, read_text_table
@@ -127,6 +127,7 @@ def _to_imu_block(path: Path, sensor: str, parts: Mapping[str, TablePart], notes
             columns = {_COLUMNS[part.quantity]: part.values}
             single: Block[Imu] = Block(topic=name, kind=Imu, t_ns=_to_nanoseconds(part.t), columns=columns)
             blocks.append(bridge_gaps(f"{name} ({part.quantity})", single, notes))
+        check_overlap(f"{name} ({GYRO})", blocks[0].t_ns, f"{name} ({ACCEL})", blocks[1].t_ns, notes)
         block = join_at_gyro_stamps(name, *blocks)
         notes.warn(f"{name}: forces and rates are joined, the force interpolated to the stamps of the rate")
         if len(block) < MIN_ROWS:

@@ -22,7 +22,6 @@ from stridetwin.streams.formats.given_rig import Streams, match_rig, rename_rig,
 from stridetwin.streams.formats.imu_bridging import bridge_gaps
 from stridetwin.streams.formats.imu_table import read_imu_tables
 from stridetwin.streams.formats.imu_text import SUFFIXES, TableRequest, is_imu_folder
-from stridetwin.streams.formats.segments import segment_of, side_of
 from stridetwin.streams.kalibr import read_rig
 from stridetwin.streams.plausible import (
     IMAGE_RATES_HZ,
@@ -48,6 +47,7 @@ from stridetwin.streams.samples import (
     Sample,
     is_increasing,
 )
+from stridetwin.streams.segments import segment_of, side_of
 from stridetwin.streams.yaml_file import read_yaml
 
 TABLE_TOPIC = "/foot_l/imu"
@@ -89,6 +89,7 @@ _MOST_LISTED = 8
 """Most entries of a folder that an error lists."""
 _RECORDING_SUFFIXES = (".bag", ".mcap", ".db3", ".vrs")
 _PACKED_SUFFIXES = (".zstd", ".zst", ".zip", ".gz", ".tgz", ".tar", ".7z", ".bz2", ".r3d")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".tif", ".tiff", ".pgm")
 _METADATA = "metadata.yaml"
 """File that describes a ROS 2 bag."""
 _REINDEX = "`ros2 bag reindex` writes it anew; without it, the files are read in the order of their names"
@@ -173,7 +174,8 @@ def open_any(path: str | Path, lenient: bool = False, options: ImportOptions | N
     kind = options.kind or recognise(path)
     is_plain = not options.names and options.rig is None  # the user changes neither topics nor calibration
     # the file of a recording that StrideTwin has written; None for another tool's source
-    own_file = _find_stridetwin_file(path, is_plain) if kind in ("mcap", "rosbag2") else None
+    may_be_ours = kind == "mcap" or (kind == "rosbag2" and (path.is_dir() or path.suffix == ".mcap"))
+    own_file = _find_stridetwin_file(path, is_plain) if may_be_ours else None
     if own_file is not None and is_plain:
         return Recording(own_file, lenient)
     notes = Notes(path, lenient)
@@ -296,6 +298,7 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         notes: Collects problems and assumptions.
     """
     if kind == "table":
+        _report_images(path, notes)
         imus = read_imu_tables(path, options.table, notes)
         names = {name: imu_topic(name) for name in imus if name}
         blocks: dict[str, Block[Sample]] = {name or TABLE_TOPIC: block for name, block in imus.items()}
@@ -304,6 +307,17 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
         has_scale = kind in _WITH_DEPTH_SCALE and options.depth_scale
         return _READERS[kind](path, notes, **({"per_metre": options.depth_scale} if has_scale else {}))
     return _read_bag(path, kind, notes)
+
+
+def _report_images(path: Path, notes: Notes) -> None:
+    """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
+    folders = [entry for entry in sorted(path.iterdir()) if entry.is_dir()] if path.is_dir() else []
+    with_images = [
+        f"{folder.name}/" for folder in folders if any(f.suffix.lower() in _IMAGE_SUFFIXES for f in folder.iterdir())
+    ]
+    if with_images:
+        names = ", ".join(with_images[:_MOST_LISTED])
+        notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")
 
 
 def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
@@ -327,7 +341,11 @@ def _read_bag(path: Path, kind: str, notes: Notes) -> Source:
     if kind == "rosbag1":
         return read_bag(RosBag(path, True, notes), kind, notes)
     files = _list_bag_files(path) if path.is_dir() else [path]
-    if files and all(f.suffix == ".mcap" for f in files):
+    if not files:
+        raise ConfigError(path, "", "no metadata.yaml, .db3 or .mcap", "a ROS 2 bag")
+    if path.is_file() and path.suffix not in (".db3", ".mcap"):
+        raise ConfigError(path, "", path.suffix, "a file .db3, as SQLite files of ROS 2 bags are called; rename it")
+    if all(f.suffix == ".mcap" for f in files):
         return read_bag(McapBag(files, notes), kind, notes)
     for file in files:  # before rosbags runs queries on them
         if file.suffix == ".db3":
@@ -375,7 +393,7 @@ def _list_bag_files(path: Path) -> list[Path]:
         info = data["rosbag2_bagfile_information"]
         names = [str(n) for n in info["relative_file_paths"]]
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, StrideTwinError) as error:
         reason = " ".join(str(error).split())
         raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}; {_REINDEX}") from error
     if compressed:
@@ -563,7 +581,6 @@ def _check_overlap(contents: ImportedContents, notes: Notes) -> None:
                 f"{name} {longest.first_ns * 1e-9:.3f} to {longest.last_ns * 1e-9:.3f} s"
             )
         if info.last_ns < longest.first_ns or info.first_ns > longest.last_ns:
-            what = f"ends at {info.last_ns * 1e-9:.6f} s" if info.last_ns < longest.first_ns else "begins only here"
-            period_text = f"{longest.first_ns * 1e-9:.6f} to {longest.last_ns * 1e-9:.6f} s"
-            description = f"{what}, where {name} runs from {period_text}: expected stamps of one clock"
+            spans = [f"{i.first_ns * 1e-9:.3f} to {i.last_ns * 1e-9:.3f} s" for i in (info, longest)]
+            description = f"stamps from {spans[0]}, where {name} has {spans[1]}: expected stamps of one clock"
             notes.add_problem(Problem(topic, info.first_ns, description))

@@ -19,7 +19,8 @@ from stridetwin.streams.recording.mcap_contents import McapContents, Message
 from stridetwin.streams.recording.recording_schema import RIG_NAME
 from stridetwin.streams.recording.writer import RecordingWriter
 from stridetwin.streams.rig import Rig
-from stridetwin.streams.samples import Block, Depth, Image, Sample, Stamps
+from stridetwin.streams.samples import Accelerometer, Block, Depth, Image, Imu, Sample, Stamps
+from stridetwin.streams.segments import side_of
 
 if TYPE_CHECKING:
     import pandas
@@ -29,6 +30,14 @@ __all__ = ["Contents", "Problem", "Recording", "RecordingWriter", "TopicInfo"]
 
 _MOST_UNREAD = 8
 """Most topics that are not read which an error lists."""
+_KIND_OF: dict[str, type[Sample]] = {
+    "imu": Imu,
+    "accelerometer": Accelerometer,
+    "color": Image,
+    "camera": Image,
+    "depth": Depth,
+}
+"""Kind of the samples of a sensor, by the end of its topic."""
 Contents = McapContents | ImportedContents
 """Source of a recording's samples: an MCAP file, or the files of another tool."""
 
@@ -230,12 +239,15 @@ class Recording:
             topic: The missing topic, such as `/foot_l/imu`.
 
         Returns:
-            Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`; "" if no topic ends alike, or for
-            our own recordings, whose topics say where the sensors are.
+            Text such as `; if /head/imu is that sensor: --map /head/imu=/foot_l/imu`, with a stream of the same kind
+            that has the same side, if there is one; "" if there is no such stream, or for our own recordings, whose
+            topics say where the sensors are.
         """
-        last = topic.rpartition("/")[2]  # what the sensor is, such as `imu`
-        alike = [t for t in sorted(self.topics) if t.rpartition("/")[2] == last and not t.startswith("/truth/")]
+        kind = _KIND_OF.get(topic.rpartition("/")[2])  # by what the sensor is, such as `imu`
+        alike = [t for t, info in sorted(self.topics.items()) if info.kind is kind and not t.startswith("/truth/")]
         if self.schema_version or not alike:
             return ""
+        side = side_of(topic)
+        alike.sort(key=lambda name: side_of(name.lower()) != side)
         wanted = f"/{topic.lstrip('/')}"
         return f"; if {alike[0]} is that sensor: --map {alike[0]}={wanted}"

@@ -199,6 +199,24 @@ def test_a_folder_of_no_known_layout_says_what_it_has(tmp_path, names, says):
     assert re.search(says, line)
 
 
+def test_images_beside_tables_are_named(tmp_path):
+    rng = np.random.default_rng(1)
+    for name, mean in (("accelerometer", (0, 0, 9.81)), ("gyroscope", (0, 0, 0))):
+        table = np.column_stack((np.arange(40) / 100, rng.normal(mean, 0.01, (40, 3))))
+        header = ",".join(["t[s]", *(f"{a}[{'m/s²' if mean[2] else 'rad/s'}]" for a in "xyz")])
+        np.savetxt(tmp_path / f"{name}.csv", table, delimiter=",", header=header, comments="", encoding="utf-8")
+    touched(tmp_path, "left/000.png")
+    recording = open_any(tmp_path)
+    assert any("the images in left/ have no layout that is read" in w for w in recording.warnings)
+
+
+def test_a_database_of_another_name(tmp_path):
+    bag = write_bag(tmp_path / "walk", {"/foot_l/imu": (IMU_TYPE, still_imu())})
+    shutil.copy(bag / "walk.db3", tmp_path / "walk.sqlite3")
+    with pytest.raises(StrideTwinError, match=r"invalid '\.sqlite3': expected a file \.db3"):
+        open_any(tmp_path / "walk.sqlite3")
+
+
 @pytest.mark.parametrize(("head", "name"), [(b"PK\3\4more", "zip"), (b"\x28\xb5\x2f\xfdmore", "zstd")])
 def test_packed_files_are_named(tmp_path, head, name):
     (tmp_path / "walk.db3.zstd").write_bytes(head)
@@ -227,6 +245,7 @@ def test_packed_files_are_named(tmp_path, head, name):
         ),
         ({"/vicon/pelvis": Odometry, "/vicon/helmet": Odometry}, {"/vicon/helmet": "/truth/head/odometry"}),
         ({"/ship/imu": Imu}, {"/ship/imu": "/head/imu"}),
+        ({"/dot/left": Imu, "/dot/right": Imu}, {}),
     ],
 )
 def test_names_of_other_makers(kinds, ours):
@@ -254,6 +273,13 @@ def test_an_imu_of_another_part_of_the_body_keeps_its_name_and_body(tmp_path):
     assert recording.rig.imu("/xsens/pelvis/imu").mount.body == "pelvis"
     moved = open_any(bag, options=ImportOptions(names={"/xsens/pelvis/imu": "/head/imu"}))
     assert moved.rig.imu("/head/imu").mount.body == "head"
+
+
+def test_the_missing_imu_may_be_one_of_the_same_side(tmp_path):
+    streams = {topic: (IMU_TYPE, still_imu()) for topic in ("/dot/left", "/dot/right")}
+    recording = open_any(write_bag(tmp_path / "walk", streams))
+    with pytest.raises(StrideTwinError, match="if /dot/right is that sensor: --map /dot/right=/foot_r/imu"):
+        recording.block("/foot_r/imu")
 
 
 def test_the_choice_among_imus_without_a_place_is_reported(tmp_path):
