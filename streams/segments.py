@@ -10,11 +10,12 @@ _FOOT = re.compile(rf"foot|shoe|ankle|heel|insole|(?<![a-z]){_SIDE}?(?:boots?|to
 _LEFT = re.compile(rf"left|(?<![a-z])l(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}l(?![a-z])")
 _RIGHT = re.compile(rf"right|(?<![a-z])r(?:(?![a-z])|(?={_FOOT_WORDS}))|{_FOOT_WORDS}r(?![a-z])")
 _CHEST = re.compile(r"(?<![a-z])(?:chest|sternum|torso|thorax|trunk|upper_?body)(?![a-z])")
-_HEAD = re.compile(r"(?<![a-z])(?:fore)?head(?![a-z])|helmet|glasses|(?<![a-z])hmd(?![a-z])|headset")
+_HEAD = re.compile(r"(?<![a-z])(?:fore)?head(?![a-z])|helmet|glasses|goggles|headset|(?<![a-z])(?:hmd|ears?)(?![a-z])")
 _OTHER = re.compile(
     rf"(?<![a-z]){_SIDE}?_?(?:upper|lower|fore)?_?(?P<name>pelvis|pelvic|hips?|waist|belt|sacrum|sacral|lumbar|lumber"
     r"|lowerback|back|spine|neck|thighs?|femur|legs?|knees?|shanks?|shins?|tibia|cal(?:f|ves)|wrists?|hands?|arms?"
-    rf"|elbows?|shoulders?|scapula|humerus|pocket|trousers?){_SIDE}?(?![a-z])"
+    rf"|elbows?|shoulders?|scapula|humerus|abdomen|belly|pocket|trousers?){_SIDE}?(?![a-z])"
+    r"|(?<![a-z0-9])(?P<vertebra>l[345]|t8|t12)(?![a-z0-9])"
 )
 """Parts of the body that carry none of our sensors; whole words, as `hip` is a part of `ship`."""
 
@@ -41,6 +42,8 @@ def segment_of(name: str) -> str:
     if _FOOT.search(lower):
         return f"foot_{side}" if side else "foot"
     if (other := _OTHER.search(lower)) is not None:
+        if other["vertebra"]:
+            return other["vertebra"]
         return f"{other['name']}_{side}" if side else other["name"]
     if _CHEST.search(lower):
         return "chest"

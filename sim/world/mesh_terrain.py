@@ -146,7 +146,9 @@ def _describe_place(triangles: Array, way: MeshWay, width_m: float) -> str:
     place = ", ".join(f"{a:.4g} to {b:.4g}" for a, b in zip(low, high))
     keys = "`up: y` or `up: z`, `unit` (m, cm, mm, in, or metres per unit), `start_m` and `heading_deg` say how it lies"
     other_way = next(_find_ways(triangles, way, width_m), "")
-    advice = f"there is a way with {other_way}" if other_way else "correct those that differ"
+    advice = (
+        f"there is a way with {other_way}" if other_way else f"there is no way of `width_m: {width_m:g}` with others"
+    )
     reading = f"with up: {way.vertical_axis} and a unit of {way.scale:g} m"
     return f"the mesh is {size} m along its x, y, z ({place}), {reading}; {keys}: {advice}"
 

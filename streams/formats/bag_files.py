@@ -23,7 +23,7 @@ from rosbags.rosbag1.reader import Chunk, Compression, Header, IndexData, decomp
 
 from stridetwin.streams.errors import RecordingError, StrideTwinError, read_error
 from stridetwin.streams.formats.bag import Channel
-from stridetwin.streams.formats.ros1_types import Ros1Types, standard_definition, to_ros2_name
+from stridetwin.streams.formats.ros1_types import Ros1Types, find_definition, to_ros2_name
 from stridetwin.streams.recording.index import Notes, Problem
 from stridetwin.streams.recording.mcap_scan import (
     LARGEST_CHUNK,
@@ -211,8 +211,7 @@ class McapBag:
         text = schema.data.decode(errors="replace") if schema is not None else ""
         encoding = schema.encoding if schema is not None else ""
         if record.message_encoding == "ros1" and name:
-            # the standard definition comes first: converters have written schemas that lack the types inside
-            text = self._ros1_types.to_ros2_definition(name, standard_definition(name) or text)
+            text = self._ros1_types.to_ros2_definition(name, find_definition(name, text))
             if text:
                 self._ros1_names[record.topic] = name
                 return Channel(record.topic, name, "ros2msg", text)

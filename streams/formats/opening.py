@@ -394,7 +394,8 @@ def _list_bag_files(path: Path) -> list[Path]:
         names = [str(n) for n in info["relative_file_paths"]]
         compressed = str(info.get("compression_mode") or "none").lower() != "none"
     except (KeyError, TypeError, AttributeError, ValueError, StrideTwinError) as error:
-        reason = " ".join(str(error).split())
+        is_other = isinstance(error, TypeError | AttributeError)  # such as an empty file
+        reason = "it is empty, or has other contents" if is_other else " ".join(str(error).split())
         raise StrideTwinError(f"{metadata}: no description of a ROS 2 bag: {reason[:120]}; {_REINDEX}") from error
     if compressed:
         raise ConfigError(

@@ -171,14 +171,22 @@ class _Transforms(BaseModel):
 
 
 class _Camera(BaseModel):
-    """The section of a camera in `sensors.yaml`; intrinsics are fx, cx, fy, cy."""
+    """The section of a camera in `sensors.yaml`; intrinsics are fx, cx, fy, cy, in rewritten files fx, fy, cx, cy."""
 
     width: Count
     height: Count
     fps: NotNegative = 0.0
-    intrinsics: Annotated[tuple[Positive, Number, Positive, Number], BeforeValidator(_to_numbers)]
+    intrinsics: Annotated[tuple[Positive, Positive, Positive, Positive], BeforeValidator(_to_numbers)]
     distortion_model: Annotated[str, OneOf(_DISTORTIONS)] = "radtan"
     distortion_coefficients: Annotated[list[Number], BeforeValidator(_to_numbers)] = []
+
+
+def _order_intrinsics(camera: _Camera) -> tuple[float, float, float, float]:
+    """The intrinsics as fu, fv, pu, pv in pixels: of both orders, the one with its centre nearer to the image's."""
+    a, b, c, d = camera.intrinsics
+    middle = np.array([camera.width, camera.height]) / 2
+    orders = ((a, c, b, d), (a, b, c, d))
+    return min(orders, key=lambda order: float(np.linalg.norm(order[2:] - middle)))
 
 
 def _read_frames(file: Path) -> TransformTree:
@@ -227,7 +235,7 @@ def _read_rig(file: Path, images: dict[str, ImageStream], frames: TransformTree,
         T_imu_camera = frames.find_transform(imu_frame, frame)
         if T_imu_camera is None:
             notes.warn(f"{frame}: no place in {_TRANSFORMS}; assumed at the IMU with the same orientation")
-        fu, pu, fv, pv = camera.intrinsics
+        intrinsics = _order_intrinsics(camera)
         k1, k2, p1, p2 = [*camera.distortion_coefficients, 0.0, 0.0, 0.0, 0.0][:4]
         if any(camera.distortion_coefficients[4:]):
             notes.warn(f"{file.name}: {frame}: only the first four distortion_coefficients are used")
@@ -238,7 +246,7 @@ def _read_rig(file: Path, images: dict[str, ImageStream], frames: TransformTree,
             mount=Mount(body=BODY, T_body_sensor=np.eye(4) if T_imu_camera is None else T_imu_camera),
             width=camera.width,
             height=camera.height,
-            intrinsics=(fu, fv, pu, pv),
+            intrinsics=intrinsics,
             distortion_model=camera.distortion_model,
             distortion=(k1, k2, p1, p2),
             imu_topic=IMU,

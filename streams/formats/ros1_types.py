@@ -25,13 +25,18 @@ def to_ros2_name(name: str) -> str:
     return re.sub(r"^(\w+)/(\w+)$", r"\1/msg/\2", name)
 
 
-def standard_definition(name: str) -> str:
-    """ROS 1 definition of a standard type, with all types that it needs; "" for any other type.
+def find_definition(name: str, text: str) -> str:
+    """ROS 1 definition of a type, with all types that it needs.
+
+    A standard type has its standard definition, as converters have written schemas that lack the types inside.
 
     Args:
         name: ROS 2 name of the type.
+        text: Definition in the file, which is returned for other types.
     """
-    return str(_noetic().generate_msgdef(name, ros_version=1)[0]) if name in _noetic().fielddefs else ""
+    # rosbags lists some types of ROS 1, such as transforms, among those of ROS 2 alone
+    store = next((store for store in (_noetic(), typestore()) if name in store.fielddefs), None)
+    return text if store is None else str(store.generate_msgdef(name, ros_version=1)[0])
 
 
 class Ros1Types:

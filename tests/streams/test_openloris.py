@@ -133,6 +133,13 @@ def test_options_count(folder):
     assert "/chest/imu" in recording.topics
 
 
+def test_intrinsics_in_the_usual_order(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "a")
+    text = f"d400_color_optical_frame: {{width: {WIDTH}, height: {HEIGHT}, intrinsics: [50, 51, 31, 23]}}\n"
+    (tmp_path / "a" / "sensors.yaml").write_text(text)
+    assert open_any(tmp_path / "a").rig.cameras["/head/color"].intrinsics == (50.0, 51.0, 31.0, 23.0)
+
+
 @pytest.mark.parametrize(
     ("file", "text", "says"),
     [
