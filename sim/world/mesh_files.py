@@ -122,13 +122,19 @@ def _check_gltf(path: Path, kind: str, data: bytes) -> Mapping[str, bytes]:
     packings = [str(name) for name in header.get("extensionsRequired", []) if _PACKED.search(str(name))]
     if packings:
         raise ConfigError(path, "extensionsRequired", packings[0], "geometry that is not packed; export it without")
-    nodes, accessors = header.get("nodes", []), header.get("accessors", [])
-    counts = [int(accessor["count"]) for accessor in accessors]
-    if len(nodes) > _MOST_NODES or min(counts, default=0) < 0 or sum(counts) > 10 * MOST_TRIANGLES:
+    nodes, meshes = header.get("nodes", []), header.get("meshes", [])
+    counts = [int(accessor["count"]) for accessor in header.get("accessors", [])]
+    # items of the lists that are walked through, each of which takes time
+    links = sum(len(node.get("children", ())) for node in nodes)
+    links += sum(len(scene.get("nodes", ())) for scene in header.get("scenes", []))
+    parts = sum(len(mesh["primitives"]) for mesh in meshes)
+    if max(len(nodes), links, parts) > _MOST_NODES:
+        raise ConfigError(path, "nodes declared", max(len(nodes), links, parts), f"up to {_MOST_NODES}")
+    if min(counts, default=0) < 0 or sum(counts) > 10 * MOST_TRIANGLES:
         raise ConfigError(path, "elements declared", sum(counts), f"up to {10 * MOST_TRIANGLES}")
     # a mesh is repeated for each node that refers to it
-    sizes = [sum(_count_corners(part, counts) for part in mesh["primitives"]) for mesh in header.get("meshes", [])]
-    corners = sum(sizes[node["mesh"]] for node in nodes if "mesh" in node)
+    sizes = [sum(_count_corners(part, counts) for part in mesh["primitives"]) for mesh in meshes]
+    corners = max(sum(sizes), sum(sizes[node["mesh"]] for node in nodes if "mesh" in node))
     if corners > 3 * MOST_TRIANGLES:
         raise ConfigError(path, "triangles", corners // 3, f"1-{MOST_TRIANGLES}")
     return _read_buffers(path, [str(b["uri"]) for b in header.get("buffers", []) if "uri" in b])

@@ -311,13 +311,19 @@ def _read_source(path: Path, kind: str, options: ImportOptions, notes: Notes) ->
 
 def _report_images(path: Path, notes: Notes) -> None:
     """Warns if a folder that is read as IMU tables has images, whose layout is none that is read."""
-    folders = [entry for entry in sorted(path.iterdir()) if entry.is_dir()] if path.is_dir() else []
-    with_images = [
-        f"{folder.name}/" for folder in folders if any(f.suffix.lower() in _IMAGE_SUFFIXES for f in folder.iterdir())
-    ]
+    entries = sorted(path.iterdir()) if path.is_dir() else []
+    with_images = [f"{entry.name}/" for entry in entries if entry.is_dir() and _has_images(entry)]
     if with_images:
         names = ", ".join(with_images[:_MOST_LISTED])
         notes.warn(f"read as IMU tables alone: the images in {names} have no layout that is read")
+
+
+def _has_images(folder: Path) -> bool:
+    """Whether a folder has files of images; false for one that cannot be listed."""
+    try:
+        return any(file.suffix.lower() in _IMAGE_SUFFIXES for file in folder.iterdir())
+    except OSError:
+        return False
 
 
 def _find_stridetwin_file(path: Path, is_plain: bool) -> Path | None:
